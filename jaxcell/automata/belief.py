@@ -7,42 +7,42 @@ from jaxtyping import Float, Int
 from .hidden import Estimate, HiddenMap, credible
 
 
-# How probable it is at each observation that the robot is carried off, or its map is wrong.
+# Probability at each observation that the robot is carried away, or its map is wrong.
 _LOST = 1e-4
-# What a robot senses that is nowhere on the map is a coin that is tossed.
+# Probability of a bump of a robot that is nowhere on the map.
 _COIN = 0.5
-# An entropy is looked ahead for so many steps, or until so little has not bumped.
+# The look-ahead of an entropy ends after this many steps, or with this probability of no bump.
 _MAX_STEPS, _REST = 100, 1e-3
 NOWHERE = 0.99
-"From this probability of being nowhere on a robot stops."
+"Probability of being nowhere on the map at which a robot stops."
 SMALL = 4
-"With a credible set of no more configurations a robot is localized."
+"Size of the credible set, in configurations, up to which a robot is localized."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BeliefState:
-    """What a belief is after some observations."""
+    """The belief after a number of observations."""
 
     weight: Float[np.ndarray, "cells"]
-    "How probable each cell is."
+    "The probability of each cell."
     nowhere: float
-    "How probable it is that the robot is in none of them; with it they sum to 1."
+    "The probability that the robot is in no cell; all probabilities sum to 1."
     turn: int | None = None
-    "The number of the angle that the robot turns by now, after a bump."
+    "The number of the angle by which the robot turns now, after a bump."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Belief:
-    """The forward filter of a hidden map: how probable each cell is after what was observed.
+    """The forward filter of a hidden map: the probability of each cell given the observations.
 
-    At each observation the robot may, with a small probability, have got lost: then it is nowhere
-    on the map, and what it senses is a coin that is tossed. A run that the map explains worse than
-    a coin does makes that probable.
+    At each observation the robot may, with a small probability, get lost: then it is nowhere on the
+    map, and its observations are tosses of a fair coin. A run that the map explains worse than the
+    coin makes being lost probable.
 
-    Where a robot may choose among angles, it turns at each bump by the one that leaves the least
+    At each bump, a robot with several angles turns by the one with the least
     [`jaxcell.automata.expected_entropy`][].
 
-    A robot in one of three cells in a row, which goes on for sure and bumps at the end:
+    A robot in one of three cells in a row, which always moves on and bumps at the end:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -56,24 +56,24 @@ class Belief:
 
     hidden: HiddenMap
     share: float = 0.95
-    "The least probability of the configurations of an estimate together, given the map."
+    "The least total probability of the configurations of an estimate, given the map."
 
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:
             raise ValueError(f"share: expected more than 0 and at most 1, got {self.share:g}")
 
     def start(self) -> BeliefState:
-        """The belief before the first observation."""
+        """Return the belief before the first observation."""
         return BeliefState(self.hidden.start, 0.0)
 
     def observe(self, state: BeliefState, observation: int) -> BeliefState:
-        """The belief after an observation, 0 or 1, and the turn that follows a bump."""
+        """Update the belief by an observation, 0 or 1, and choose the turn after a bump."""
         if not observation:
             return self._after(state, 0, None)
         turned = [self._after(state, 1 + i, i) for i in range(self.hidden.angles)]
         if len(turned) == 1:
             return turned[0]
-        return min(turned, key=lambda one: expected_entropy(self.hidden, one.weight))
+        return min(turned, key=lambda after: expected_entropy(self.hidden, after.weight))
 
     def _after(self, state: BeliefState, event: int, turn: int | None) -> BeliefState:
         weight = self.hidden.after(event, state.weight)
@@ -82,36 +82,36 @@ class Belief:
         return BeliefState(weight * ((1 - _LOST) / total), float(nowhere / total), turn)
 
     def estimate(self, state: BeliefState) -> Estimate:
-        """The credible set: the fewest configurations that are so probable together."""
+        """Return the credible set: the fewest configurations with total probability `share`."""
         return credible(self.hidden.masses(state.weight), self.share, state.nowhere)
 
     def smoothed(self, events: Sequence[int]) -> Float[np.ndarray, "times cells"]:
-        """How probable each cell was at each time of a run, given all of the run.
+        """Compute the probability of each cell at each time of a run, given the whole run.
 
         **Arguments:**
 
-        - `events`: those of [`HiddenMap.leaving`][]: with one angle, the observations.
+        - `events`: events as in [`HiddenMap.leaving`][]: with one angle, the observations.
 
-        **Raises:** `ValueError` if the run cannot be on the map.
+        **Raises:** `ValueError` if the run is impossible on the map.
         """
         forward = [self.hidden.start]
         for event in events:
             forward.append(_normal(self.hidden.after(event, forward[-1])))
         back = np.ones(self.hidden.cells)
-        found = [forward[-1]]
+        smoothed = [forward[-1]]
         for event, before in zip(events[::-1], forward[-2::-1], strict=True):
             back = _normal(self.hidden.leaving(event) @ back)
-            found.append(_normal(before * back))
-        return np.stack(found[::-1])
+            smoothed.append(_normal(before * back))
+        return np.stack(smoothed[::-1])
 
     def likeliest_path(self, events: Sequence[int]) -> Int[np.ndarray, "times"]:
-        """The most probable cells of a run, from the start to the end (Viterbi).
+        """Find the most probable cells of a run, from the start to the end (Viterbi).
 
         **Arguments:**
 
-        - `events`: as of [`Belief.smoothed`][].
+        - `events`: events as in [`Belief.smoothed`][].
 
-        **Raises:** `ValueError` if the run cannot be on the map.
+        **Raises:** `ValueError` if the run is impossible on the map.
         """
         arriving = [self.hidden.leaving(event).T.tocsr() for event in range(1 + self.hidden.angles)]
         with np.errstate(divide="ignore"):
@@ -120,18 +120,20 @@ class Belief:
         for event in events:
             matrix = arriving[event]
             with np.errstate(divide="ignore"):
-                way = score[matrix.indices] + np.log(matrix.data)
+                scores = score[matrix.indices] + np.log(matrix.data)
             rows = np.flatnonzero(np.diff(matrix.indptr))
             score = np.full(self.hidden.cells, -np.inf)
             from_ = np.zeros(self.hidden.cells, np.int32)
             if rows.size:
                 begin = matrix.indptr[rows]
-                score[rows] = np.maximum.reduceat(way, begin)
-                best = np.flatnonzero(way == np.repeat(score[rows], np.diff(matrix.indptr)[rows]))
+                score[rows] = np.maximum.reduceat(scores, begin)
+                best = np.flatnonzero(
+                    scores == np.repeat(score[rows], np.diff(matrix.indptr)[rows])
+                )
                 first = best[np.searchsorted(best, begin)]
                 from_[rows] = matrix.indices[first]
             if not np.isfinite(score).any():
-                raise ValueError("events: no path of the map has them")
+                raise ValueError("events: expected a run that is possible on the map")
             before.append(from_)
         path = [int(np.argmax(score))]
         for from_ in before[::-1]:
@@ -140,22 +142,21 @@ class Belief:
 
 
 def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """The mean entropy of what a robot will know at its next bump, of its cell there.
+    """Compute the mean entropy of a robot's configuration at its next bump.
 
-    What a robot observes until then is how many steps it makes. For each number of them it is known
-    how probable that is, and from which configuration the robot then bumps how probably; of these
-    distributions it is the mean entropy. Steps without end, of which some are left after a hundred,
-    are one more outcome.
+    Until that bump the robot observes only the number of its steps. Each number has a probability,
+    and a distribution of the configuration of the bump; the result is the mean entropy of these
+    distributions. Runs without a bump, after up to a hundred steps, are one more outcome.
 
     **Arguments:**
 
     - `hidden`: the map.
-    - `weight`: how probable each cell is now, to a factor.
+    - `weight`: the probability of each cell now, up to a factor.
 
-    **Returns:** the entropy in bits, 0 if nothing is probable.
+    **Returns:** the entropy in bits, 0 if all weights are 0.
 
-    A robot in one of three cells in a row, which goes on for sure and bumps at the end. Wherever it
-    is, its steps will tell; if it had to stay where it is, it would never know:
+    A robot in one of three cells in a row always moves on and bumps at the end, so its steps
+    identify its cell. A robot that always stays learns nothing:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -167,20 +168,20 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
         >>> round(automata.expected_entropy(still, still.start), 3)
         1.585
     """
-    found, total = 0.0, weight.sum()
+    entropy, total = 0.0, weight.sum()
     if total == 0:
-        return found
+        return entropy
     here = weight / total
     for _ in range(_MAX_STEPS):
-        found += _unknown(hidden, here * hidden.bumping)
+        entropy += _unknown(hidden, here * hidden.bumping)
         here = hidden.after(0, here)
         if here.sum() < _REST:
             break
-    return found + _unknown(hidden, here)
+    return entropy + _unknown(hidden, here)
 
 
 def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """The entropy of the configuration in an outcome, times how probable the outcome is."""
+    """Compute the entropy of the configuration in an outcome, times the outcome's probability."""
     mass = hidden.masses(weight)
     mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())
@@ -189,5 +190,5 @@ def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
 def _normal(weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
     total = weight.sum()
     if total == 0:
-        raise ValueError("events: no path of the map has them")
+        raise ValueError("events: expected a run that is possible on the map")
     return np.asarray(weight / total)

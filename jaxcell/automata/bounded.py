@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     import scipy.sparse
 
 
-# The largest total size of the sets of an automaton, unless told otherwise.
+# Default of the largest total size of the sets of an automaton.
 _LIMIT = 10_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bounded:
-    """The sets of cells that observations leave possible, where a cell has several images.
+    """The sets of cells that observations leave possible, for maps with several images per cell.
 
-    The sets never lose a robot that does what is held for possible, and they may grow.
+    The sets always contain a robot that behaves as the map allows, and they may grow.
 
-    A robot in one of three cells in a row, which goes on or stays, and bumps at the end:
+    A robot in one of three cells in a row, which moves on or stays, and bumps at the end:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -38,19 +38,19 @@ class Bounded:
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For observation 0 and 1, matrices that are followed one after the other from cells to cells:
-    from a row a robot may come to a column where an entry is `True`. Each row and column of a
-    smaller matrix is one of a block of cells, and leads to the like ones of others."""
+    """For observation 0 and 1, matrices that are applied one after the other: a robot may move from
+    a row to a column with an entry `True`. Each row and column of a smaller matrix stands for a
+    block of cells, and leads to the corresponding cells of other blocks."""
     configuration: Int[np.ndarray, "cells"]
-    "The configuration that each cell is in."
+    "The configuration of each cell."
     start_weight: Float[np.ndarray, "cells"]
-    "A distribution over the cells in the beginning, of which only counts where it is positive."
+    "A distribution over the cells at the start; only its support matters."
 
     @classmethod
     def of(cls, hidden: HiddenMap) -> "Bounded":
-        """What is not impossible on a hidden map of one angle.
+        """Make the sets of possible cells of a hidden map with one angle.
 
-        **Raises:** `ValueError` for a map of several angles.
+        **Raises:** `ValueError` for a map with several angles.
         """
         if hidden.angles > 1:
             raise ValueError(f"hidden: expected a map of one angle, got {hidden.angles}")
@@ -62,11 +62,11 @@ class Bounded:
         return tuple(tuple(part.T.tocsr() for part in parts) for parts in self.images)
 
     def start(self) -> Int[np.ndarray, "cells"]:
-        """The cells where the robot may be before the first observation, ascending."""
+        """Return the possible cells before the first observation, ascending."""
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Those after an observation, 0 or 1; none if it cannot be on the map."""
+        """Return the possible cells after an observation, 0 or 1; none if it is impossible."""
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)
@@ -81,31 +81,31 @@ class Bounded:
         return np.flatnonzero(possible).astype(np.int32)
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
-        """The configurations of the set; it is nowhere for sure if there are none."""
+        """Return the configurations of the set; if there are none, the robot is surely nowhere."""
         cells = np.flatnonzero(np.bincount(self.configuration[state])).astype(np.int32)
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
 
     def automaton(self, *, limit: int = _LIMIT) -> Automaton:
-        """The sets that any observations lead to, as far as there are few.
+        """Make the automaton of the sets for all observation strings, if they are few.
 
         **Arguments:**
 
         - `limit`: the largest total size of the sets, in cells.
 
-        **Raises:** `ValueError` if they outgrow it: then only [`Bounded.observe`][] is left.
+        **Raises:** `ValueError` if the sets exceed it; then use [`Bounded.observe`][].
         """
         sets, number = [self.start()], {self.start().tobytes(): 0}
         transition, members, state = [], sets[0].size, 0
         while state < len(sets):
             after = [-1, -1]
             for bit in (0, 1):
-                found = self.observe(sets[state], bit)
-                if not found.size:
+                possible = self.observe(sets[state], bit)
+                if not possible.size:
                     continue
-                after[bit] = number.setdefault(found.tobytes(), len(sets))
+                after[bit] = number.setdefault(possible.tobytes(), len(sets))
                 if after[bit] == len(sets):
-                    sets.append(found)
-                    members += found.size
+                    sets.append(possible)
+                    members += possible.size
                 if members > limit:
                     raise ValueError(
                         f"the sets of the first {len(sets)} states have {members} members, more "

@@ -6,19 +6,19 @@ from jaxtyping import Bool, Int32, Integer
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnowledgeCycle:
-    """A simple cycle of a filter from which nothing leaves: there the robot is localized.
+    """A simple cycle of a filter without exits: in it the robot is localized.
 
     Alam 2018, section 2.4.3.
     """
 
     states: Int32[np.ndarray, "length"]
-    "The states in the order in which they follow each other, from the smallest."
+    "The states in their order along the cycle, from the smallest."
     color: int
     "The colour of these states, 2 or more."
     uncertainty: int
-    "In how many configurations the robot may be, at each state of the cycle."
+    "The number of possible configurations at each state of the cycle."
     word: str
-    "The observations of one turn, from the smallest state back to it."
+    "The observations of one round, from the smallest state back to it."
 
 
 def knowledge_cycles(
@@ -28,7 +28,7 @@ def knowledge_cycles(
 
     **Arguments:**
 
-    - `transition`: the state after observation 0 or 1, -1 where there is none.
+    - `transition`: the state after observation 0 or 1, -1 if it is impossible.
     - `uncertainty`: the number of configurations of each state.
 
     **Returns:** the cycles in the order of their smallest states, with colours 2, 3, ... in that
@@ -36,7 +36,7 @@ def knowledge_cycles(
     """
     states = transition.shape[0]
     single = np.sum(transition >= 0, axis=1) == 1
-    # A state with no choice has one successor; the others, through which no knowledge cycle passes,
+    # A state without a choice has one successor; all other states, which are in no knowledge cycle,
     # share a sink.
     successor = np.append(np.where(single, transition.max(axis=1), states), states)
     word = np.where(transition[:, 1] >= 0, "1", "0")
@@ -62,7 +62,7 @@ def knowledge_cycles(
 
 
 def periodic_nodes(successor: Integer[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
-    """The nodes of a functional graph that lie on a cycle.
+    """Find the nodes of a functional graph that are on a cycle.
 
     They are the images of any power of the map not less than the number of nodes.
     """

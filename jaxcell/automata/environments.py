@@ -8,7 +8,7 @@ from .filter import Filter, FilterState, Observations, digits
 
 
 class Environments:
-    """Open-world filters of several maps side by side: in which map is the robot, and where?
+    """Open-world filters of several maps side by side, to find the robot's map and its place.
 
     Alam 2018, section 2.4.4.
 
@@ -29,22 +29,22 @@ class Environments:
     def __init__(self, filters: Mapping[str, Filter]):
         """**Arguments:**
 
-        - `filters`: the filter of each map by its name; those for a closed world get a trap.
+        - `filters`: the filter of each map by its name; closed-world filters get a trap.
 
-        **Raises:** `ValueError` if there is none.
+        **Raises:** `ValueError` if there are no filters.
         """
         if not filters:
             raise ValueError("filters: expected at least one map")
         self.filters = {name: filter.with_trap() for name, filter in filters.items()}
 
     def start(self) -> "EnvironmentsState":
-        """All maps, before the first observation."""
+        """Return the state of all maps, before the first observation."""
         return EnvironmentsState({name: filter.start() for name, filter in self.filters.items()})
 
     def run(self, observations: Observations) -> "EnvironmentsState":
-        """All maps after an observation string.
+        """Return the state of all maps after an observation string.
 
-        **Raises:** `ValueError`, with the index of the observation, if it is neither 0 nor 1.
+        **Raises:** `ValueError` for an observation that is neither 0 nor 1, with its index.
         """
         state = self.start()
         for observation in digits(observations):
@@ -54,30 +54,30 @@ class Environments:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EnvironmentsState:
-    """What is known after some observations about which map the robot is in, and where."""
+    """The maps and configurations that are possible after a number of observations."""
 
     states: Mapping[str, FilterState]
     "The state of each map's filter."
 
     def observe(self, observation: int) -> "EnvironmentsState":
-        """The state after one more observation, 0 or 1."""
+        """Return the state after one more observation, 0 or 1."""
         return EnvironmentsState(
             {name: state.observe(observation) for name, state in self.states.items()}
         )
 
     @property
     def remaining(self) -> tuple[str, ...]:
-        """The maps not yet refuted, in the order given."""
+        """The maps not yet refuted, in the order of `states`."""
         return tuple(name for name, state in self.states.items() if not state.refuted)
 
     @property
     def cells(self) -> dict[str, Int32[np.ndarray, "_"]]:
-        """The configurations where the robot may be, for each map not yet refuted."""
+        """The possible configurations of the robot, for each map not yet refuted."""
         return {name: self.states[name].cells for name in self.remaining}
 
     @property
     def refuted_at(self) -> dict[str, int]:
-        """The index of the observation that refuted each map that is refuted."""
+        """The index of the refuting observation, for each refuted map."""
         return {
             name: state.refuted_at
             for name, state in self.states.items()

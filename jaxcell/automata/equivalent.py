@@ -7,17 +7,17 @@ from jaxtyping import Int, Int32, Integer, Shaped
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Equivalence:
-    """Which states of a machine with inputs and observations can be told apart.
+    """The equivalence classes of the states of a machine with inputs and observations.
 
     Two states are *equivalent* if every sequence of inputs gives the same observations from both.
-    That the images of a class under an input are in one class, with one observation, proves that
-    its states are equivalent; that those of two classes are not, [`Equivalence.distinguish`][].
+    States are proved equivalent if the images of each class under an input are in one class, with
+    one observation; [`Equivalence.distinguish`][] proves that two classes differ.
     """
 
     images: Integer[np.ndarray, "inputs states"]
     "The state after each input."
     observations: Shaped[np.ndarray, "inputs states"]
-    "What is observed on the way there."
+    "The observation between each state and its image."
     label: Int32[np.ndarray, "states"]
     "The class of each state; classes are numbered in the order of their smallest states."
 
@@ -27,13 +27,13 @@ class Equivalence:
         return int(self.label.max()) + 1
 
     def distinguish(self, a: int, b: int) -> Int[np.ndarray, "length"]:
-        """A shortest sequence of inputs that tells two states apart: the last observation differs.
+        """Find a shortest sequence of inputs with different last observations of two states.
 
         **Arguments:**
 
         - `a`, `b`: states of different classes.
 
-        **Returns:** the inputs, by number; of several shortest sequences the first.
+        **Returns:** the inputs, by number; among shortest sequences the first.
 
         **Raises:** `ValueError` if the states are equivalent, or one does not exist.
         """
@@ -43,7 +43,7 @@ class Equivalence:
                     f"state {state} does not exist; states are 0 to {self.label.size - 1}"
                 )
         if self.label[a] == self.label[b]:
-            raise ValueError(f"states {a} and {b} are equivalent: no inputs tell them apart")
+            raise ValueError(f"states {a} and {b} are equivalent: no inputs distinguish them")
         image, observation, label = self.images.item, self.observations.item, self.label.item
         start = (min(a, b), max(a, b))
         before: dict[tuple[int, int], tuple[tuple[int, int], int] | None] = {start: None}
@@ -68,35 +68,42 @@ class Equivalence:
 def equivalence(
     images: Integer[np.ndarray, "inputs states"], observations: Shaped[np.ndarray, "inputs states"]
 ) -> Equivalence:
-    """Find which states of a machine no sequence of inputs ever tells apart.
+    """Find the classes of states that no sequence of inputs distinguishes.
 
-    The partition of the states is refined until the images of a class are in one class. First along
-    each input alone, by doubling: what `2^i` of one input tell apart takes `i` sorts, and a long
-    corridor no more of them than the logarithm of its length. Then along all, a round at a time: of
-    a class that falls apart the largest part keeps its number, and only what leads to the others is
-    looked at again, so that each state is looked at a logarithmic number of times (Hopcroft 1971).
+    The partition of the states is refined until the images of a class are in one class. It is first
+    refined along each input separately, by doubling: the differences within `2^i` repeats of an
+    input take `i` sorts, so that a long corridor takes a number of sorts logarithmic in its length.
+    Then it is refined along all inputs, in rounds: of a class that splits, the largest part keeps
+    its number, and only states that lead to the other parts are examined again, so that each state
+    is examined a logarithmic number of times (Hopcroft 1971).
 
     **Arguments:**
 
     - `images`: the state after each input.
-    - `observations`: what is observed on the way there; anything that can be sorted.
+    - `observations`: the observation between each state and its image; any sortable values.
 
     **Returns:** [`Equivalence`][].
 
-    **Raises:** `ValueError` if there are no inputs or states, or an image is not a state.
+    **Raises:** `ValueError` if there are no inputs or states, if the shapes of images and
+    observations differ, or if an image is not a state.
 
-    A ring of three states, which input 0 goes around and input 1 leaves alone; the bell of state 2
-    rings. It takes one input to tell states 0 and 2 apart, and two for 0 and 1:
+    A ring of three states; input 0 moves along it, input 1 stays, and the bell of state 2 rings.
+    One input distinguishes states 0 and 2, and two distinguish 0 and 1:
 
         >>> import numpy as np
         >>> from jaxcell import automata
         >>> images = np.array([[1, 2, 0], [0, 1, 2]])
-        >>> found = automata.equivalence(images, np.array([[0, 0, 1], [0, 0, 0]]))
-        >>> found.label.tolist(), found.distinguish(0, 1).tolist()
+        >>> classes = automata.equivalence(images, np.array([[0, 0, 1], [0, 0, 0]]))
+        >>> classes.label.tolist(), classes.distinguish(0, 1).tolist()
         ([0, 1, 2], [0, 0])
     """
-    if images.size == 0:
+    if images.ndim != 2 or images.size == 0:
         raise ValueError(f"images: expected at least one input and state, got {images.shape}")
+    if observations.shape != images.shape:
+        raise ValueError(
+            f"observations: expected one per input and state, of shape {images.shape}, got "
+            f"{observations.shape}"
+        )
     outside = np.argwhere((images < 0) | (images >= images.shape[1]))
     if outside.size:
         i, state = outside[0].tolist()
@@ -119,8 +126,8 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """The labels of what repeats of one input tell apart."""
-    # Singletons stay what they are; only the others are sorted.
+    """Refine labels by repeats of one input."""
+    # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:
         alone = np.bincount(label, minlength=count) == 1
@@ -134,14 +141,14 @@ def _along(
 
 
 def _compact(label: Int[np.ndarray, "states"]) -> tuple[Int[np.ndarray, "states"], int]:
-    """The labels numbered without gaps, and how many there are."""
+    """Renumber labels without gaps. Returns them and their number."""
     used = np.zeros(int(label.max()) + 1, bool)
     used[label] = True
     return (np.cumsum(used) - 1)[label], int(used.sum())
 
 
 def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """A number for each different pair, in their order."""
+    """Number the different pairs, in their order."""
     key = a.astype(np.int64) * (int(b.max(initial=0)) + 1) + b
     return np.unique(key, return_inverse=True)[1]
 
@@ -149,7 +156,7 @@ def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, 
 def _refined(
     images: Integer[np.ndarray, "inputs states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """The labels of the coarsest partition, finer than the given one, that all inputs keep."""
+    """Compute the labels of the coarsest refinement that all inputs preserve."""
     blocks = _Blocks(label)
     into = np.argsort(images, axis=None, kind="stable")
     starts = np.searchsorted(images.ravel()[into], np.arange(label.size + 1))
@@ -167,7 +174,7 @@ def _refined(
 
 
 class _Blocks:
-    """A partition whose blocks lie one after the other in `order`."""
+    """A partition whose blocks are consecutive in `order`."""
 
     def __init__(self, label: Int[np.ndarray, "states"]) -> None:
         self.label = label.copy()
@@ -184,10 +191,9 @@ class _Blocks:
     def split(
         self, states: Int[np.ndarray, "some"], kind: Int[np.ndarray, "some"]
     ) -> Int[np.ndarray, "changed"]:
-        """Split blocks by the kinds of some states, which differ from that of all other states.
+        """Split blocks by the kinds of given states; all other states have another kind.
 
-        **Returns:** the states that are no more in the block of that number: all but those of the
-        largest part.
+        **Returns:** the states whose block has a new number: all but those of the largest parts.
         """
         sort = np.lexsort((kind, self.label[states]))
         states, kind, block = states[sort], kind[sort], self.label[states[sort]]
@@ -200,7 +206,7 @@ class _Blocks:
         rest = self.size[touched] - moved
         self._move_to_end(states, touched, moved)
 
-        # The parts of a block: what was not named, if any, and then each kind.
+        # The parts of a block: states that were not given, if any, and then each kind.
         owner = np.concatenate([touched[rest > 0], owner])
         length = np.concatenate([rest[rest > 0], length])
         begin = np.concatenate([self.begin[touched[rest > 0]], self.place[states[parts]]])
@@ -221,7 +227,7 @@ class _Blocks:
         blocks: Int[np.ndarray, "touched"],
         count: Int[np.ndarray, "touched"],
     ) -> None:
-        """Let states, sorted by block, be the last of their blocks, in their order."""
+        """Move states, sorted by block, to the ends of their blocks, in their order."""
         tail = _ranges(self.begin[blocks] + self.size[blocks] - count, count)
         first = np.repeat(self.begin[blocks] + self.size[blocks] - count, count)
         vacated = self.place[states][self.place[states] < first]
@@ -233,11 +239,11 @@ class _Blocks:
 
 
 def _changes(values: Int[np.ndarray, "_"]) -> np.ndarray:
-    """Whether each value differs from the one before it; the first does."""
+    """Return a mask of the values that differ from the preceding value, and of the first value."""
     return np.append(np.ones(min(values.size, 1), bool), values[1:] != values[:-1])
 
 
 def _ranges(begin: Int[np.ndarray, "_"], length: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """The numbers of ranges, one after the other."""
+    """Concatenate the numbers of ranges."""
     before = np.cumsum(length) - length
     return np.repeat(begin - before, length) + np.arange(int(length.sum()))

@@ -4,17 +4,16 @@ from .filter import Filter
 
 
 def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str | None:
-    """The shortest observation string that localizes a robot, the first in dictionary order.
+    """Find the shortest observation string that localizes a robot, the first in dictionary order.
 
     **Arguments:**
 
     - `filter`: a localization filter.
-    - `uncertainty`: counts only knowledge cycles with this number of configurations; any by
-        default.
+    - `uncertainty`: the number of configurations of the cycles that count; by default any.
 
     **Returns:** the string of 0s and 1s, or `None` if no knowledge cycle has that uncertainty.
 
-    In a ring of three cells with one bump, the bump tells the cell:
+    On a ring of three cells with one bump, the bump identifies the cell:
 
         >>> from jaxcell import automata, examples
         >>> filter = examples.ring()
@@ -28,8 +27,8 @@ def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str 
     ]
     if not goals:
         return None
-    # Breadth-first numbers: the smallest goal is the nearest, and a state is first met on the
-    # shortest string to it.
+    # States are numbered breadth-first: the smallest goal is the nearest, and the first edge to a
+    # state is on the shortest string to it.
     flat = filter.transition.ravel()
     met, edge = np.unique(flat, return_index=True)
     state, string = int(min(goals)), []

@@ -23,10 +23,10 @@ class Filter:
     Alam 2018, Definitions 2.4.5 and 2.4.6.
 
     State 0 is the start, and states are numbered in breadth-first order, observation 0 before
-    observation 1. Made by [`Filter.of`][]; the constructor takes the parts and checks that they
-    fit.
+    observation 1. Use [`Filter.of`][] to make a filter; the constructor takes the parts and checks
+    that they match.
 
-    Three cells in a ring, with a bump on the way from cell 2 to cell 0:
+    Three cells in a ring, with a bump between cells 2 and 0:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -42,17 +42,17 @@ class Filter:
     """
 
     transition: Int32[np.ndarray, "states 2"]
-    "The state after observation 0 or 1, or -1 where that observation cannot occur."
+    "The state after observation 0 or 1, or -1 if that observation cannot occur."
     uncertainty: Int32[np.ndarray, "states"]
-    "In how many configurations the robot may be, 0 in the trap."
+    "The number of possible configurations of each state, 0 in the trap."
     offsets: Int64[np.ndarray, "states+1"]
-    "Where the configurations of each state begin in `members`."
+    "The start of the configurations of each state in `members`."
     members: Int32[np.ndarray, "total"]
     "The configurations of each state in ascending order, one state after the other."
     open_world: bool = False
-    "Whether the last state is a trap, reached by every observation that cannot occur in the map."
+    "`True` if the last state is a trap, to which impossible observations lead."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "A JSON object that is kept with the filter: what map and which bounce it is for."
+    "A JSON object that is stored with the filter: its map and its bounce."
 
     def __post_init__(self) -> None:
         _check_parts(self.transition, self.offsets, self.members, self.open_world)
@@ -71,7 +71,7 @@ class Filter:
 
         - `automaton`: the result of [`jaxcell.automata.subset_construction`][].
         - `open_world`: whether the robot may be elsewhere; see [`Filter.with_trap`][].
-        - `metadata`: a JSON object to keep with the filter.
+        - `metadata`: a JSON object to store with the filter.
 
         **Returns:** [`Filter`][].
         """
@@ -85,11 +85,11 @@ class Filter:
         return closed.with_trap() if open_world else closed
 
     def with_trap(self) -> "Filter":
-        """The open-world filter, where every missing observation leads to a trap.
+        """Return the open-world filter, in which every missing observation leads to a trap.
 
-        The trap is the last state, and nothing leaves it (Alam 2018, Definition 2.4.6).
+        The trap is the last state, without exits (Alam 2018, Definition 2.4.6).
 
-        **Returns:** [`Filter`][], itself if it is open-world already.
+        **Returns:** [`Filter`][], the same object if it is open-world already.
         """
         if self.open_world:
             return self
@@ -105,7 +105,7 @@ class Filter:
 
     @property
     def trap(self) -> int | None:
-        """The trap of an open-world filter: its last state."""
+        """The trap of an open-world filter, its last state, or `None`."""
         return len(self.transition) - 1 if self.open_world else None
 
     @functools.cached_property
@@ -121,7 +121,7 @@ class Filter:
     def color(self) -> Int32[np.ndarray, "states"]:
         """The colour of every state.
 
-        That of its knowledge cycle; one more than any of those for the trap; 1 for all others.
+        States of a knowledge cycle have its colour, the trap the last colour, and other states 1.
         """
         color = np.ones(len(self.transition), np.int32)
         for cycle in self.cycles:
@@ -131,9 +131,9 @@ class Filter:
         return color
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """The configurations where the robot may be in a state, in ascending order.
+        """Return the possible configurations of the robot in a state, in ascending order.
 
-        **Raises:** `ValueError` if there is no such state.
+        **Raises:** `ValueError` if the state does not exist.
         """
         if not 0 <= state < len(self.transition):
             raise ValueError(f"state {state} does not exist; there are {len(self.transition)}")
@@ -142,20 +142,20 @@ class Filter:
         return cells
 
     def start(self) -> "FilterState":
-        """The filter before its first observation."""
+        """Return the filter before its first observation."""
         return FilterState(self, self._tables, 0, 0, None)
 
     def run(self, observations: Observations) -> "FilterRun":
-        """Filter a whole observation string.
+        """Run the filter on an observation string.
 
         **Arguments:**
 
-        - `observations`: 0s and 1s, as numbers or as a string of digits.
+        - `observations`: observations 0 and 1, as numbers or as a string of digits.
 
         **Returns:** [`FilterRun`][].
 
-        **Raises:** `ValueError`, with the index of the observation, if it is neither 0 nor 1, or if
-        it cannot occur and the filter is closed-world.
+        **Raises:** `ValueError`, with its index, for an observation that is neither 0 nor 1, or
+        that is impossible in a closed-world filter.
         """
         state = self.start()
         states = [state.index]
@@ -173,7 +173,7 @@ class Filter:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the filter to one file with a checksum, whole or not at all.
+        """Write the filter to one file with a checksum, completely or not at all.
 
         Equal filters give equal bytes.
         """
@@ -190,8 +190,7 @@ class Filter:
     def load(path: str | os.PathLike[str]) -> "Filter":
         """Read a filter that [`Filter.save`][] wrote.
 
-        **Raises:** `ValueError` if the file is not a filter, is of another version, or was
-        truncated or altered.
+        **Raises:** `ValueError` if the file is not a filter of this version, or was altered.
         """
         with reading(path, "filter") as (header, arrays):
             sizes = arrays["sizes"]
@@ -217,23 +216,23 @@ class Filter:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FilterRun:
-    """What a filter says along an observation string.
+    """The states and colours of a filter along an observation string.
 
     Entry `i` is after `i` observations, so entry 0 is the start.
     """
 
     states: Int32[np.ndarray, "entries"]
-    "The states."
+    "The states of the filter."
     colors: Int32[np.ndarray, "entries"]
-    "Their colours."
+    "The colours of the states."
     refuted_at: int | None
-    "The index of the observation that the map cannot give, if any; open world only."
+    "The index of the first impossible observation, or `None`; open world only."
     localized_at: int | None
-    "The first entry of `states` in a knowledge cycle, if any: so many observations localized it."
+    "The index in `states` of the first state in a knowledge cycle, or `None`."
 
 
 class _Tables(NamedTuple):
-    """The filter as Python lists, where one look-up is far cheaper than in an array."""
+    """The tables of a filter as Python lists, which are faster than arrays for single look-ups."""
 
     zero: list[int]
     one: list[int]
@@ -242,9 +241,9 @@ class _Tables(NamedTuple):
 
 
 class FilterState:
-    """A filter after some observations, which nothing changes; the next is another object.
+    """An immutable state of a filter; an observation returns another object.
 
-    Each observation costs constant time and memory.
+    Each observation takes constant time and memory.
     """
 
     __slots__ = ("_tables", "filter", "index", "refuted_at", "time")
@@ -255,7 +254,7 @@ class FilterState:
     time: int
     "The number of observations so far."
     refuted_at: int | None
-    "The index of the observation that the map cannot give, once there was one; open world only."
+    "The index of the first impossible observation, or `None`; open world only."
 
     def __init__(
         self, filter: Filter, tables: _Tables, index: int, time: int, refuted_at: int | None
@@ -267,10 +266,9 @@ class FilterState:
         self.refuted_at = refuted_at
 
     def observe(self, observation: int) -> "FilterState":
-        """The filter after one more observation, 0 or 1.
+        """Return the filter after one more observation, 0 or 1.
 
-        **Raises:** `ValueError`, with the index of the observation, if it is neither 0 nor 1, or if
-        it cannot occur and the filter is closed-world.
+        **Raises:** `ValueError` as [`Filter.run`][].
         """
         tables = self._tables
         if observation == 0:
@@ -291,32 +289,32 @@ class FilterState:
 
     @property
     def color(self) -> int:
-        """The output of the filter."""
+        """The colour of the state, the output of the filter."""
         return self._tables.color[self.index]
 
     @property
     def uncertainty(self) -> int:
-        """In how many configurations the robot may be."""
+        """The number of possible configurations."""
         return self.filter.uncertainty.item(self.index)
 
     @property
     def localized(self) -> bool:
-        """Whether the filter is in a knowledge cycle."""
+        """`True` if the filter is in a knowledge cycle."""
         return self._tables.color[self.index] > 1 and self.index != self._tables.trap
 
     @property
     def refuted(self) -> bool:
-        """Whether the robot cannot be in the map."""
+        """`True` if the robot cannot be in the map."""
         return self.refuted_at is not None
 
     @property
     def cells(self) -> Int32[np.ndarray, "configurations"]:
-        """The configurations where the robot may be, in ascending order."""
+        """The possible configurations of the robot, in ascending order."""
         return self.filter.cells(self.index)
 
 
 def digits(observations: Observations) -> Iterable[int]:
-    """The observations one by one; those of a string are its digits."""
+    """Return observations as numbers; those of a string are its digits."""
     if isinstance(observations, np.ndarray):
         return observations.tolist()
     if not isinstance(observations, str):
@@ -350,7 +348,7 @@ def _check_parts(
                 "transition: expected every observation and, as last state, a trap in an open world"
             )
         ordinary = np.where(transition[:trap] == trap, np.int32(-1), transition[:trap])
-    # The largest state met before each edge: one more at a time, and a state before its own edges.
+    # The largest state met before each edge grows by 1 at a time; a state is met before its edges.
     met = np.maximum.accumulate(np.append(0, ordinary.ravel()))
     late = met[:-1:2] < np.arange(len(ordinary))
     if met[-1] != len(ordinary) - 1 or np.any(np.diff(met) > 1) or np.any(late):

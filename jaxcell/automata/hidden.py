@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
 
 _FORMAT, _VERSION = "jaxcell-hidden-map", 1
-# Probabilities are kept in a file as whole numbers of these.
+# Unit of the whole numbers that store probabilities in a file.
 _UNIT = 2.0**-30
 FEW = 0.2
-"From so few of the cells their rows are followed one by one, from more the whole matrix."
+"Share of nonzero cells below which their rows are selected; else the whole matrix is used."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HiddenMap:
-    """A map with several images of each cell, and what the robot senses on the way to each.
+    """A map with several images of each cell, and the robot's observation at each step.
 
-    Cells may be finer than those of which one asks, the *configurations*.
+    Cells may be finer than the *configurations* of interest.
 
-    Of three cells, the first two one configuration, a robot goes to the next or stays, and bumps at
-    the end:
+    The first two of three cells are one configuration. A robot moves on or stays, or bumps at the
+    end:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -42,15 +42,15 @@ class HiddenMap:
     """
 
     moves: "scipy.sparse.csr_array"
-    "The probability of going from a cell, the row, to another with observation 0."
+    "The probability of a step from each cell, the row, to each other with observation 0."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "The same with observation 1, for each of the angles that the robot may turn by."
+    "The same with observation 1, for each angle by which the robot may turn."
     configuration: Int[np.ndarray, "cells"]
-    "The configuration that each cell is in."
+    "The configuration of each cell."
     start: Float[np.ndarray, "cells"]
-    "The distribution over the cells in the beginning."
+    "The distribution over the cells at the start."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "What else is known of it, a JSON object."
+    "A JSON object with further information."
 
     @classmethod
     def of(
@@ -61,13 +61,12 @@ class HiddenMap:
         start: Float[np.ndarray, "cells"],
         metadata: Mapping[str, Any] | None = None,
     ) -> "HiddenMap":
-        """**Arguments:** those of the fields; the matrices may be dense, and of bumps there may be
-        one matrix, for a robot with one angle, or a list of several.
+        """Make a map from its fields; matrices may be dense, and `bumps` a single matrix.
 
-        **Raises:** `ValueError` for arrays that do not fit each other, probabilities that are
-        negative, or that sum to more than 1, and bumps whose probability depends on the angle.
+        **Raises:** `ValueError` for arrays that do not match, wrong probabilities, and bumps whose
+        probability depends on the angle.
         """
-        # A robot that carries a filter has no need of SciPy.
+        # A robot that runs a filter does not need SciPy.
         sparse = import_module("scipy.sparse")
         several = bumps if isinstance(bumps, list | tuple) else [bumps]
         parts = [sparse.csr_array(m, dtype=np.float64) for m in (moves, *several)]
@@ -84,9 +83,9 @@ class HiddenMap:
         free, *walls = (np.asarray(part.sum(axis=1)).ravel() for part in parts)
         if not (negative >= 0 and (free + walls[0]).max() <= 1 + 1e-6):
             raise ValueError("moves, bumps: expected rows of probabilities that sum to at most 1")
-        if any(np.abs(one - walls[0]).max() > 1e-6 for one in walls[1:]):
+        if any(np.abs(wall - walls[0]).max() > 1e-6 for wall in walls[1:]):
             raise ValueError("bumps: expected the same probability of a bump for each angle")
-        # In a file each share is rounded.
+        # Each probability is rounded in a file.
         off = abs(start.sum() - 1) - cells * _UNIT / 2
         if not (start.min() >= 0 and off < 1e-6):
             raise ValueError("start: expected a distribution")
@@ -105,26 +104,26 @@ class HiddenMap:
 
     @property
     def angles(self) -> int:
-        """Number of angles that the robot may turn by at a bump."""
+        """Number of angles by which the robot may turn at a bump."""
         return len(self.bumps)
 
     def leaving(self, event: int) -> "scipy.sparse.csr_array":
-        """The probabilities of one event, row by row of where it begins.
+        """Return the matrix of the probabilities of one event, a row per cell where it begins.
 
-        Event 0 is a step, `1 + i` a bump and the turn by angle `i`. With one angle events are
-        observations.
+        Event 0 is a step, and event `1 + i` a bump and the turn by angle `i`. With one angle,
+        events are observations.
         """
         return (self.moves, *self.bumps)[event]
 
     def after(self, event: int, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """How probable it is to be in each cell after one event, as [`HiddenMap.leaving`][] counts.
+        """Compute the probability of each cell after one event, as in [`HiddenMap.leaving`][].
 
         **Arguments:**
 
         - `event`: the event.
-        - `weight`: how probable each cell is before it.
+        - `weight`: the probability of each cell before it.
 
-        **Returns:** probabilities whose sum is that of the event.
+        **Returns:** probabilities whose sum is the probability of the event.
         """
         leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
         if here.size < FEW * weight.size:
@@ -132,22 +131,22 @@ class HiddenMap:
         return leaving.T @ weight
 
     def masses(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "configurations"]:
-        """What the cells of each configuration weigh together."""
+        """Sum the weights of the cells of each configuration."""
         return np.bincount(self.configuration, weight, self.configurations)
 
     def by_position(
         self, weight: Float[np.ndarray, "cells"], positions: int
     ) -> Float[np.ndarray, "positions"]:
-        """What the cells of each of the positions of a map weigh together, whatever the heading."""
+        """Sum the weights of the cells at each position of a map, over all headings."""
         return np.bincount(self.configuration % positions, weight, positions)
 
     @functools.cached_property
     def bumping(self) -> Float[np.ndarray, "cells"]:
-        """How probable it is that a robot bumps next, in each cell."""
+        """The probability that the robot bumps next, in each cell."""
         return np.asarray(self.bumps[0].sum(axis=1)).ravel()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the map to a file, which is replaced."""
+        """Write the map to a file, replacing an existing one."""
         arrays = {"configuration": self.configuration, "start": _whole(self.start)}
         for name, matrix in zip(_names(self.angles), (self.moves, *self.bumps), strict=True):
             arrays |= {
@@ -162,7 +161,7 @@ class HiddenMap:
     def load(cls, path: str | os.PathLike[str]) -> "HiddenMap":
         """Read the file of a map.
 
-        **Raises:** `ValueError` that names the file, if it is not one; `FileNotFoundError`.
+        **Raises:** `ValueError`, with the file, if it is not a map; `FileNotFoundError`.
         """
         sparse = import_module("scipy.sparse")
         header, arrays = read_arrays(path)
@@ -195,26 +194,26 @@ class HiddenMap:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Estimate:
-    """What an estimator knows: the configurations in which a robot may be."""
+    """The configurations in which a robot may be, with their probabilities."""
 
     cells: Int[np.ndarray, "configurations"]
-    "The configurations, the likeliest first where that is known."
+    "The configurations, the likeliest first if that is known."
     probability: Float[np.ndarray, "configurations"]
-    "How probable each is, if the robot is anywhere; all the same where that is not known."
+    "The probability of each, given that the robot is on the map; all equal if unknown."
     nowhere: float
-    "How probable it is that the robot is nowhere on the map, 0 to 1."
+    "The probability that the robot is nowhere on the map, 0 to 1."
 
 
 def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: float) -> Estimate:
-    """The fewest configurations that are so probable together.
+    """Find the fewest configurations with a given total probability.
 
     **Arguments:**
 
-    - `mass`: how probable each configuration is, to a factor.
-    - `share`: the least probability of those of the answer together, of what all weigh.
-    - `nowhere`: how probable it is that the robot is in none.
+    - `mass`: the probability of each configuration, up to a factor.
+    - `share`: the least total probability of the result, relative to that of all.
+    - `nowhere`: the probability that the robot is in no configuration.
 
-    **Returns:** [`Estimate`][], with no configurations if none weighs anything.
+    **Returns:** [`Estimate`][], with no configurations if all masses are 0.
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -226,14 +225,14 @@ def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: f
         return Estimate(np.empty(0, np.int32), np.empty(0), nowhere)
     order = np.argsort(-mass, kind="stable")
     mass = mass[order] / here
-    # Rounding must not make a share of 1 hold all configurations there are.
+    # Rounding must not make a share of 1 include configurations with mass 0.
     count = int(np.searchsorted(np.cumsum(mass), share * (1 - 1e-12))) + 1
     count = min(count, int(np.count_nonzero(mass)))
     return Estimate(order[:count].astype(np.int32), mass[:count], nowhere)
 
 
 def _names(angles: int) -> list[str]:
-    """What the matrices of a map are called in its file."""
+    """Return the names of the matrices of a map in its file."""
     return ["moves", "bumps", *(f"bumps_{i}" for i in range(1, angles))]
 
 

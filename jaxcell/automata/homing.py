@@ -9,24 +9,24 @@ from jaxtyping import Int, Integer
 from .adaptive import Search, check_apart
 
 
-# The sets that are not settled, by number.
+# The numbers of the sets that are not settled.
 _Family: TypeAlias = frozenset[int]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Homing:
-    """A fixed sequence of inputs after which it is known in which state the machine is."""
+    """A fixed sequence of inputs after which the state of the machine is known."""
 
     inputs: Int[np.ndarray, "length"]
     "The inputs, by number."
     least: int
-    "No sequence is shorter than this."
+    "A lower bound on the length of every sequence."
     searched: int
-    "Number of families of sets whose inputs were all looked at."
+    "Number of families of sets whose inputs were all examined."
 
     @property
     def optimal(self) -> bool:
-        """Whether no sequence is shorter."""
+        """`True` if no sequence is shorter."""
         return self.least == self.inputs.size
 
 
@@ -38,16 +38,17 @@ def homing_sequence(
     place: Integer[np.ndarray, "states"] | None = None,
     limit: int = 1_000_000,
 ) -> Homing:
-    """Find one sequence of inputs that settles every set of states, whatever is observed.
+    """Find one sequence of inputs that settles every set of states for all observations.
 
-    There always is one: the two states that are told apart soonest are, and then the next two. That
-    is the greedy sequence, save that it prefers inputs which tell any states apart. Then families
-    of sets are searched in the order of the length that their hardest pair leaves possible.
+    A sequence always exists: distinguish the pair that can be distinguished soonest, and then the
+    next pair. That is the greedy sequence, except that it prefers inputs that distinguish states.
+    Then families of sets are searched in the order of the least lengths that their hardest pairs
+    permit.
 
     **Arguments:**
 
-    - `images`, `observations`, `roots`, `place`: as for [`adaptive_choice`][].
-    - `limit`: how many sets the searched families may have together: what the search takes.
+    - `images`, `observations`, `roots`, `place`: as in [`adaptive_choice`][].
+    - `limit`: largest total number of sets of the searched families, which bounds the search.
 
     **Returns:** [`Homing`][].
 
@@ -64,7 +65,7 @@ def homing_sequence(
     check_apart(images, observations)
     search = Search(images, observations, place, "worst", limit)
     numbers = (search.number(tuple(sorted(map(int, root)))) for root in roots)
-    start: _Family = frozenset(one for one in numbers if search.lower[one] > 0)
+    start: _Family = frozenset(number for number in numbers if search.lower[number] > 0)
     best = _greedy(search, start)
     least, searched = _least(search, start), 0
     length = {start: 0}
@@ -84,7 +85,7 @@ def homing_sequence(
             if not after:
                 best = _read(before, after)
                 continue
-            # Of equal bounds first those that are farthest on; numbers keep families uncompared.
+            # Among equal bounds the longest sequence is first; numbers keep families uncompared.
             entry = (longer + _least(search, after), -longer, len(before), after)
             heapq.heappush(queue, entry)
     if not queue:
@@ -93,20 +94,20 @@ def homing_sequence(
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:
-    """The sets after an input, whatever was observed."""
-    parts = (part for one in family for part in search.parts(one)[i].values())
+    """Return the sets after an input, for all observations."""
+    parts = (part for number in family for part in search.parts(number)[i].values())
     return frozenset(part for part in parts if search.lower[part] > 0)
 
 
 def _least(search: Search, family: _Family) -> int:
-    return max((search.lower[one] for one in family), default=0)
+    return max((search.lower[number] for number in family), default=0)
 
 
 def _greedy(search: Search, family: _Family) -> list[int]:
-    """A sequence that settles all sets, each input by how few states it leaves together."""
+    """Find a sequence that settles all sets; each input leaves the fewest states together."""
 
     def together(family: _Family) -> int:
-        return sum(len(search.sets[one]) - 1 for one in family)
+        return sum(len(search.sets[number]) - 1 for number in family)
 
     inputs = []
     while family:

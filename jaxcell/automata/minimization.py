@@ -7,17 +7,17 @@ from .filter import Filter
 
 
 def minimize(filter: Filter) -> Filter:
-    """The smallest filter with the same colours and the same impossible observations.
+    """Find the smallest filter with the same colours and the same impossible observations.
 
-    This is the quotient by bisimulation (Moore's equivalence with missing edges preserved). Past
-    the transient states, which form an acyclic graph, a filter has only knowledge cycles, each with
-    a colour of its own (Alam 2018, Proposition 2.4.4); so time is linear: a cycle folds to the
-    shortest period of its word, and a transient state is merged with the one that has the same
-    successors, successors first (Revuz 1992, for acyclic automata).
+    This is the quotient by bisimulation (Moore's equivalence with missing edges preserved). Apart
+    from the transient states, which form an acyclic graph, a filter has only knowledge cycles, each
+    with its own colour (Alam 2018, Proposition 2.4.4); so the time is linear: a cycle is folded to
+    the shortest period of its word, and transient states with the same successors are merged,
+    successors first (Revuz 1992, for acyclic automata).
 
     In the quotient `cells` is the union of the configurations of the merged states, and
-    `uncertainty` the largest uncertainty among them, which can be less than that union: the
-    quotient says as much with colours as the filter, and less with cells.
+    `uncertainty` the largest uncertainty among them, which can be less than the size of that union:
+    the quotient gives the same colours as the filter, and less precise cells.
 
     **Arguments:**
 
@@ -28,8 +28,8 @@ def minimize(filter: Filter) -> Filter:
     **Raises:** `ValueError` if states outside the knowledge cycles form a cycle, which subset
     construction never makes.
 
-    A ring of four cells that bumps every second step, and a way into it: the filter that knows in
-    which cell of the ring the robot is says no more with colours than which half:
+    A ring of four cells that bumps every second step, and a path into it. The filter knows the cell
+    of the ring; its colours only give the half of the ring:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -75,7 +75,7 @@ def minimize(filter: Filter) -> Filter:
 
 
 def _merge(filter: Filter, zero: list[int], one: list[int]) -> list[int]:
-    """For each state the number of its block of equivalent states."""
+    """Return the number of each state's block of equivalent states."""
     block = [-1] * len(zero)
     done: list[int] = []
     blocks = 0
@@ -90,7 +90,7 @@ def _merge(filter: Filter, zero: list[int], one: list[int]) -> list[int]:
         done.append(filter.trap)
         blocks += 1
 
-    # Successors first: a state is done when all edges out of it lead to states that are done.
+    # Successors come first: a state is done when all its edges lead to states that are done.
     open_edges = [(a >= 0) + (b >= 0) for a, b in zip(zero, one, strict=True)]
     settled = bytearray(len(zero))
     for state in done:
@@ -121,7 +121,7 @@ def _merge(filter: Filter, zero: list[int], one: list[int]) -> list[int]:
 
 
 def _period(word: str) -> int:
-    """The shortest period of a cyclic word: where it first occurs in itself, turned."""
+    """Return the shortest period of a cyclic word: its first nonzero shift that equals it."""
     return (word + word).index(word, 1)
 
 

@@ -12,15 +12,15 @@ from .formats.storage import checked_metadata, reading, write_arrays
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Policy:
-    """What a robot that may choose among angles turns by at each bump until it is localized.
+    """The angle by which a robot turns at each bump until it is localized.
 
-    A state is what the robot knows at a bump: the set of cells where it may be. State 0 is the
-    start, before the first bump. From there each number of steps to the next bump that can be leads
-    to another state; a number that cannot be refutes the map. Where no steps are listed the robot
-    is localized, and there the policy ends.
+    A state is the knowledge of the robot at a bump: the set of its possible cells. State 0 is the
+    start, before the first bump. Each possible number of steps to the next bump leads to another
+    state; an impossible number refutes the map. In a state without steps the robot is localized,
+    and the policy ends.
 
-    A robot that bumps at once or after two steps; then it turns by angle 1, and knows where it is
-    when it bumps again after three:
+    A bump after two steps localizes the robot; after a bump at once it turns by angle 1, and a bump
+    after three steps localizes it:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -39,19 +39,19 @@ class Policy:
     """
 
     turn: Int32[np.ndarray, "states"]
-    "The angle, by number, that the robot turns by; -1 at the start and where it is localized."
+    "The number of the angle of the turn; -1 at the start and in states where it is localized."
     first: Int32[np.ndarray, "states+1"]
-    "Where the next bumps of each state begin in `steps` and `target`."
+    "The start of the next bumps of each state in `steps` and `target`."
     steps: Int32[np.ndarray, "bumps"]
-    "After how many steps the next bump may come, in ascending order for each state."
+    "The possible numbers of steps to the next bump, in ascending order for each state."
     target: Int32[np.ndarray, "bumps"]
     "The state at that bump."
     offsets: Int32[np.ndarray, "states+1"]
-    "Where the configurations of each state begin in `members`."
+    "The start of the configurations of each state in `members`."
     members: Int32[np.ndarray, "total"]
     "The configurations of each state in ascending order, one state after the other."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "A JSON object that is kept with the policy: what map it is for, and the angles."
+    "A JSON object that is stored with the policy: its map and the angles."
 
     def __post_init__(self) -> None:
         self._check()
@@ -59,7 +59,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The number that stands for the state of a robot which cannot be in the map."""
+        """The number that stands for the state of a robot that cannot be in the map."""
         return self.turn.size
 
     @functools.cached_property
@@ -69,36 +69,36 @@ class Policy:
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
-        """The colour of every state: 1 until the robot is localized, and then one for each end."""
+        """The colour of every state: 1 until the robot is localized, then one colour per end."""
         color = np.ones(self.turn.size, np.int32)
         color[self.ends] = 2 + np.arange(self.ends.size)
         return color
 
     @functools.cached_property
     def uncertainty(self) -> Int32[np.ndarray, "states"]:
-        """In how many configurations the robot may be."""
+        """The number of possible configurations of each state."""
         return np.diff(self.offsets).astype(np.int32)
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """The configurations where the robot may be at the bump of a state, in ascending order.
+        """Return the possible configurations of the robot at the bump of a state, ascending.
 
-        **Raises:** `ValueError` if there is no such state.
+        **Raises:** `ValueError` if the state does not exist.
         """
         if not 0 <= state < self.turn.size:
             raise ValueError(f"state {state} does not exist; there are {self.turn.size}")
         return self.members[self.offsets[state] : self.offsets[state + 1]]
 
     def after(self, state: int) -> dict[int, int]:
-        """The state at the next bump, by the steps until then."""
+        """Return the states at the next bump, by the number of steps to it."""
         bumps = slice(self.first[state], self.first[state + 1])
         return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
 
     def start(self) -> "PolicyState":
-        """The policy before the first observation."""
+        """Return the policy before the first observation."""
         return PolicyState(self, 0, 0, 0, None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the policy to one file with a checksum, whole or not at all.
+        """Write the policy to one file with a checksum, completely or not at all.
 
         Equal policies give equal bytes.
         """
@@ -135,7 +135,7 @@ class Policy:
         falls = (np.diff(owner) == 0) & (np.diff(self.steps) <= 0)
         if self.steps.min(initial=0) < 0 or falls.any():
             raise ValueError("steps: expected numbers from 0, rising in each state")
-        # What is met first has the lowest number, so that the start leads to all others.
+        # States are numbered in the order in which they are met, so the start leads to all others.
         new = np.maximum.accumulate(np.append(0, self.target))
         late = new[self.first[:-1]] < np.arange(states)
         if self.target.min(initial=1) < 1 or new[-1] != states - 1 or np.any(np.diff(new) > 1):
@@ -148,7 +148,7 @@ class Policy:
             raise ValueError("turn: expected an angle where steps follow a bump, and -1 elsewhere")
 
     def _ends_everywhere(self) -> bool:
-        """Whether every run of the policy comes to an end: states without a way back to them."""
+        """Check that every run of the policy ends: no state leads back to itself."""
         into = np.bincount(self.target, minlength=self.turn.size)
         queue = [0]
         for state in queue:
@@ -163,9 +163,9 @@ _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
 
 
 class PolicyState:
-    """A policy after some observations, which nothing changes; the next is another object.
+    """An immutable state of a policy; an observation returns another object.
 
-    An observation that cannot occur refutes the map; nothing follows that, or the end.
+    An impossible observation refutes the map; a refuted or localized state is final.
     """
 
     __slots__ = ("index", "policy", "refuted_at", "steps", "time")
@@ -177,23 +177,23 @@ class PolicyState:
         self.index = index
         "The state of the last bump, or the trap."
         self.steps = steps
-        "Steps since then."
+        "The number of steps since the last bump."
         self.time = time
         "The number of observations so far."
         self.refuted_at = refuted_at
-        "The index of the observation that the map cannot give, once there was one."
+        "The index of the first impossible observation, or `None`."
 
     def observe(self, observation: int) -> "PolicyState":
-        """The policy after one more observation: 0 for a step, 1 for a bump.
+        """Return the policy after one more observation: 0 for a step, 1 for a bump.
 
-        **Raises:** `ValueError` if it is neither, or if the policy has come to its end.
+        **Raises:** `ValueError` for another observation, or if the policy has ended.
         """
         if observation not in (0, 1):
             raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
         if self.refuted:
             return PolicyState(self.policy, self.index, 0, self.time + 1, self.refuted_at)
         if self.localized:
-            raise ValueError(f"observation {self.time}: the policy has come to its end")
+            raise ValueError(f"observation {self.time}: expected none, as the policy has ended")
         lengths = list(self._onward)
         if observation == 0 and self.steps < lengths[-1]:
             return PolicyState(self.policy, self.index, self.steps + 1, self.time + 1, None)
@@ -207,14 +207,14 @@ class PolicyState:
 
     @property
     def color(self) -> int:
-        """The output: 1 until localized, one for each end, and the last one where refuted."""
+        """The output: 1 until localized, one colour per end, and the last colour if refuted."""
         if self.refuted:
             return len(self.policy.ends) + 2
         return self.policy.color.item(self.index)
 
     @property
     def turn(self) -> int | None:
-        """The angle, by number, to turn by now, if any."""
+        """The number of the angle by which to turn now, or `None`."""
         if self.steps or self.refuted:
             return None
         turn: int = self.policy.turn.item(self.index)
@@ -222,7 +222,7 @@ class PolicyState:
 
     @property
     def uncertainty(self) -> int:
-        """In how many configurations the robot may be."""
+        """The number of possible configurations."""
         if self.refuted:
             return 0
         if not self.steps:
@@ -235,16 +235,16 @@ class PolicyState:
 
     @property
     def localized(self) -> bool:
-        """Whether the policy has come to its end."""
+        """`True` if the policy has ended."""
         return not self.refuted and self.color > 1
 
     @property
     def refuted(self) -> bool:
-        """Whether the robot cannot be in the map."""
+        """`True` if the robot cannot be in the map."""
         return self.refuted_at is not None
 
     @property
     def cells(self) -> Int32[np.ndarray, "configurations"]:
-        """The configurations where the robot may be at a bump; none between bumps."""
+        """The possible configurations of the robot at a bump; empty between bumps."""
         known = not self.steps and not self.refuted
         return self.policy.cells(self.index) if known else np.empty(0, np.int32)

@@ -7,23 +7,23 @@ from jaxtyping import Bool, Int32, Int64, Integer, UInt64
 from ..base.memory import check
 
 
-# Below this many cells in a whole level, plain Python costs less than the fixed price of some
-# twenty NumPy calls.
+# Number of cells of a level below which plain Python is faster than the overhead of twenty NumPy
+# calls.
 _NARROW = 48
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Automaton:
-    """A deterministic I-state automaton: each state is the set of cells where the robot may be.
+    """A deterministic I-state automaton: each state is a set of possible cells of the robot.
 
     States are numbered in breadth-first order from the start, which is state 0, observation 0
     before observation 1.
     """
 
     transition: Int32[np.ndarray, "states 2"]
-    "The state after observation 0 or 1, or -1 where no cell of the state gives that observation."
+    "The state after observation 0 or 1, or -1 if no cell of the state gives that observation."
     offsets: Int64[np.ndarray, "states+1"]
-    "Where the cells of each state begin in `members`."
+    "The start of the cells of each state in `members`."
     members: Int32[np.ndarray, "total"]
     "The cells of each state in ascending order, one state after the other."
 
@@ -34,30 +34,29 @@ def subset_construction(
     *,
     limit: int = 2**31 - 1,
 ) -> Automaton:
-    """Make the I-state graph of a simple map, started in an unknown cell, deterministic.
+    """Make the deterministic automaton of the I-state graph of a simple map.
 
     Alam 2018, section 2.4.3.
 
-    The states are the non-empty sets of cells that observation strings leave possible, the start
-    (all cells) included and the empty set not. A level of the breadth-first search is one batch:
-    its cells are mapped by one gather, and a sum of random 64-bit words, one for each cell, stands
-    for a set. Sets with equal sums are compared cell by cell, so the answer is exact. Time and
-    memory are linear in the total size of the sets, save that a non-monotone map costs a sort of
-    each level.
+    The states are the non-empty sets of cells that observation strings leave possible, including
+    the start (all cells). A level of the breadth-first search is one batch: its cells are mapped by
+    one gather, and a set is identified by the sum of random 64-bit words, one per cell. Sets with
+    equal sums are compared cell by cell, so the result is exact. Time and memory are linear in the
+    total size of the sets, except that a non-monotone map costs a sort per level.
 
     **Arguments:**
 
-    - `image`: the cell that each cell is mapped to.
-    - `observation`: whether the robot then senses a 1 (for a bouncing robot, a bump).
+    - `image`: the image of each cell.
+    - `observation`: whether the robot observes 1 (a bump) between a cell and its image.
     - `limit`: the largest total size of all sets, in cells; 4 bytes each.
 
     **Returns:** [`jaxcell.automata.Automaton`][].
 
-    **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets outgrow
-    `limit`; `MemoryError` once they outgrow the free memory.
+    **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets exceed
+    `limit`; `MemoryError` if they exceed the free memory.
 
-    Three cells in a ring, with a bump on the way from cell 2 to cell 0. The states are the sets
-    {0, 1, 2}, {1, 2}, {0}, {2} and {1}:
+    Three cells in a ring, with a bump between cells 2 and 0. The states are the sets {0, 1, 2}, {1,
+    2}, {0}, {2} and {1}:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -97,15 +96,15 @@ class _Graph:
     image: Int32[np.ndarray, "cells"]
     observation: Bool[np.ndarray, "cells"]
     increasing: tuple[bool, ...]
-    "For each observation, whether its map is strictly increasing: sorted sets have sorted images."
+    "`True` for an observation whose map is strictly increasing: sorted sets have sorted images."
 
 
 class _HashCollisionError(Exception):
-    """Two different sets have one hash."""
+    """Two different sets have the same hash."""
 
 
 class _Subsets:
-    """The sets found so far, numbered in the order of arrival, and the edges between them."""
+    """The sets so far, in the order of their discovery, and the edges between them."""
 
     def __init__(self, words: UInt64[np.ndarray, "cells"], limit: int):
         self.words = words
@@ -135,49 +134,49 @@ class _Subsets:
                 f"a filter of more than {len(self)} states",
                 "use larger cells or fewer directions",
             )
-            # The system's realloc moves pages, not bytes; nothing else holds a view of this buffer
+            # The system's realloc moves pages, not bytes; no other view of this buffer exists
             # here.
             self.members.resize(size, refcheck=False)
         np.concatenate(sets, out=self.members[begin:end])
 
 
 def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) -> Automaton:
-    found = _Subsets(words, limit)
+    sets = _Subsets(words, limit)
     low, high = 0, 1
     while low < high:
-        narrow = found.offsets[high] - found.offsets[low] <= _NARROW
-        (_narrow_level if narrow else _wide_level)(graph, found, low, high)
-        low, high = high, len(found)
-    found.members.resize(found.offsets[-1], refcheck=False)
-    transition = np.full(2 * len(found), -1, np.int32)
-    transition[found.edges] = found.targets
-    return Automaton(transition.reshape(-1, 2), np.array(found.offsets, np.int64), found.members)
+        narrow = sets.offsets[high] - sets.offsets[low] <= _NARROW
+        (_narrow_level if narrow else _wide_level)(graph, sets, low, high)
+        low, high = high, len(sets)
+    sets.members.resize(sets.offsets[-1], refcheck=False)
+    transition = np.full(2 * len(sets), -1, np.int32)
+    transition[sets.edges] = sets.targets
+    return Automaton(transition.reshape(-1, 2), np.array(sets.offsets, np.int64), sets.members)
 
 
-def _narrow_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
+def _narrow_level(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
     """Add the successors of the sets `low` to `high - 1`, one set at a time."""
-    image, observation, word = graph.image.item, graph.observation.item, found.words.item
+    image, observation, word = graph.image.item, graph.observation.item, subsets.words.item
     for state in range(low, high):
-        cells = found.members[found.offsets[state] : found.offsets[state + 1]].tolist()
+        cells = subsets.members[subsets.offsets[state] : subsets.offsets[state + 1]].tolist()
         for bit in (0, 1):
             reached = sorted({image(cell) for cell in cells if observation(cell) == bit})
             if not reached:
                 continue
             key = sum(map(word, reached)) & 0xFFFF_FFFF_FFFF_FFFF
-            target = found.table.setdefault(key, len(found))
-            if target == len(found):
-                found.append([np.array(reached, np.int32)])
-            known = found.members[found.offsets[target] : found.offsets[target + 1]]
+            target = subsets.table.setdefault(key, len(subsets))
+            if target == len(subsets):
+                subsets.append([np.array(reached, np.int32)])
+            known = subsets.members[subsets.offsets[target] : subsets.offsets[target + 1]]
             if known.tolist() != reached:
                 raise _HashCollisionError
-            found.edges.append(2 * state + bit)
-            found.targets.append(target)
+            subsets.edges.append(2 * state + bit)
+            subsets.targets.append(target)
 
 
-def _wide_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
+def _wide_level(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
     """Add the successors of the sets `low` to `high - 1`, all in one batch."""
-    bounds = np.array(found.offsets[low : high + 1])
-    cells = found.members[bounds[0] : bounds[-1]]
+    bounds = np.array(subsets.offsets[low : high + 1])
+    cells = subsets.members[bounds[0] : bounds[-1]]
     bounds -= bounds[0]
     bumped = graph.observation[cells]
     bumps = np.flatnonzero(bumped)
@@ -192,15 +191,15 @@ def _wide_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
     edges = 2 * low + np.concatenate([2 * np.flatnonzero(zeros), 2 * np.flatnonzero(ones) + 1])
     ends = np.cumsum(lengths)
     starts = ends - lengths
-    keys = np.add.reduceat(found.words[images], starts)
+    keys = np.add.reduceat(subsets.words[images], starts)
 
     order = np.argsort(edges)
-    fresh = len(found)
+    fresh = len(subsets)
     targets, new, known = [], [], []
     for key, start, end in zip(
         keys[order].tolist(), starts[order].tolist(), ends[order].tolist(), strict=True
     ):
-        target = found.table.setdefault(key, fresh)
+        target = subsets.table.setdefault(key, fresh)
         if target == fresh:
             fresh += 1
             new.append(images[start:end])
@@ -208,16 +207,16 @@ def _wide_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
             known.append((target, start, end - start))
         targets.append(target)
     if new:
-        found.append(new)
-    _check_equal(found, images, np.array(known, np.int64).reshape(-1, 3))
-    found.edges.extend(edges[order].tolist())
-    found.targets.extend(targets)
+        subsets.append(new)
+    _check_equal(subsets, images, np.array(known, np.int64).reshape(-1, 3))
+    subsets.edges.extend(edges[order].tolist())
+    subsets.targets.extend(targets)
 
 
 def _images(
     graph: _Graph, bit: int, cells: Int32[np.ndarray, "_"], lengths: Integer[np.ndarray, "sets"]
 ) -> tuple[Int32[np.ndarray, "_"], Integer[np.ndarray, "sets"]]:
-    """The image of each set, sorted and without repeats; sets lie one after the other."""
+    """Compute the image of each set, sorted and without repeats; sets are consecutive."""
     images = graph.image[cells]
     if graph.increasing[bit] or not lengths.size:
         return images, lengths
@@ -232,24 +231,23 @@ def _images(
 
 
 def _check_equal(
-    found: _Subsets, images: Int32[np.ndarray, "_"], known: Int64[np.ndarray, "sets 3"]
+    subsets: _Subsets, images: Int32[np.ndarray, "_"], known: Int64[np.ndarray, "sets 3"]
 ) -> None:
-    """Compares sets of `images` with the states that have their hashes.
+    """Compare sets of `images` with the states that have their hashes.
 
     Each row of `known` is a state, and the start and length of a set.
 
-    Every cell of a level is in one of its sets, and sets that were met before have no successors in
-    the next level: all these comparisons of one construction together touch no more members than
-    there are cells.
+    Each cell of a level is in one of its sets, and known sets have no successors in the next level:
+    all comparisons of a construction together read at most as many members as there are cells.
     """
     state, start, length = known.T
-    begin = np.array([found.offsets[i] for i in state.tolist()], np.int64)
-    end = np.array([found.offsets[i + 1] for i in state.tolist()], np.int64)
+    begin = np.array([subsets.offsets[i] for i in state.tolist()], np.int64)
+    end = np.array([subsets.offsets[i + 1] for i in state.tolist()], np.int64)
     if not np.array_equal(end - begin, length):
         raise _HashCollisionError
     within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
     here, there = np.repeat(start, length) + within, np.repeat(begin, length) + within
-    if not np.array_equal(images[here], found.members[there]):
+    if not np.array_equal(images[here], subsets.members[there]):
         raise _HashCollisionError
 
 

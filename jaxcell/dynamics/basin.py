@@ -25,20 +25,20 @@ from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
 
 
-# Remarks on single attractors.
+# The largest number of remarks on single attractors.
 _MOST_DOUBTED = 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Basins(Result):
-    """Where each cell of a box ends up: its attractor, or out of the box."""
+    """The attractor of each cell of a box, or its exit from the box."""
 
     title: ClassVar[str] = "Attractors and basins"
     tables: ClassVar[Mapping[str, str]] = {"attractor": "basins"}
 
     box: Box
     params: Any
-    "What the map took beside a point."
+    "The parameters of the map."
     image: Int[np.ndarray, "cells"]
     "The image of each cell: a cell, `box.outside` or `box.nowhere`."
     basin: Annotated[
@@ -49,28 +49,28 @@ class Basins(Result):
         Int[np.ndarray, "cells"],
         quantity("cell", "periodic group that the cell leads to", kind="index"),
     ]
-    "Groups are numbered by their smallest cells, and those of the sinks come last."
+    "Groups are in the order of their smallest cells; those of the sinks come last."
     step: Annotated[
         Int[np.ndarray, "cells"],
         quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),
     ]
     group_period: Int[np.ndarray, "groups"]
-    "Number of cells of each group, without those of the sinks."
+    "Number of cells of each group, except for the sinks."
     several: Annotated[
         Bool[np.ndarray, "cells"],
         quantity("cell", "whether its group leads to several attractors, as a saddle", kind="flag"),
     ]
     left: Bool[np.ndarray, "cells"]
-    "Whether the cell leads out of the box."
+    "`True` if the cell leads out of the box."
     orbit: Float[np.ndarray, "attractors window axes"]
     "An orbit on each attractor."
     sampled: Annotated[
         Float[np.ndarray, "attractors"],
         quantity("attractor", "orbits from random starts that end on it", kind="share"),
     ]
-    "A check of `fraction` that knows nothing of cells."
+    "A check of `fraction` that does not depend on cells."
     scattered: int
-    "Number of these starts."
+    "Number of random starts."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[
@@ -82,14 +82,14 @@ class Basins(Result):
     torn: tuple[int, ...] = ()
     "Periodic axes at whose two ends the map differs."
     duration: float | None = None
-    "The time of a mapping, if all cells have the same."
+    "The duration of a mapping, or `None` if it differs between cells."
     time: Annotated[
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Where mappings have a time each; that outside the box is not counted."
+    "Only if durations differ between cells; time outside the box is not counted."
     labels: tuple[str, ...] = ()
-    "What the axes are called; none for `x0`, `x1`, ..."
+    "The names of the axes; empty for `x0`, `x1`, ..."
 
     @derived("", "number of attractors", kind="count")
     def attractors(self) -> int:
@@ -117,7 +117,7 @@ class Basins(Result):
 
     @derived("attractor", "mappings after which an orbit is back, 0 if it never is", kind="count")
     def period(self) -> Int[np.ndarray, "attractors"]:
-        return np.array([of_map.period(one, self.box) for one in self.orbit], np.int64)
+        return np.array([of_map.period(orbit, self.box) for orbit in self.orbit], np.int64)
 
     @derived("attractor", "mean mappings to the attractor", "step", kind="time")
     def mean_steps(self) -> Float[np.ndarray, "attractors"]:
@@ -129,7 +129,7 @@ class Basins(Result):
 
     @property
     def times(self) -> Float[np.ndarray, "cells"]:
-        """Time until each cell is on its attractor, in mappings where they have no time."""
+        """Time until each cell is on its attractor, in mappings if these have no duration."""
         return self.step * (self.duration or 1.0) if self.time is None else self.time
 
     def _mean(self, of_cells: np.ndarray) -> Float[np.ndarray, "attractors"]:
@@ -154,7 +154,7 @@ class Basins(Result):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the axes are called."""
+        """The names of the axes."""
         return tuple(axis_name(axis, self.labels) for axis in range(self.box.dimensions))
 
     @property
@@ -179,14 +179,14 @@ class Basins(Result):
         elif self.periodic_cells > 0.5 * self.box.size:
             said.append(
                 f"{self.periodic_cells / self.box.size:.0%} of the cells are periodic: the map "
-                "keeps volumes, it seems, so that it has groups and no attractors."
+                "seems to preserve volumes, so that it has groups and no attractors."
             )
         if self.changed is not None and self.changed > 0.2:
             said.append(
-                f"{self.changed:.0%} of the images are others with steps of half the length: take "
+                f"{self.changed:.0%} of the images differ with steps of half the length: take "
                 "shorter steps."
             )
-        # Three standard errors of what is sampled.
+        # Three standard errors of the sampled shares.
         doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / self.scattered) + 0.02
         doubted = np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt)
         back = min(float(self.sampled.sum() - self.fraction.sum()), self.outside_share)
@@ -202,18 +202,18 @@ class Basins(Result):
                 "of the orbits from random starts end on it: take basins by orbits, or more cells."
             )
         if doubted.size > _MOST_DOUBTED:
-            said.append(f"So it is with {doubted.size - _MOST_DOUBTED} attractors more.")
+            said.append(f"The same holds for {doubted.size - _MOST_DOUBTED} more attractors.")
         if not self.settled:
             said.append(
-                "Orbits had not settled: attractors may be too many, as where a map keeps volumes "
-                "and has none."
+                "Orbits had not settled: there may be too many attractors; a map that preserves "
+                "volumes has none."
             )
         none = np.mean((self.basin < 0) & ~self.left & (self.group < self.groups))
         if none > 0.05:
             said.append(
-                f"{none:.0%} of the cells lead to groups whose orbits come to none of the "
-                "attractors that were found, or to no finite point: take a longer time of a "
-                "mapping, or a smaller box; a section that flows come back to."
+                f"{none:.0%} of the cells lead to groups whose orbits reach none of these "
+                "attractors, or no finite point: take longer mappings, a smaller box, or a "
+                "section to which flows return."
             )
         if self.several_share > 0.05:
             said.append(
@@ -239,25 +239,25 @@ def basins(
 
     **Arguments:**
 
-    - `map`, `box`, `params`, `follow`, `dtype`, `say`: as for [`jaxcell.dynamics.images`][].
-    - `by`: what takes a cell to its attractor: `"cells"`, the map of the cells, which costs one
-        image of each; or `"orbits"`, the orbit of its centre, which costs as many as it takes and
-        is right where cells are too coarse, as beside a weak or chaotic attractor.
-    - `seed`: of the points from which attractors are found.
-    - `labels`: what the axes are called.
+    - `map`, `box`, `params`, `follow`, `dtype`, `say`: as in [`jaxcell.dynamics.images`][].
+    - `by`: the method that assigns attractors to cells: `"cells"`, the map of the cells, which
+        costs one image of each; or `"orbits"`, the orbit of each centre, which costs many images
+        and is right where cells are too coarse, as beside a weak or chaotic attractor.
+    - `seed`: seed of the points from which attractors are found.
+    - `labels`: names of the axes.
 
     **Returns:** [`Basins`][jaxcell.dynamics.Basins], attractors with larger basins first.
 
-    **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. A periodic axis at whose two ends the
-    map differs is warned of before the cells are mapped.
+    **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. Warns, before cells are mapped, if
+    the map differs at the two ends of a periodic axis.
 
     A particle in a double well, from the left and the right:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
         >>> well = dynamics.flow(lambda x, p: jnp.array([x[1], x[0] - x[0] ** 3 - x[1]]), 0.05, 20)
-        >>> found = dynamics.basins(well, space.Box([-2, -2], [2, 2], cells=[40, 40]))
-        >>> found.attractors, found.period.tolist(), found.fraction.round(2).tolist()
+        >>> basins = dynamics.basins(well, space.Box([-2, -2], [2, 2], cells=[40, 40]))
+        >>> basins.attractors, basins.period.tolist(), basins.fraction.round(2).tolist()
         (2, [1, 1], [0.5, 0.5])
     """
     options: dict[str, Any] = {"follow": follow, "dtype": dtype, "by": by, "seed": seed}
@@ -277,7 +277,7 @@ def basins_of_each(
     labels: tuple[str, ...] = (),
     say: Say | None = None,
 ) -> list[Basins]:
-    """[`basins`][jaxcell.dynamics.basins] for each of some parameters, in one batch."""
+    """Compute [`basins`][jaxcell.dynamics.basins] for each of several parameters, in one batch."""
     check_map(map, box, members[0])
     torn = torn_axes(map, box, members, labels)
     duration = getattr(map, "duration", None)
@@ -289,42 +289,42 @@ def basins_of_each(
     images_of_each(map, box, members, follow=follow, dtype=dtype, out=image, time=time, say=say)
     if say is not None:
         say("finding groups and attractors", 0, 0)
-    groups = [groups_on_host(one) for one in with_sinks]
-    found = of_map.attractors(
+    groups = [groups_on_host(images) for images in with_sinks]
+    attractors = of_map.attractors(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )
     changed = changed_by_half_step(map, box, members, image, follow=follow, dtype=dtype)
     each: list[Basins] = []
-    for params, ends, *parts in zip(members, torn, image, groups, found, changed, strict=True):
-        one = _by_cells(box, params, *parts)
-        one = dataclasses.replace(one, torn=ends, duration=duration, labels=labels)
+    for params, ends, *parts in zip(members, torn, image, groups, attractors, changed, strict=True):
+        basins = _by_cells(box, params, *parts)
+        basins = dataclasses.replace(basins, torn=ends, duration=duration, labels=labels)
         if time is not None:
-            one = dataclasses.replace(one, time=_along(one, time[len(each)]))
+            basins = dataclasses.replace(basins, time=_along(basins, time[len(each)]))
         if by == "orbits":
-            cells = one.attractor_cells
+            cells = basins.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
             several = np.zeros(box.size, bool)
             followed = {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
-            one = dataclasses.replace(one, several=several, **followed)
-        each.append(one)
+            basins = dataclasses.replace(basins, several=several, **followed)
+        each.append(basins)
     return each
 
 
-def _along(found: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-    """The time of all mappings until each cell is on its group, those nearest to it first."""
-    time = np.zeros(found.box.size + 2)
-    order = np.argsort(found.step, kind="stable")
-    ends = np.cumsum(np.bincount(found.step))
+def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
+    """Sum the times of mappings until each cell is on its group, the nearest cells first."""
+    time = np.zeros(basins.box.size + 2)
+    order = np.argsort(basins.step, kind="stable")
+    ends = np.cumsum(np.bincount(basins.step))
     for cells in np.split(order, ends[:-1])[1:]:
         for part in np.array_split(cells, 1 + cells.size // CHUNK):
-            time[part] = lasts[part] + time[found.image[part]]
+            time[part] = lasts[part] + time[basins.image[part]]
     return time[:-2]
 
 
 def totals(
     label: Int[np.ndarray, "rows"], count: int, weight: np.ndarray | None = None
 ) -> Float[np.ndarray, "labels"]:
-    """The number of rows with each label from 0, or the sum of their weights."""
+    """Count the rows with each label from 0, or sum their weights."""
     total = np.zeros(count)
     for first in range(0, label.size, CHUNK):
         part = slice(first, first + CHUNK)
@@ -338,17 +338,17 @@ def _by_cells(
     params: Any,
     image: Int[np.ndarray, "cells"],
     groups: PeriodicGroups,
-    found: of_map.Attractors,
+    attractors: of_map.Attractors,
     changed: float | None,
 ) -> Basins:
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
-    basin = found.of_group[group]
-    # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
+    basin = attractors.of_group[group]
+    # A group whose orbits leave the box exists only among cells: cells that lead to it leave.
     left = basin == OUTSIDE
-    order = np.argsort(-totals(np.maximum(basin, NONE, out=basin), found.count), kind="stable")
-    # Behind those of attractors is that of no attractor, as -1 says.
-    rank = np.full(found.count + 1, NONE, np.int32)
-    rank[order] = np.arange(found.count)
+    order = np.argsort(-totals(np.maximum(basin, NONE, out=basin), attractors.count), kind="stable")
+    # The last entry, which -1 selects, stands for no attractor.
+    rank = np.full(attractors.count + 1, NONE, np.int32)
+    rank[order] = np.arange(attractors.count)
     return Basins(
         box,
         params,
@@ -358,12 +358,12 @@ def _by_cells(
         step=step,
         # The sinks have the last two numbers of cells, and so of groups.
         group_period=np.asarray(groups.group_period[:-2]),
-        several=found.several[group],
+        several=attractors.several[group],
         left=left,
-        orbit=found.orbit[order],
-        sampled=found.sampled[order],
-        scattered=found.scattered,
-        attractor_cells=tuple(found.cells[k] for k in order),
-        settled=found.settled,
+        orbit=attractors.orbit[order],
+        sampled=attractors.sampled[order],
+        scattered=attractors.scattered,
+        attractor_cells=tuple(attractors.cells[k] for k in order),
+        settled=attractors.settled,
         changed=changed,
     )

@@ -25,28 +25,27 @@ def chain(
     quadrature: int = 0,
     key: Any = None,
 ) -> Chain:
-    """The generalized map of a box: images of points inside each cell, with additive noise.
+    """Make the generalized map of a box: images of points inside each cell, with additive noise.
 
-    A cell is mapped from `samples` points of it (Hsu 1981, Ulam's method), and to each image normal
-    noise is added. Points and noise together are an additive recurrence, which is spread evenly,
-    from a random start in each cell: the error falls almost with their number, not with its root.
-    Images outside the box go to the sink of the chain.
+    Each cell is mapped from `samples` of its points (Hsu 1981, Ulam's method), and normal noise is
+    added to each image. Points and noise together are an additive recurrence, which is evenly
+    spread, from a random start in each cell: the error decreases almost with the number of points,
+    instead of its root. Images outside the box go to the sink of the chain.
 
     **Arguments:**
 
-    - `map`, `box`, `params`: as for [`jaxcell.dynamics.images`][].
-    - `samples`: points of each cell, all of one weight.
-    - `noise`: standard deviation of what is added to an image, along all axes or along each.
-    - `quadrature`: nodes of Gauss and Hermite along each axis with noise, all of which are added to
-        each image, with their weights; by default each image has noise of its own. Polynomials up
-        to twice as many nodes then have their exact means.
-    - `key`: of JAX's random numbers, by default `jax.random.key(0)`.
+    - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
+    - `samples`: number of points of each cell, with equal weights.
+    - `noise`: standard deviation of the noise, along all axes or along each.
+    - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise; each
+        node is added to each image, with its weight. By default each image has one random noise.
+        With `n` nodes, polynomials up to degree `2 n - 1` have exact means.
+    - `key`: random key of JAX, by default `jax.random.key(0)`.
 
-    **Returns:** [`jaxcell.mapping.Chain`][], for all of [`jaxcell.markov`][].
+    **Returns:** [`jaxcell.mapping.Chain`][], for the functions of [`jaxcell.markov`][].
 
-    **Raises:** `ValueError` for no samples, noise or nodes that are negative, or a map as
-    [`jaxcell.dynamics.images`][] says. `RuntimeError` where JAX is set to 32 bits. A periodic axis
-    at whose two ends the map differs is warned of.
+    **Raises:** `ValueError` for wrong numbers, and as [`jaxcell.dynamics.images`][]; `RuntimeError`
+    where JAX is set to 32 bits. Warns if the map differs at the two ends of a periodic axis.
 
     A walk on a ring:
 
@@ -67,7 +66,7 @@ def chain(
     if not (np.isfinite(deviation).all() and (deviation >= 0).all()):
         raise ValueError(f"noise: expected numbers from 0, got {noise}")
     if isinstance(map, Flow) and map.crossing:
-        raise ValueError("map: noise needs the same time everywhere; give flow a number of steps")
+        raise ValueError("map: noise needs equal durations of cells; give flow a number of steps")
     check_map(map, box, params)
     torn_axes(map, box, [params])
     key = jax.random.key(0) if key is None else key
@@ -76,7 +75,7 @@ def chain(
     if (image == box.nowhere).all():
         check_begin(map, box, params)
     inside = image < box.size
-    # What left the box is missing from the probabilities of its cell.
+    # The probability of leaving the box is missing from the probabilities of the cell.
     cells = np.arange(box.size, dtype=np.int32)
     share = np.tile(weights / samples, samples)[:, None]
     return Chain(*jax.device_put((np.where(inside, image, cells), np.where(inside, share, 0.0))))
@@ -85,9 +84,9 @@ def chain(
 def _nodes(
     deviation: Float[np.ndarray, "axes"], quadrature: int
 ) -> tuple[Float[np.ndarray, "nodes axes"], Float[np.ndarray, "nodes"]]:
-    """What is added to an image, and the weight of each."""
+    """Return the quadrature nodes that are added to an image, and their weights."""
     places, weights = np.polynomial.hermite_e.hermegauss(quadrature)
-    along = [(places * one, weights) if one else (np.zeros(1), np.ones(1)) for one in deviation]
+    along = [(places * s, weights) if s else (np.zeros(1), np.ones(1)) for s in deviation]
     nodes = np.array(list(itertools.product(*(place for place, _ in along))))
     mass = np.array(list(itertools.product(*(weight for _, weight in along)))).prod(axis=1)
     return nodes, mass / mass.sum()
@@ -121,7 +120,8 @@ def _sampled(
 
 
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:
-    """Multiples of these, modulo 1, fill a cube evenly: powers of a generalized golden ratio."""
+    """Return the steps of a sequence that fills a cube evenly: powers of a generalized golden
+    ratio."""
     ratio = 2.0
     for _ in range(64):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

@@ -15,27 +15,27 @@ from .imaging import Say
 from .maps import Map
 
 
-# The most cells and parameters in one batch, and orbits from random points for each of them.
+# Largest numbers of cells and of parameters in a batch, and of random orbits per parameter.
 _CELLS = 1 << 20
 _TOGETHER = 64
 _SCATTERED = 64
-# Attractors farther apart than this share of the box are not the same.
+# Attractors farther apart than this share of the box are different.
 _FAR = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Continuation(Result):
-    """Attractors and their basins along a list of parameters, matched from one to the next."""
+    """Attractors and their basins along a list of parameters, matched along the list."""
 
     title: ClassVar[str] = "Attractors along parameters"
     tables: ClassVar[Mapping[str, str]] = {"member": "members", "name": "names"}
 
     params: Mapping[str, Float[np.ndarray, "members"]]
-    "The parameters that vary; the others are single numbers."
+    "The parameters that vary; other parameters are single numbers."
     members: list[Basins]
-    "Not a tuple, whose members would each have their tables in the summary."
+    "The basins of each member; in a list, because members of a tuple have tables in the summary."
     label: tuple[Int[np.ndarray, "_"], ...]
-    "For each member, the name of each of its attractors; equal numbers are one attractor."
+    "For each member, the names of its attractors; equal numbers are one attractor."
     fraction: Annotated[
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),
@@ -44,12 +44,12 @@ class Continuation(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         of_members = zip(self.parameters, self.members, strict=True)
-        doubted = [(where, one.remarks) for where, one in of_members if one.remarks]
+        doubted = [(where, basins.remarks) for where, basins in of_members if basins.remarks]
         if not doubted:
             return ()
         (where, said), count = doubted[0], len(doubted)
-        some = f"{count} of {len(self.members)} parameters have remarks, as {where}:"
-        return (" ".join([some, *said]),)
+        heading = f"{count} of {len(self.members)} parameters have remarks, as {where}:"
+        return (" ".join([heading, *said]),)
 
     @derived("", "attractors of all parameters", kind="count")
     def attractors(self) -> int:
@@ -59,16 +59,16 @@ class Continuation(Result):
     def parameters(self) -> list[str]:
         each = zip(*self.params.values(), strict=True)
         return [
-            ", ".join(f"{n}={v:.6g}" for n, v in zip(self.params, one, strict=True)) for one in each
+            ", ".join(f"{n}={v:.6g}" for n, v in zip(self.params, row, strict=True)) for row in each
         ]
 
     @derived("member", "number of attractors", kind="count")
     def count(self) -> Int[np.ndarray, "members"]:
-        return np.array([one.attractors for one in self.members], np.int64)
+        return np.array([member.attractors for member in self.members], np.int64)
 
     @derived("member", "cells that lead out of the box", kind="share")
     def outside_share(self) -> Float[np.ndarray, "members"]:
-        return np.array([one.outside_share for one in self.members])
+        return np.array([member.outside_share for member in self.members])
 
     @derived("name", "first parameters with the attractor, by their number", kind="index")
     def appears(self) -> Int[np.ndarray, "names"]:
@@ -103,65 +103,65 @@ def continuation(
 ) -> Continuation:
     """Find attractors and basins for each of a list of parameters, and match them along the list.
 
-    An attractor continues one of the parameters before if it lies in its basin; of several that do,
-    and where none does, the nearest is taken, by the distance between the cells of both. One that
-    vanished keeps its name, and has it again when it comes back where it was; until then it counts
-    as merged with the attractor in whose basin it lies.
+    An attractor continues a previous attractor if it lies in its basin; among several, or if there
+    is none, the nearest is taken, by the distance between the cells of both. A vanished attractor
+    keeps its name, and gets it again if it reappears in its old place; until then it counts as
+    merged with the attractor in whose basin it lies.
 
     **Arguments:**
 
-    - `map`, `box`: as for [`jaxcell.dynamics.basins`][].
-    - `params`: numbers, and arrays of one length for those that vary.
-    - `options`: those of [`jaxcell.dynamics.basins`][].
+    - `map`, `box`: as in [`jaxcell.dynamics.basins`][].
+    - `params`: numbers, and arrays of one length for the parameters that vary.
+    - `options`: further arguments of [`jaxcell.dynamics.basins`][].
 
     **Returns:** [`Continuation`][jaxcell.dynamics.Continuation].
 
-    **Raises:** `ValueError` for arrays of unequal length, or none; else as
+    **Raises:** `ValueError` for arrays of different lengths, or no array; also as
     [`jaxcell.dynamics.basins`][].
 
     A second attractor appears, and takes half of the box:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
-        >>> found = dynamics.continuation(
+        >>> branches = dynamics.continuation(
         ...     lambda x, p: jnp.where(x > p["edge"], 0.95, 0.25),
         ...     space.Box([0], [1], cells=[20]),
         ...     {"edge": [1.0, 0.75, 0.5]},
         ... )
-        >>> found.fraction.tolist(), found.appears.tolist()
+        >>> branches.fraction.tolist(), branches.appears.tolist()
         ([[1.0, 0.0], [0.75, 0.25], [0.5, 0.5]], [0, 1])
-        >>> found.vanishes.tolist(), found.merges.tolist()
+        >>> branches.vanishes.tolist(), branches.merges.tolist()
         ([2, 2], [-1, -1])
     """
     each = listed(params)
-    found: list[Basins] = []
+    members: list[Basins] = []
     together = int(np.clip(_CELLS // box.size, 1, _TOGETHER))
 
     def compute(first: int) -> list[Basins]:
-        members = each[first : first + together]
-        return basins_of_each(map, box, members, scattered=_SCATTERED, **options)
+        batch = each[first : first + together]
+        return basins_of_each(map, box, batch, scattered=_SCATTERED, **options)
 
     for part in in_threads(compute, range(0, len(each), together)):
-        found += part
+        members += part
         if say is not None:
-            say("parameters", len(found), len(each))
-    label = match(found)
-    names = 1 + max((int(one.max(initial=-1)) for one in label), default=-1)
-    fraction = np.zeros((len(found), names))
-    for k, (member, name) in enumerate(zip(found, label, strict=True)):
+            say("parameters", len(members), len(each))
+    label = match(members)
+    names = 1 + max((int(own.max(initial=-1)) for own in label), default=-1)
+    fraction = np.zeros((len(members), names))
+    for k, (member, name) in enumerate(zip(members, label, strict=True)):
         fraction[k, name] = member.fraction
     varying = {name: np.asarray(value) for name, value in params.items() if np.ndim(value)}
-    return Continuation(varying, found, label, fraction)
+    return Continuation(varying, members, label, fraction)
 
 
 def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The parameters of each member.
+    """List the parameters of each member.
 
-    **Raises:** `ValueError` for arrays of unequal length, or none.
+    **Raises:** `ValueError` for arrays of different lengths, or no array.
     """
     lengths = {name: len(value) for name, value in params.items() if np.ndim(value)}
     if not lengths:
-        raise ValueError("params: expected an array for at least one of them")
+        raise ValueError("params: expected an array for at least one parameter")
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name} has {length}" for name, length in lengths.items())
         raise ValueError(f"params: expected arrays of one length: {said}")
@@ -174,7 +174,7 @@ def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
 def match(found: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
     """Name the attractors of a list of basins, so that equal names are one attractor."""
     labels: list[np.ndarray] = []
-    # By name: where the attractor was last, and in whose basins.
+    # For each name, the last orbit of the attractor, its basins, and its number in them.
     known: dict[int, tuple[np.ndarray, Basins, int]] = {}
     for now in found:
         names = np.full(now.attractors, -1)
@@ -194,7 +194,7 @@ def match(found: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
 
 
 def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> float:
-    """How unlike two attractors are: below 1 if they may be the same one."""
+    """Compute a distance of two attractors; below 1 they can be matched."""
     box = now.box
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]
@@ -206,10 +206,10 @@ def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> floa
 
 
 def _apart(box: Box, *orbits: np.ndarray) -> float:
-    """The Hausdorff distance of two orbits, as a share of the sides of a box."""
+    """Compute the Hausdorff distance of two orbits, relative to the sides of a box."""
     size = np.array(box.upper) - np.array(box.lower)
     around = np.array([kind == "periodic" for kind in box.axes])
-    one, other = ((orbit - np.array(box.lower)) / size for orbit in orbits)
-    one, other = (np.where(around, place % 1.0 % 1.0, place) for place in (one, other))
-    ahead, back = (cKDTree(place, boxsize=around.astype(float)) for place in (one, other))
-    return float(max(ahead.query(other)[0].max(), back.query(one)[0].max()))
+    first, second = ((orbit - np.array(box.lower)) / size for orbit in orbits)
+    first, second = (np.where(around, place % 1.0 % 1.0, place) for place in (first, second))
+    ahead, back = (cKDTree(place, boxsize=around.astype(float)) for place in (first, second))
+    return float(max(ahead.query(second)[0].max(), back.query(first)[0].max()))

@@ -1,4 +1,4 @@
-"""The images of all cells of a box, in chunks of bounded memory."""
+"""Images of all cells of a box, in chunks of bounded memory."""
 
 import functools
 import warnings
@@ -17,9 +17,9 @@ from .maps import Flow, Map
 
 
 CHUNK = 1 << 18
-"""Cells that are mapped at once; what that takes beside the result does not grow with the box."""
+"""Number of cells that are mapped at once; it bounds the memory beside the result."""
 
-# Steps between two looks at which cells are away from where they began.
+# Number of steps between two checks of which cells are away from their start.
 _STAGE = 8
 
 Say = Callable[[str, int, int], None]
@@ -41,19 +41,18 @@ def images(
 
     - `map`: a [`Map`][jaxcell.dynamics.Map].
     - `box`: the cells.
-    - `params`: what the map takes beside a point.
-    - `follow`: how often the image of an outside point is mapped on before it counts as lost; a
-        transient or an attractor may so pass outside.
-    - `dtype`: of points, `float32` or `float64`; by default the widest that is in use.
-    - `out`: an `int32` array to write to, such as a `numpy.memmap`.
-    - `say`: called with what is done and how much of it.
+    - `params`: the parameters of the map, its second argument.
+    - `follow`: number of further mappings of an image outside the box before it counts as lost,
+        because a transient or an attractor may pass outside.
+    - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled one.
+    - `out`: an `int32` array for the result, such as a `numpy.memmap`.
+    - `say`: a function that is called with the activity and its progress.
 
     **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
 
-    **Raises:** `ValueError` if the map does not give a point of the box's dimension, or cannot be
-    computed where it begins.
+    **Raises:** `ValueError` if the map does not return a finite point of the box's dimension.
 
-    The doubling map, of eight cells:
+    The doubling map on eight cells:
 
         >>> from jaxcell import dynamics, space
         >>> box = space.Box([0], [1], cells=[8], axes="periodic")
@@ -76,19 +75,19 @@ def images_of_each(
     time: Float[np.ndarray, "members cells"] | None = None,
     say: Say | None = None,
 ) -> Int[np.ndarray, "members cells"]:
-    """[`images`][jaxcell.dynamics.images] for each of some parameters, in one batch.
+    """Compute [`images`][jaxcell.dynamics.images] for each of several parameters, in one batch.
 
-    If the map has times of its own, `time` is an array to write to how long each mapping takes.
+    If durations of mappings differ, `time` is an array for them.
     """
-    found = np.empty((len(members), box.size), np.int32) if out is None else out
+    image = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
 
     def compute(start: int) -> int:
         first = min(start, box.size - size)
         cells = np.arange(first, first + size, dtype=np.int32)
         part = slice(first, first + size)
-        found[:, part], taken = _images_of(map, box, members, cells, follow, dtype)
-        if start == 0 and (found[:, part] == box.nowhere).all():
+        image[:, part], taken = _images_of(map, box, members, cells, follow, dtype)
+        if start == 0 and (image[:, part] == box.nowhere).all():
             check_begin(map, box, members[0])
         if time is not None:
             time[:, part] = taken
@@ -97,32 +96,32 @@ def images_of_each(
     for done in in_threads(compute, range(0, box.size, size)):
         if say is not None:
             say("mapping cells", done, box.size)
-    return found
+    return image
 
 
 def check_map(map: Map, box: Box, params: Any) -> None:
     """Trace a map at the middle of a box.
 
-    **Raises:** `ValueError` that says what is wrong with it.
+    **Raises:** `ValueError` with the reason, if that fails or returns no point.
     """
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
-        found = jax.eval_shape(map, middle, params)
+        image = jax.eval_shape(map, middle, params)
     except (TypeError, LookupError, AttributeError, NameError, ArithmeticError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"map: fails at the middle of the box: {said}") from error
-    if not hasattr(found, "shape"):
-        raise ValueError(f"map: gives a {type(found).__name__}, expected an array")
-    if found.shape != middle.shape:
+    if not hasattr(image, "shape"):
+        raise ValueError(f"map: expected an array, got a {type(image).__name__}")
+    if image.shape != middle.shape:
         raise ValueError(
-            f"map: gives an array of shape {list(found.shape)} for a point of {list(middle.shape)}"
+            f"map: expected an array of shape {list(middle.shape)}, got {list(image.shape)}"
         )
-    if found.dtype != middle.dtype:
-        raise ValueError(f"map: gives numbers of {found.dtype} for a point of {middle.dtype}")
+    if image.dtype != middle.dtype:
+        raise ValueError(f"map: expected numbers of {middle.dtype}, got {image.dtype}")
 
 
 def check_begin(map: Map, box: Box, params: Any) -> None:
-    """Try what a map begins with at some points of a box.
+    """Evaluate the map, or its field, at 64 points of a box.
 
     **Raises:** `ValueError` if that is not finite at any of them.
     """
@@ -130,7 +129,7 @@ def check_begin(map: Map, box: Box, params: Any) -> None:
     begun = np.asarray(_begun(begin, params, _anywhere(box)))
     if not np.isfinite(begun).all(axis=-1).any():
         what = "map" if begin is map else "field"
-        raise ValueError(f"{what}: is not finite at any of {len(begun)} points of the box")
+        raise ValueError(f"{what}: expected finite numbers, got none at {len(begun)} points")
 
 
 @functools.partial(jax.jit, static_argnames="begin")
@@ -139,22 +138,22 @@ def _begun(begin: Map, params: Any, points: Any) -> Any:
 
 
 def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
-    """Some points of a box."""
+    """Draw 64 points of a box."""
     return np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))
 
 
 def torn_axes(
     map: Map, box: Box, members: Sequence[Any], labels: tuple[str, ...] = ()
 ) -> list[tuple[int, ...]]:
-    """The periodic axes at whose two ends a map differs, by 64 points of each end, with a warning.
+    """Find periodic axes at whose two ends a map differs, by 64 points of each end, and warn.
 
     **Arguments:**
 
-    - `map`, `box`: as for [`images`][jaxcell.dynamics.images].
-    - `members`: parameters.
-    - `labels`: what the axes are called.
+    - `map`, `box`: as in [`images`][jaxcell.dynamics.images].
+    - `members`: the parameters of each member.
+    - `labels`: names of the axes.
 
-    **Returns:** the axes for each of the parameters.
+    **Returns:** the axes for each member.
     """
     points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)
@@ -162,40 +161,40 @@ def torn_axes(
         ends = np.stack([points, points])
         ends[0, :, axis], ends[1, :, axis] = box.lower[axis], box.upper[axis]
         params, each = stacked(members), np.arange(len(members))
-        image = np.asarray(mapped_points(map, params, each, ends))
+        image = np.asarray(_mapped_by_each(map, params, each, ends))
         apart = box.apart((image[:, 1] - image[:, 0]) / box.width).max(axis=-1)
-        # Orbits that part anyway may differ by rounding.
+        # The median ignores points from which orbits separate by rounding.
         differs = np.median(apart, axis=1) > 1e-3
-        torn = [(*one, axis) if new else one for one, new in zip(torn, differs, strict=True)]
+        torn = [(*axes, axis) if new else axes for axes, new in zip(torn, differs, strict=True)]
         if differs.any():
             warnings.warn(said_of_torn(axis, labels), stacklevel=2)
     return torn
 
 
 def said_of_torn(axis: int, labels: tuple[str, ...]) -> str:
-    """What people are told of an axis at whose two ends a map differs."""
+    """Return the warning for an axis at whose two ends a map differs."""
     name = axis_name(axis, labels)
     return f"The axis {name} is periodic, but the map differs at its two ends."
 
 
 def axis_name(axis: int, labels: tuple[str, ...]) -> str:
-    """What an axis is called."""
+    """Return the name of an axis."""
     return labels[axis] if labels else f"x{axis}"
 
 
 @functools.partial(jax.jit, static_argnames="map")
-def mapped_points(map: Map, params: Any, members: Any, points: Any) -> Any:
-    """Map points, an array `[points, some, axes]`, with the parameters of each of some members."""
+def mapped_points(map: Map, params: Any, points: Any) -> Any:
+    """Map points, an array `[points, corners, axes]`."""
+    return jax.vmap(jax.vmap(lambda x: map(x, params)))(points)
 
-    def one(member):  # type: ignore[no-untyped-def]
-        own = params_of(params, member)
-        return jax.vmap(jax.vmap(lambda x: map(x, own)))(points)
 
-    return jax.vmap(one)(members)
+@functools.partial(jax.jit, static_argnames="map")
+def _mapped_by_each(map: Map, params: Any, members: Any, points: Any) -> Any:
+    return jax.vmap(lambda member: mapped_points(map, params_of(params, member), points))(members)
 
 
 def self_images(image: Int[np.ndarray, "cells"]) -> float:
-    """The share of cells that are their own images, equilibria or too slow for the step."""
+    """Return the share of cells that are their own images: equilibria, or too slow for the step."""
     return float(np.mean(image == np.arange(image.size, dtype=image.dtype)))
 
 
@@ -209,9 +208,9 @@ def changed_by_half_step(
     dtype: Any = None,
     seed: int = 0,
 ) -> list[float | None]:
-    """The share of images that differ when steps are half as long, on 1 % of the cells.
+    """Compute the share of images that change with steps of half the length, on 1 % of the cells.
 
-    `None` for a map that has no steps.
+    It is `None` for a map without steps.
     """
     if not hasattr(map, "halved"):
         return [None] * len(members)
@@ -224,7 +223,7 @@ def changed_by_half_step(
 def _crossing(
     map: Flow, box: Box, params: Any, each: Any, cells: Any, follow: int, dtype: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The images of cells that have a time each, and the time."""
+    """Compute the images of cells with different durations, and the durations."""
 
     def stage(state: Any, k: int) -> Any:
         members, cells, points, taken = state
@@ -240,7 +239,7 @@ def _crossing(
     if follow and lost.any():
         rows = members[lost], points[lost]
         size = bucket(len(rows[0]))
-        filled = (with_last(one, size) for one in rows)
+        filled = (with_last(row, size) for row in rows)
         ahead = _followed(map, box, params, *filled, follow * map.steps)
         index[lost] = np.asarray(ahead)[: len(rows[0])]
     shape = len(each), len(cells)
@@ -258,7 +257,7 @@ def _cross(
     taken: Any,
     steps: Any,
 ) -> Any:
-    """Up to some steps from points, until they are away from the cells that they began in."""
+    """Take up to `steps` steps from points, until they are away from their first cells."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
@@ -269,7 +268,7 @@ def _cross(
             y = tuple(jnp.where(away, before, map.one(before, own)))
             return y, jnp.where(away, taken, taken + 1), _away(map, box, here, y)
 
-        # Components apart, as in a step.
+        # Components are separate, as in a step.
         state = tuple(x), taken, _away(map, box, here, x)
         y, taken, away = jax.lax.fori_loop(0, steps, step, state)
         return jnp.stack(y), taken, box.index(jnp.stack(y)), away
@@ -278,7 +277,7 @@ def _cross(
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
-    """Whether a point is out of the box, or as many cells from a cell as a crossing asks for."""
+    """Check that a point is out of the box, or `map.crossing` cells away from a cell."""
     there, inside = box.places(jnp.stack([*y]))
     apart = box.apart(there - here)
     return functools.reduce(jnp.logical_or, apart >= map.crossing, ~inside)
@@ -286,7 +285,7 @@ def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps: Any) -> Any:
-    """The cells of points outside, followed step by step."""
+    """Return the cells of points outside, followed step by step."""
 
     def follow(member, x):  # type: ignore[no-untyped-def]
         return _until_inside(map.one, box, x, params_of(params, member), steps)
@@ -330,7 +329,7 @@ def _images_of(
     follow: int,
     dtype: Any,
 ) -> tuple[Int[np.ndarray, "members size"], Float[np.ndarray, "members size"] | None]:
-    """The images of cells, and how long they take if the map has times of its own."""
+    """Compute the images of cells, and the durations of their mappings if these differ."""
     kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
     params, each = stacked(members, kind), np.arange(len(members))
     if isinstance(map, Flow) and map.crossing:

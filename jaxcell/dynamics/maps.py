@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from .sines import with_sines
 
 
-# Steps of a flow with crossing times where no cell is there to be crossed.
+# Number of steps of a flow with different durations if there are no cells to cross.
 _LONG = 32
 
 Point: TypeAlias = Float[Array, "axes"]
@@ -19,19 +19,19 @@ Field: TypeAlias = Callable[[Any, Any], Any]
 
 @runtime_checkable
 class Map(Protocol):
-    """A map of a space to itself: where a point goes next, `map(x, params)`.
+    """A map of a space to itself: the next point, `map(x, params)`.
 
-    Any function of JAX that has a hash is one, such as one that is defined in a module. For stiff
-    fields, a solve of diffrax with steps of its own choice:
+    Any hashable function of JAX is a map, such as a function of a module. For stiff fields, use a
+    solve of diffrax with adaptive steps:
 
         def stiff(x, params):
             term = diffrax.ODETerm(lambda t, y, p: field(y, p))
             control = diffrax.PIDController(rtol=1e-6, atol=1e-9)
             solver, times = diffrax.Kvaerno5(), (0.0, 1.0, 0.01)
-            found = diffrax.diffeqsolve(
+            solution = diffrax.diffeqsolve(
                 term, solver, *times, x, params, stepsize_controller=control
             )
-            return found.ys[-1]
+            return solution.ys[-1]
     """
 
     def __call__(self, x: Any, params: Any, /) -> Any: ...
@@ -39,48 +39,48 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """What [`flow`][] gives: the map of a vector field over a time, by steps of fixed length."""
+    """The map of a vector field over a time, by steps of fixed length, made by [`flow`][]."""
 
     field: Field
     dt: float
     steps: int
-    "Steps of one application; with `crossing`, at most."
+    "Number of steps of one application; with `crossing`, the largest number."
     crossing: int = 0
-    "Cells that an image is away at least; 0 for the same number of steps everywhere."
+    "The least distance of an image in cells; 0 for the same number of steps from all cells."
 
     def __call__(self, x: Any, params: Any) -> Any:
         return self.ahead(x, params, self.usual)
 
     @property
     def usual(self) -> int:
-        """Steps of an application, or some where cells have a number each."""
+        """Number of steps of an application, or 32 if it differs between cells."""
         return _LONG if self.crossing else self.steps
 
     def velocity(self, x: Any, params: Any) -> Any:
-        """The field at a point."""
+        """Evaluate the field at a point."""
         return self.field(x, params)
 
     @property
     def duration(self) -> float | None:
-        """The time of an application; none where cells have a time each."""
+        """The time of an application; `None` if it differs between cells."""
         return None if self.crossing else self.dt * self.steps
 
     def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:
-        """Some steps, of `dt` or a part of it."""
+        """Take several steps, of `dt` or a part of it."""
         return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt * part, steps)
 
     def one(self, x: Any, params: Any) -> Any:
-        """One step."""
+        """Take one step."""
         return _rk4(lambda _, y: self.field(y, params), x, 0.0, self.dt)
 
     def halved(self) -> "Flow":
-        """The same with steps of half the length."""
+        """Return the same map with steps of half the length."""
         return dataclasses.replace(self, dt=self.dt / 2, steps=2 * self.steps)
 
 
 @dataclasses.dataclass(frozen=True)
 class Strobe:
-    """What [`strobe`][] gives: the map of a forced field over a period of the force."""
+    """The map of a forced field over a period of the force, made by [`strobe`][]."""
 
     field: Callable[[Any, Any, Any], Any]
     period: float
@@ -93,7 +93,7 @@ class Strobe:
         return _advance(field, x, 0.0, self.period / self.steps, self.steps)
 
     def velocity(self, x: Any, params: Any) -> Any:
-        """The field at a point, at phase 0."""
+        """Evaluate the field at a point, at phase 0."""
         return self.field(jnp.zeros(()), x, params)
 
     @property
@@ -102,13 +102,13 @@ class Strobe:
         return self.period
 
     def halved(self) -> "Strobe":
-        """The same with steps of half the length."""
+        """Return the same map with steps of half the length."""
         return dataclasses.replace(self, steps=2 * self.steps)
 
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """What [`section`][] gives: the map of a surface to itself along a flow."""
+    """The map of a surface to itself along a flow, made by [`section`][]."""
 
     flow: Flow
     surface: Callable[[Any, Any], Any]
@@ -120,13 +120,13 @@ class Section:
         return self.timed(x, params)[0]
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
-        """Where a point comes back to the surface, and when."""
+        """Return the point where a point returns to the surface, and the time that it takes."""
         start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
             last, y, steps = state
             crossed = (self.surface(last, params) < 0) & (self.surface(y, params) >= 0)
-            # The first step leaves the surface, where the sign of zero says nothing.
+            # The first step leaves the surface, where the height is 0 and its sign is arbitrary.
             return (~crossed | (steps < 2)) & (steps < self.max_steps + 2)
 
         def step(state):  # type: ignore[no-untyped-def]
@@ -144,18 +144,18 @@ class Section:
         return back, (steps - 1) * self.flow.dt + time
 
     def velocity(self, x: Any, params: Any) -> Any:
-        """The field at a point of the surface."""
+        """Evaluate the field at a point of the surface."""
         return self.flow.field(jnp.asarray(self.lift(x, params)), params)
 
     def halved(self) -> "Section":
-        """The same with steps of half the length."""
+        """Return the same map with steps of half the length."""
         half = dataclasses.replace(self.flow, dt=self.flow.dt / 2)
         return dataclasses.replace(self, flow=half, max_steps=2 * self.max_steps)
 
 
 @dataclasses.dataclass(frozen=True)
 class Impacts:
-    """What [`impacts`][] gives: the map of a field with a reset wherever it meets a surface."""
+    """The map of a field with a reset whenever it meets a surface, made by [`impacts`][]."""
 
     flow: Flow
     surface: Callable[[Any, Any], Any]
@@ -178,7 +178,7 @@ class Impacts:
         return jax.lax.fori_loop(0, self.flow.steps, step, jnp.asarray(x))
 
     def velocity(self, x: Any, params: Any) -> Any:
-        """The field at a point."""
+        """Evaluate the field at a point."""
         return self.flow.field(x, params)
 
     @property
@@ -187,7 +187,7 @@ class Impacts:
         return self.flow.duration
 
     def halved(self) -> "Impacts":
-        """The same with steps of half the length."""
+        """Return the same map with steps of half the length."""
         return dataclasses.replace(self, flow=self.flow.halved())
 
 
@@ -199,17 +199,18 @@ def flow(
     crossed: int = 16,
     max_steps: int = 1000,
 ) -> Flow:
-    """The map of an autonomous field `x' = field(x, params)`, by Runge-Kutta steps of order 4.
+    """Make the map of an autonomous field `x' = field(x, params)`, by Runge-Kutta steps of order 4.
 
     **Arguments:**
 
     - `field`: the velocity at a point, an array `[axes]`.
-    - `dt`: length of a step in time.
-    - `steps`: steps of one application. With `"crossing"` each cell has its own number: until its
-        image is `crossed` cells away (after Hsu's criterion), so that slow cells are not their own
-        images, and the error of half a cell that each image has is small beside the way.
-    - `max_steps`: with `"crossing"`, the most steps; a cell whose image is not away by then holds
-        an equilibrium, most likely.
+    - `dt`: duration of a step.
+    - `steps`: number of steps of one application. With `"crossing"` each cell has its own number:
+        its image is the first point that is `crossed` cells away (after Hsu's criterion), so that
+        slow cells are not their own images, and the error of half a cell is small beside the
+        distance.
+    - `max_steps`: with `"crossing"`, the largest number of steps; a cell whose image is still
+        nearer then most likely holds an equilibrium.
 
     **Returns:** [`Flow`][jaxcell.dynamics.Flow], a [`Map`][jaxcell.dynamics.Map].
 
@@ -229,17 +230,17 @@ def flow(
 
 
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
-    """The map of a forced field over one period of the force, from phase 0.
+    """Make the map of a forced field over one period of the force, from phase 0.
 
     **Arguments:**
 
-    - `field`: the velocity `field(t, x, params)`.
-    - `period`: the time of one application.
-    - `steps`: Runge-Kutta steps in it.
+    - `field`: the velocity, `field(t, x, params)`.
+    - `period`: duration of one application.
+    - `steps`: number of Runge-Kutta steps in a period.
 
     **Returns:** a [`Map`][jaxcell.dynamics.Map].
 
-    What a force adds in a period it takes away again:
+    A force whose effects cancel over a period:
 
         >>> import jax, jax.numpy as jnp, numpy as np
         >>> from jaxcell import dynamics
@@ -260,24 +261,24 @@ def section(
     dt: float,
     max_steps: int = 10_000,
 ) -> Section:
-    """The return map of a flow to a surface that it crosses upwards.
+    """Make the return map of a flow to a surface that it crosses upwards.
 
-    Steps go on until `surface` changes its sign from negative; the crossing is then found by the
-    secant method within the step. A point that does not return in `max_steps` maps to NaN, which a
-    box counts as `nowhere`.
+    Steps continue until `surface` changes its sign from negative to positive; the secant method
+    then finds the crossing within the step. A point that does not return in `max_steps` maps to
+    NaN, which a box counts as `nowhere`.
 
     **Arguments:**
 
-    - `field`: the velocity `field(x, params)`.
-    - `surface`: `surface(x, params)`, zero on the surface.
+    - `field`: the velocity, `field(x, params)`.
+    - `surface`: a function `surface(x, params)` that is zero on the surface.
     - `lift`: the point of the full space, `lift(u, params)`, of coordinates `u` on the surface.
     - `project`: the coordinates of a point of the surface.
-    - `dt`: length of a step in time.
-    - `max_steps`: the most steps to a return.
+    - `dt`: duration of a step.
+    - `max_steps`: largest number of steps to a return.
 
     **Returns:** a [`Map`][jaxcell.dynamics.Map] of coordinates on the surface.
 
-    A spiral, which comes back to the positive x axis nearer to its centre by `exp(-pi / 5)`:
+    A spiral, which returns to the positive x axis nearer to its centre by `exp(-pi / 5)`:
 
         >>> import jax, jax.numpy as jnp, numpy as np
         >>> from jaxcell import dynamics
@@ -303,16 +304,16 @@ def impacts(
     dt: float,
     steps: int,
 ) -> Impacts:
-    """The map of a flow over `steps` steps, with a reset where it meets a surface from above.
+    """Make the map of a flow over `steps` steps, with a reset when it meets a surface from above.
 
-    At most one impact in a step is seen: a bouncing ball that comes to rest has many.
+    At most one impact per step is detected: a ball that comes to rest has many.
 
     **Arguments:**
 
-    - `field`: the velocity `field(x, params)`.
-    - `surface`: `surface(x, params)`, positive where the flow goes on, zero at an impact.
-    - `reset`: where an impact leads, `reset(x, params)`.
-    - `dt`, `steps`: length in time and number of the steps of one application.
+    - `field`: the velocity, `field(x, params)`.
+    - `surface`: a function `surface(x, params)`, positive between impacts, zero at an impact.
+    - `reset`: the point after an impact, `reset(x, params)`.
+    - `dt`, `steps`: duration and number of the steps of one application.
 
     **Returns:** a [`Map`][jaxcell.dynamics.Map].
 
@@ -341,29 +342,29 @@ def _positive(**numbers: Any) -> None:
 
 
 def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
-    # Components apart: a batch is then one array for each, which is what vector units read.
+    # Components are separate: a batch is then one array per component, as vector units read it.
     start = tuple(x)
 
-    # Traced once for all four.
+    # It is traced once for all four slopes.
     @jax.jit
     def slope(t: Any, at: tuple[Any, ...]) -> tuple[Any, ...]:
-        found = jnp.asarray(with_sines(field)(t, jnp.stack(at)))
-        if found.shape != (len(at),):
+        velocity = jnp.asarray(with_sines(field)(t, jnp.stack(at)))
+        if velocity.shape != (len(at),):
             raise ValueError(
-                f"field: gives an array of shape {list(found.shape)} for a point of {[len(at)]}"
+                f"field: expected an array of shape {[len(at)]}, got {list(velocity.shape)}"
             )
-        return tuple(found)
+        return tuple(velocity)
 
     def ahead(slopes: Sequence[Any], dt: Any) -> tuple[Any, ...]:
-        return tuple(y + dt * one for y, one in zip(start, slopes, strict=True))
+        return tuple(y + dt * s for y, s in zip(start, slopes, strict=True))
 
-    # A number of Python has no width of its own, so that points of 32 bits stay so.
-    one = slope(t, start)
-    two = slope(t + dt / 2, ahead(one, dt / 2))
-    three = slope(t + dt / 2, ahead(two, dt / 2))
-    four = slope(t + dt, ahead(three, dt))
-    mean = [a + 2 * b + 2 * c + d for a, b, c, d in zip(one, two, three, four, strict=True)]
-    return jnp.stack(ahead(mean, dt / 6))
+    # Numbers of Python do not widen points of 32 bits.
+    first = slope(t, start)
+    second = slope(t + dt / 2, ahead(first, dt / 2))
+    third = slope(t + dt / 2, ahead(second, dt / 2))
+    fourth = slope(t + dt, ahead(third, dt))
+    slopes = zip(first, second, third, fourth, strict=True)
+    return jnp.stack(ahead([a + 2 * b + 2 * c + d for a, b, c, d in slopes], dt / 6))
 
 
 def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps: Any) -> Any:
@@ -376,11 +377,11 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps:
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """When a height from `below` at 0 to `above` at `dt` is zero, by regula falsi (Illinois)."""
+    """Find when a height from `below` at 0 to `above` at `dt` is 0, by regula falsi (Illinois)."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state
-        # Equal heights happen where nothing is crossed; the time does not matter there.
+        # Heights are equal only without a crossing, when the time does not matter.
         gap = jnp.where(above == below, 1.0, above - below)
         time = jnp.clip(high - above * (high - low) / gap, low, high)
         value = height(time)

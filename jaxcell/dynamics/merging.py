@@ -1,4 +1,4 @@
-"""Which orbits are on one attractor."""
+"""Merging of orbits that are on one attractor."""
 
 import itertools
 
@@ -10,20 +10,20 @@ from scipy.sparse.csgraph import connected_components
 from ..space.box import Box
 
 
-# Orbits of each of two attractors that are nearer to each other than half a cell.
+# Least number of orbits on each of two attractors within half a cell of each other.
 _MIN_APART = 8
 
 
 def merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
-    """The attractor of each orbit, numbered as they come; -1 for those that leave the box."""
+    """Number the attractors of orbits, in order of their first orbits; -1 for orbits that leave."""
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
     label = _linked(box, place, 2)
-    # Attractors that come as near to each other as that are apart at half the length, unless too
-    # few orbits are left to tell. The orbits of a large one would be links of a chain still.
+    # Attractors within that distance separate at half of it, if there are enough orbits to decide.
+    # Orbits on one large attractor are still linked.
     for k in np.flatnonzero(np.bincount(label) >= 2 * _MIN_APART):
         own = np.flatnonzero(label == k)
         finer = _linked(box, place[own], 4)
@@ -33,15 +33,15 @@ def merged(
             finer = np.where(np.isin(finer, apart), finer, size.argmax())
             label[own] = label.max() + 1 + finer
     _, first, label = np.unique(label, return_index=True, return_inverse=True)
-    found = np.full(orbit.shape[0], -1)
-    found[stays] = np.argsort(np.argsort(first))[label]
-    return found
+    attractor = np.full(orbit.shape[0], -1)
+    attractor[stays] = np.argsort(np.argsort(first))[label]
+    return attractor
 
 
 def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
-    """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
+    """Find components of orbits that visit a common part of a cell; parts overlap by half."""
     orbits = len(place)
     bits = orbits.bit_length()
     orbit, halves = _visited(box, place, parts)
@@ -50,13 +50,13 @@ def _linked(
         both = half >> 1, (half + 1) >> 1
         if kind == "periodic":
             both = both[0], both[1] % (parts * cells)
-        along.append([one + 1 for one in both])
+        along.append([place_on_axis + 1 for place_on_axis in both])
     label = np.arange(orbits)
     for corner in itertools.product(*along):
         key = np.zeros(orbit.size, np.int64)
-        for one, cells in zip(corner, box.cells, strict=True):
-            key = key * (parts * cells + 3) + one
-        # Sorted by cells, so that orbits in one cell are next to each other.
+        for digit, cells in zip(corner, box.cells, strict=True):
+            key = key * (parts * cells + 3) + digit
+        # Sorting by cells makes orbits in one cell neighbours.
         key = np.sort((key << bits) + label[orbit])
         between = key[1:] ^ key[:-1]
         two = np.flatnonzero((between > 0) & (between < 1 << bits))
@@ -69,7 +69,7 @@ def _linked(
 def _visited(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
-    """The halves of parts of cells that orbits come into, one after the other: few at rest."""
+    """Return the half-parts of cells that each orbit visits, in order, without repeats in a row."""
     halves = []
     new = np.zeros(place.shape[:2], bool)
     new[:, 0] = True

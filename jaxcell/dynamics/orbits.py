@@ -1,4 +1,4 @@
-"""The attractor of each cell by the orbit of its centre, instead of by the cells on its way."""
+"""The attractor of each cell by the orbit of its centre, instead of by the images of cells."""
 
 import functools
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from .maps import Map
 
 
 VISITS = 16
-"""Visits to the cells of an attractor that settle it."""
-# Mappings between two looks at which orbits have ended, and the most of them.
+"""Number of visits to the cells of an attractor that assign an orbit to it."""
+# Number of mappings between two checks of which orbits have ended, and the largest number.
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
-"""In place of an attractor: orbits that come to none, and those that leave the box."""
+"""Marks, in place of an attractor, of orbits that reach none and of orbits that leave the box."""
 
 
 def orbit_basins(
@@ -33,15 +33,15 @@ def orbit_basins(
     follow: int = 0,
     say: Say | None = None,
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """Follow the centre of every cell until it has visited the cells of one attractor for long.
+    """Follow the centre of each cell until it has repeatedly visited the cells of one attractor.
 
     **Arguments:**
 
-    - `map`, `box`, `params`, `follow`, `say`: as for [`jaxcell.dynamics.images`][].
+    - `map`, `box`, `params`, `follow`, `say`: as in [`jaxcell.dynamics.images`][].
     - `attractor_cells`: the cells of each attractor.
 
-    **Returns:** the attractor of each cell, -2 if its orbit leaves the box, -1 if it comes to none;
-    and the mappings until the first of these visits.
+    **Returns:** the attractor of each cell, -2 if its orbit leaves the box, -1 if it reaches none;
+    and the number of mappings until the first of these visits.
     """
     owner = attractor_owners(box, attractor_cells)
     basin, step = np.empty((2, box.size), np.int32)
@@ -57,7 +57,7 @@ def orbit_basins(
 def attractor_owners(
     box: Box, attractor_cells: Sequence[Int[np.ndarray, "_"]]
 ) -> Int[np.ndarray, "_"]:
-    """The attractor that each cell is on, -1 for none; and what becomes of the two sinks."""
+    """Return the attractor that holds each cell, -1 for none, then the marks of the two sinks."""
     owner = np.full(box.size + 2, NONE, np.int32)
     owner[box.outside] = OUTSIDE
     for k, cells in enumerate(attractor_cells):
@@ -76,7 +76,7 @@ def orbit_ends(
     visits: int = VISITS,
     most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
-    """Follow points until they have visited cells of one owner as often as that, or that far."""
+    """Follow points for `most` mappings, or until `visits` visits to the cells of one owner."""
     params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 
     def stage(state: Any, k: int) -> Any:
@@ -96,7 +96,7 @@ def orbit_ends(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, follow: Any) -> Any:
-    """Some mappings more, with the attractor that was visited last, since when, and how often."""
+    """Map points further; return also their last attractor, its first visit, and the visits."""
 
     def orbit(x, label, begun, visits, away):  # type: ignore[no-untyped-def]
         def step(k, state):  # type: ignore[no-untyped-def]
@@ -106,7 +106,7 @@ def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, f
             visit, another = here >= 0, (here >= 0) & (here != label)
             begun = jnp.where(another, jnp.asarray(done + k + 1, begun.dtype), begun)
             visits = jnp.where(another, 1, visits + visit.astype(visits.dtype))
-            # What has been outside for too long does not come back.
+            # An orbit that has been outside for too long does not return.
             away = jnp.where((here == OUTSIDE) | (away > follow), away + 1, 0)
             return x, jnp.where(visit, here, label), begun, visits, away
 

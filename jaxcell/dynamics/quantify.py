@@ -1,4 +1,4 @@
-"""Numbers about basins: stability, shocks, entropy and uncertainty."""
+"""Measures of basins: stability, shocks, entropy and uncertainty."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -17,16 +17,15 @@ def basin_stability(
     *,
     within: float = math.inf,
 ) -> Float[np.ndarray, "attractors"]:
-    """The share of starts that lead to each attractor, by a density of starts.
+    """Compute the share of starts that lead to each attractor, for a density of starts.
 
     **Arguments:**
 
     - `found`: the basins.
-    - `weight`: the density at points `[cells, axes]`, not necessarily normalised; by default all
-        cells weigh the same.
-    - `within`: the most time to the attractor, in mappings where the map has no time.
+    - `weight`: the density at points `[cells, axes]`, perhaps not normalised; by default uniform.
+    - `within`: the longest time to the attractor that counts, in mappings if the map has no time.
 
-    **Returns:** the shares, which sum to less than 1 where starts leave the box.
+    **Returns:** the shares, which sum to less than 1 if starts leave the box.
 
     Cells to the right of the middle stay, the others go to the left end:
 
@@ -43,12 +42,11 @@ def basin_stability(
 
 
 def convergence_pace(found: Basins) -> Float[np.ndarray, "attractors"]:
-    """The mean over each basin of the time to the attractor by the distance to it.
+    """Compute the mean, over each basin, of the time to the attractor per distance from it.
 
-    Cells of the attractor have a pace of 0. Mean times are those of the basins themselves,
-    `found.mean_time`.
+    Cells of the attractor have a pace of 0. For mean times see `found.mean_time`.
 
-    **Returns:** time, in mappings where the map has none, by length in the units of the box.
+    **Returns:** time, in mappings if the map has none, per length in the units of the box.
 
     **Arguments:**
 
@@ -72,7 +70,7 @@ def convergence_pace(found: Basins) -> Float[np.ndarray, "attractors"]:
 def noncritical_shocks(
     found: Basins,
 ) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
-    """How far from the attractor the cells of its basin are, on average and at most.
+    """Compute the mean and the largest distance of the cells of each basin from its attractor.
 
     **Returns:** the mean and the largest distance for each attractor, in the units of the box.
 
@@ -91,20 +89,21 @@ def noncritical_shocks(
     return np.array([far.mean() for far in lengths]), np.array([far.max() for far in lengths])
 
 
-def _basins_with_distance(found: Basins) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The cells of each basin, and how far each is from the attractor."""
-    for k, cells in enumerate(found.attractor_cells):
-        away = np.ones(found.box.size, bool)
+def _basins_with_distance(basins: Basins) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the cells of each basin, and their distances from the attractor."""
+    for k, cells in enumerate(basins.attractor_cells):
+        away = np.ones(basins.box.size, bool)
         away[cells] = False
-        own = np.flatnonzero(found.basin == k)
-        yield own, _distance(found.box, away)[own]
+        own = np.flatnonzero(basins.basin == k)
+        yield own, _distance(basins.box, away)[own]
 
 
 def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
-    """The shortest way from a cell of each attractor to a cell of another basin, or out of all.
+    """Compute the least distance from a cell of each attractor to a cell outside of its basin.
 
-    By an exact Euclidean distance transform between centres, so right to a cell; what is beyond the
-    ends of axes counts only where they are periodic. `inf` where all of the box is one basin.
+    An exact Euclidean distance transform between centres is used, so the result is accurate to a
+    cell. Cells beyond the ends of an axis count only if it is periodic. It is `inf` for a single
+    basin.
 
     **Returns:** the length for each attractor, in the units of the box.
 
@@ -128,7 +127,7 @@ def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
 
 
 def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
-    """From each cell to the nearest that is not among them."""
+    """Compute the distance from each cell to the nearest cell that is not in `own`."""
     grid = own.reshape(box.cells)
     pad = [
         (n, n) if kind == "periodic" else (0, 0)
@@ -141,15 +140,15 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
 
 
 def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
-    """The entropy of the basins in boxes of cells, in nats, and that of boxes on a boundary.
+    """Compute the entropy of the basins in boxes of cells, in nats, and of boxes on a boundary.
 
     **Arguments:**
 
     - `found`: the basins.
-    - `side`: cells along each side of a box; what is left over at the ends is not used.
+    - `side`: number of cells along each side of a box; remaining cells at the ends are not used.
 
-    **Returns:** `S_b`, over all boxes, and `S_bb`, over those with more than one basin (Daza et al.
-    2016). `S_bb > log 2` proves a fractal boundary; a boundary without basins has 0 for both.
+    **Returns:** `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al.
+    2016). `S_bb > log 2` proves a fractal boundary; without a boundary both are 0.
 
     Cells to the right of the middle stay, the others go to the left end:
 
@@ -175,15 +174,15 @@ def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
 def uncertainty_exponent(
     found: Basins, radii: tuple[int, ...] = (1, 2, 3, 5, 8, 13)
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
-    """How the share of cells with another basin within a radius grows with it.
+    """Measure how the share of cells with another basin within a radius grows with the radius.
 
     **Arguments:**
 
     - `found`: the basins.
-    - `radii`: in cells, along any axis.
+    - `radii`: radii in cells, along any axis.
 
-    **Returns:** the exponent, the slope of logarithms: 1 for a smooth boundary of a plane, 0 for
-    one that fills it (Grebogi et al. 1983); and the share of uncertain cells by radius.
+    **Returns:** the exponent, the slope of logarithms: 1 for a smooth boundary in a plane, 0 for a
+    boundary that fills it (Grebogi et al. 1983); and the share of uncertain cells by radius.
 
     Cells to the right of the middle stay, the others go to the left end:
 
@@ -202,21 +201,21 @@ def uncertainty_exponent(
 
 
 def wada(found: Basins, radius: float = 3.0) -> float:
-    """The share of a boundary that is not a boundary of all basins, which is 0 for those of Wada.
+    """Return the share of a boundary that is not a boundary of all basins, 0 for Wada basins.
 
-    With all other basins merged, each basin has a boundary; those of Wada are one (Daza et al.
-    2018). Cells that lead to no attractor count as a basin.
+    Each basin has a boundary with the union of all others; for Wada basins these boundaries are the
+    same (Daza et al. 2018). Cells that lead to no attractor count as a basin.
 
     **Arguments:**
 
     - `found`: three basins or more.
-    - `radius`: cells that one boundary may be from another.
+    - `radius`: largest distance of boundaries that count as the same, in cells.
 
-    **Returns:** the largest share of the cells of one boundary that are farther from another.
+    **Returns:** the largest share of the cells of a boundary that are farther from another one.
 
-    **Raises:** `ValueError` for fewer basins.
+    **Raises:** `ValueError` for fewer than three basins.
 
-    Three stripes, of which only the one in the middle has a boundary with both others:
+    Three stripes; only the middle one has a boundary with both others:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
@@ -235,14 +234,14 @@ def wada(found: Basins, radius: float = 3.0) -> float:
 
 
 def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
-    """Which cells have another label within a radius, along any axis."""
+    """Return a mask of the cells with another label within a radius, along any axis."""
     modes = ["wrap" if kind == "periodic" else "nearest" for kind in box.axes]
     high = ndimage.maximum_filter(labels, 2 * radius + 1, mode=modes)
     return high != ndimage.minimum_filter(labels, 2 * radius + 1, mode=modes)
 
 
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
-    """The share of each basin that lies in each basin of other parameters of the same box.
+    """Compute the share of each basin that lies in each basin for other parameters in the same box.
 
     **Raises:** `ValueError` if the boxes differ.
 

@@ -1,4 +1,4 @@
-"""Cells that are reached or that recur, by images of several points of each."""
+"""Reachable and recurrent cells, by images of several points of each cell."""
 
 import functools
 import itertools
@@ -12,32 +12,32 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..space.box import Box
-from .batches import stacked, with_last
+from .batches import with_last
 from .imaging import check_begin, check_map, mapped_points
 from .maps import Map
 
 
-# Cells whose points are mapped at once; what a front lacks of it is computed for nothing.
+# Number of cells whose points are mapped at once; smaller fronts are padded to it.
 _PART = 1 << 8
 
 
 def unstable_set(
     map: Map, box: Box, start: Any, params: Any = None, *, samples: int = 7
 ) -> Int[np.ndarray, "reached"]:
-    """The cells that a map reaches from some points, by a grid of points of each cell.
+    """Find the cells that a map reaches from given points, by a grid of points of each cell.
 
-    From equilibria that is a cover of their unstable manifolds (Dellnitz & Hohmann 1996), and with
-    them of the attractor that they are in.
+    From equilibria it is a cover of their unstable manifolds (Dellnitz & Hohmann 1996), and so of
+    the attractor that contains them.
 
     **Arguments:**
 
-    - `map`, `box`, `params`: as for [`jaxcell.dynamics.images`][].
-    - `start`: points `[points, axes]`.
-    - `samples`: points along each axis of a cell, from face to face, at least 2.
+    - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
+    - `start`: the starting points, array `[points, axes]`.
+    - `samples`: number of points along each axis of a cell, from face to face, at least 2.
 
-    **Returns:** the cells in ascending order, those of the start included.
+    **Returns:** the cells in ascending order, including those of the start.
 
-    What doubles reaches all that is above it:
+    A map that doubles its point:
 
         >>> from jaxcell import dynamics, space
         >>> box = space.Box([0], [8], cells=[8])
@@ -68,21 +68,21 @@ def morse_sets(
     padding: int = 0,
     closed: bool = True,
 ) -> tuple[Sequence[Int[np.ndarray, "cells"]], csr_array]:
-    """The recurrent components of a multivalued map of cells, and which lead to which.
+    """Find the recurrent components of a multivalued map of cells, and which lead to which.
 
-    The image of a cell is the smallest block of cells around the images of points of it, with cells
-    of padding on all sides. Sets of cells that all lead to each other are Morse sets.
+    The image of a cell is the smallest block of cells around the images of its points, with
+    `padding` more cells on all sides. A Morse set is a maximal set of cells that all lead to each
+    other.
 
     **Arguments:**
 
-    - `map`, `box`, `params`: as for [`jaxcell.dynamics.images`][].
-    - `points`: the corners of a cell, its centre, or a grid of so many points along each axis, from
-        end to end.
-    - `padding`: cells that are added on each side of an image.
-    - `closed`: whether an image that ends on a face takes the cells on both sides of it.
+    - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
+    - `points`: `"corners"` or `"centre"` of a cell, or the number of points along each axis.
+    - `padding`: number of cells that are added on each side of an image.
+    - `closed`: whether an image that ends on a face includes the cells on both sides of it.
 
-    **Returns:** the cells of each Morse set, and a Boolean matrix, whose entry `i, j` says whether
-    set `i` leads to set `j`.
+    **Returns:** the cells of each Morse set, and a Boolean matrix: entry `i, j` is true if `i`
+    leads to `j`.
 
     A saddle in the middle leads to both ends:
 
@@ -124,8 +124,8 @@ def morse_sets(
     names = np.cumsum(recurs) - 1
     inside = recurs[label]
     order = np.argsort(label[inside], kind="stable")
-    found = np.flatnonzero(inside)[order]
-    sets = np.split(found, np.flatnonzero(np.diff(label[found])) + 1) if found.size else []
+    cycles = np.flatnonzero(inside)[order]
+    sets = np.split(cycles, np.flatnonzero(np.diff(label[cycles])) + 1) if cycles.size else []
     edges = csr_array(
         (np.ones(row.size, np.int32), (label[row], label[column])), shape=(recurs.size,) * 2
     )
@@ -133,30 +133,30 @@ def morse_sets(
 
 
 def _reachable(edges: csr_array, sets: np.ndarray, names: np.ndarray) -> csr_array:
-    """Which Morse sets lead to which, through components that do not recur."""
-    found = np.zeros((sets.size, sets.size), bool)
+    """Find which Morse sets lead to which, through components that do not recur."""
+    leads = np.zeros((sets.size, sets.size), bool)
     indptr, indices = edges.indptr, edges.indices
-    for name, one in enumerate(sets):
+    for name, component in enumerate(sets):
         seen = np.zeros(edges.shape[0], bool)
-        front = np.array([one])
+        front = np.array([component])
         while front.size:
             seen[front] = True
             after = np.unique(np.concatenate([indices[indptr[c] : indptr[c + 1]] for c in front]))
             front = after[~seen[after]]
-        found[name] = seen[sets]
-        found[name, name] = False
-    return csr_array(found)
+        leads[name] = seen[sets]
+        leads[name, name] = False
+    return csr_array(leads)
 
 
 def _mapped(
     map: Map, box: Box, params: Any, cells: np.ndarray, offsets: np.ndarray
 ) -> Int[np.ndarray, "cells points"]:
-    """The cells of the images of points of cells, a few hundred cells at a time."""
-    found = []
+    """Compute the cells of the images of points of cells, 256 cells at a time."""
+    images = []
     for k in range(0, cells.size, _PART):
         part = with_last(cells[k : k + _PART], _PART)
-        found.append(np.asarray(_of_part(map, box, params, part, offsets * box.width)))
-    return np.concatenate(found)[: cells.size]
+        images.append(np.asarray(_of_part(map, box, params, part, offsets * box.width)))
+    return np.concatenate(images)[: cells.size]
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
@@ -168,9 +168,9 @@ def _of_part(map: Map, box: Box, params: Any, cells: Any, offsets: Any) -> Any:
 def _blocks(
     map: Map, box: Box, params: Any, cells: np.ndarray, offsets: np.ndarray, edge: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest and the highest cell, along each axis, of the images of points of each cell."""
+    """Return the lowest and highest cell, on each axis, of the images of points of each cell."""
     points = box.centre(cells)[:, None] + offsets * box.width
-    image = np.asarray(mapped_points(map, stacked([params]), np.arange(1), points))[0]
+    image = np.asarray(mapped_points(map, params, points))
     place = (image - np.array(box.lower)) / box.width
     low = np.ceil(place.min(axis=1) - edge) - 1 if edge > 0 else np.floor(place.min(axis=1) - edge)
     high = np.floor(place.max(axis=1) + edge)

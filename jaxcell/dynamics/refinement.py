@@ -1,11 +1,9 @@
-"""Finer cells where they are wanted: at boundaries of basins, and on attractors."""
+"""Finer cells at boundaries of basins, and on attractors."""
 
-import functools
 import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -13,55 +11,54 @@ from ..space.box import Box
 from ..space.cells import TOLERANCE
 from .basin import Basins
 from .batches import with_last
-from .imaging import CHUNK, check_begin, check_map
+from .imaging import CHUNK, check_begin, check_map, mapped_points
 from .maps import Map
 from .orbits import VISITS, attractor_owners, orbit_ends
 
 
-# Points that are followed for what is not cut, of each level; so many cells have as many around.
+# Number of points per level that sample cells without cuts, divided by those of a neighbourhood.
 _SAMPLED = 1 << 16
-# Cells of a cover whose points are mapped at once; what the last lack of it is for nothing.
+# Number of cells of a cover whose points are mapped at once; the last ones are padded to it.
 _PART = 1 << 12
 
 
 class Refined(NamedTuple):
-    """Basins whose cells at boundaries have been halved along each axis, again and again."""
+    """Basins whose cells at boundaries are repeatedly halved along each axis."""
 
     fraction: Float[np.ndarray, "attractors"]
-    "The share of the box that leads to each attractor, by the finest cells and the points drawn."
+    "The share of the box that leads to each attractor, by the finest cells and random points."
     uncertain: Float[np.ndarray, "levels"]
-    """The share of the box that cells at a boundary take, by level; the first is that of the
-    basins. Where the boundary is fractal, what is not cut is sampled."""
+    """The share of the box in cells at a boundary, by level, starting with the unrefined basins;
+    estimated by random points at a fractal boundary."""
     exponent: float
-    "The slope of its logarithm over that of the length of cells; 1 for smooth boundaries."
+    "The slope of log `uncertain` over the log of the length of cells; 1 for smooth boundaries."
     boundary: Float[np.ndarray, "cells axes"]
-    "Centres of the finest cells that are at a boundary."
+    "Centres of the finest cells at a boundary."
     basin: Int[np.ndarray, "cells"]
-    "The attractor that each of them leads to, -1 for none."
+    "The attractor of each of these cells, -1 for none."
     mapped: int
-    "Finer cells that were followed."
+    "Number of finer cells that were followed."
 
 
 def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
     """Refine the boundaries of basins.
 
     A cell with another basin beside it is cut in two along each axis, and the centres of its parts
-    are mapped until they come to a cell that has its own basin on all sides. Parts that have
-    another basin beside them are cut again. A fractal boundary also passes between cells of one
-    basin, which are not cut. So points of the finest level are drawn from all of the box and
-    followed to their attractors: they correct the shares, and if any of them shows that a cell has
-    other basins in it than those around, every point is followed so, and cells at a boundary that
-    are not cut are counted among those drawn.
+    are mapped until they reach a cell that has its own basin on all sides. Parts with another basin
+    beside them are cut again. A fractal boundary also passes between cells of one basin, which are
+    not cut. So random points of the whole box, at the finest level, are followed to their
+    attractors: they correct the shares. If any point shows that a cell contains basins that are not
+    beside it, every point is followed, and boundary cells are counted among the random points.
 
     **Arguments:**
 
-    - `map`: the map that the basins are of.
+    - `map`: the map of the basins.
     - `found`: the basins.
-    - `levels`: how often cells are halved.
+    - `levels`: number of times that cells are halved.
 
     **Returns:** [`Refined`][jaxcell.dynamics.Refined].
 
-    Starts above 0.3 go up, the others down; cells of a quarter cannot say so:
+    Starts above 0.3 go up, the others down; cells of length 0.25 cannot resolve this:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
@@ -72,7 +69,7 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
         ([0.75, 0.25], [0.7, 0.3])
     """
     box = found.box
-    # By level, the cells that were followed in ascending order, and the basin of each.
+    # The followed cells of each level, in ascending order, and their basins.
     keys = [np.arange(box.size)]
     basins = [found.basin]
     edge = np.flatnonzero(_at_boundary(box, keys, basins))
@@ -91,7 +88,7 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
     for level in range(1, levels + 1):
         new = _halved(box, keys[-1][edge], level)
         label = _ends(map, found, owner, visits, _centres(box, new, level))
-        # What was said of the cells is taken back, and said of their parts.
+        # The volume of the cells is replaced by that of their parts.
         share = 0.5 ** (level * box.dimensions)
         volume -= share * parts * np.bincount(basins[-1][edge] + 1, minlength=volume.size)
         volume += share * np.bincount(label + 1, minlength=volume.size)
@@ -122,17 +119,18 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
 def relative_attractor(
     map: Map, box: Box, params: Any = None, *, levels: int = 4, samples: int = 3
 ) -> Float[np.ndarray, "cells axes"]:
-    """Cover what of a box has always been in it, by halving cells and dropping those not reached.
+    """Cover the points that have always been in a box, by halving cells and dropping unreached
+    ones.
 
-    Cells that no cell of the cover is mapped to are dropped, what is left is cut in two along each
-    axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors in
-    the box, and the unstable sets that lead to them.
+    Cells that are not reached from any cell of the cover are dropped, the rest are cut in two along
+    each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors
+    in the box, and the unstable sets that lead to them.
 
     **Arguments:**
 
-    - `map`, `box`, `params`: as for [`jaxcell.dynamics.images`][].
-    - `levels`: how often cells are halved.
-    - `samples`: points along each axis of a cell that are mapped, from face to face, at least 2.
+    - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
+    - `levels`: number of times that cells are halved.
+    - `samples`: number of points of a cell along each axis, from face to face, at least 2.
 
     **Returns:** the centres of the finest cells of the cover.
 
@@ -155,38 +153,33 @@ def relative_attractor(
         hit = []
         for k in range(0, keys.size, _PART):
             part = with_last(points[k : k + _PART], _PART)
-            hit.append(_keys_of(box, np.asarray(_image(map, params, part)), level))
+            hit.append(_keys_of(box, np.asarray(mapped_points(map, params, part)), level))
         keys = np.intersect1d(keys, np.concatenate([keys[:0], *hit]))
     return _centres(box, keys, levels)
 
 
-@functools.partial(jax.jit, static_argnames="map")
-def _image(map: Map, params: Any, points: Any) -> Any:
-    return jax.vmap(jax.vmap(lambda x: map(x, params)))(points)
-
-
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """The cells of a level that points are in, without those outside."""
+    """Return the cells of a level that contain points, without points outside."""
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)
     kinds = np.array(box.axes)
     place = np.where(kinds == "periodic", place % count, place)
     place = np.where(kinds == "clamp", np.clip(place, 0, count - 1), place)
-    # What is not finite is not inside.
+    # Points that are not finite are not inside.
     inside = ((place >= 0) & (place < count)).all(axis=1)
     return np.unique(_keys(box, place[inside].astype(np.int64), level))
 
 
 def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
-    """The parts, of a level, of cells of the level before."""
+    """Cut cells of the level before into their parts of a level."""
     halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
     places = 2 * _places(box, keys, level - 1)[:, None] + halves
     return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
 
 
 def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:
-    """The coordinates of cells of a level, which a 32-bit box may not number."""
+    """Return the coordinates of cells of a level; 32-bit numbers may not suffice for the cells."""
     return np.stack(np.unravel_index(keys, tuple(n << level for n in box.cells)), axis=-1)
 
 
@@ -203,7 +196,7 @@ def _centres(
 def _at_boundary(
     box: Box, keys: list[Int[np.ndarray, "_"]], basins: list[Int[np.ndarray, "_"]]
 ) -> Bool[np.ndarray, "cells"]:
-    """Which cells of the finest level have another basin beside them, or at a corner."""
+    """Return a mask of the cells of the finest level that touch a cell of another basin."""
     level = len(keys) - 1
     differs = np.zeros(keys[-1].size, bool)
     for beside in _around(box, _places(box, keys[-1], level) + 0.5, level):
@@ -214,7 +207,7 @@ def _at_boundary(
 def _around(
     box: Box, places: Float[np.ndarray, "points axes"], level: int
 ) -> Iterator[Float[np.ndarray, "points axes"]]:
-    """What is a cell of a level away from points, in each direction, and they themselves."""
+    """Yield points moved by a cell of a level in each direction, and the points themselves."""
     count = np.array(box.cells) << level
     periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
@@ -228,7 +221,7 @@ def _basin_at(
     basins: list[Int[np.ndarray, "_"]],
     places: Int[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """The basin of cells of the finest level, of the cell that holds them if they were not cut."""
+    """Return the basins at places of the finest level, from the finest cells that hold them."""
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):
@@ -242,14 +235,14 @@ def _basin_at(
 
 def _ends(
     map: Map,
-    found: Basins,
+    basins: Basins,
     owner: Int[np.ndarray, "_"],
     visits: int,
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """The basins of points, by the cells of an owner that they come to."""
+    """Return the basins of points, by the owners of the cells that they reach."""
     parts = [
-        orbit_ends(map, found.box, found.params, owner, points[k : k + CHUNK], visits=visits)[0]
+        orbit_ends(map, basins.box, basins.params, owner, points[k : k + CHUNK], visits=visits)[0]
         for k in range(0, len(points), CHUNK)
     ]
     return np.maximum(np.concatenate([np.empty(0, np.int32), *parts]), -1)

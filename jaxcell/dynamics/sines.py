@@ -1,7 +1,7 @@
-"""Sines of many points at once, on processors.
+"""Sines of many points at once on processors.
 
-There XLA calls the C library for each point, which takes longer than all else in most fields. A
-polynomial is computed by the vector units, for many points in the time of one.
+On processors XLA calls the C library for each point, which takes longer than the rest of most
+fields. The vector units compute a polynomial for many points in the time of one.
 """
 
 import functools
@@ -18,23 +18,23 @@ from jaxtyping import Array, Float
 
 Result = TypeVar("Result")
 
-# Pi as a sum, whose first terms have so few bits that multiples of them are exact: 8 in 32 bits.
+# Pi as a sum. Its first terms have so few bits (8 in 32 bits) that their multiples are exact.
 _PI = {
     "float32": (3.140625, 9.65118408203125e-4, 2.5331974029541016e-6, 1.984187258941006e-9),
     "float64": (3.1415926218032837, 3.178650942459171e-8, 1.2246467864107189e-16, 1.27366343e-24),
 }
-# Terms of the series, up to an error of half a unit in the last place a quarter of a turn away.
+# Number of terms of the series for an error of half a unit in the last place at a quarter turn.
 _TERMS = {"float32": 6, "float64": 11}
 
 
 def with_sines(function: Callable[..., Result]) -> Callable[..., Result]:
-    """The same function, with sines and cosines that are polynomials on processors."""
+    """Return the same function with sines and cosines that are polynomials on processors."""
 
     @functools.wraps(function)
     def of_polynomials(*arguments: Any) -> Result:
         traced, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
-        found = jaxpr_as_fun(_changed(traced))(*jax.tree.leaves(arguments))
-        return cast("Result", jax.tree.unflatten(jax.tree.structure(shape), found))
+        leaves = jaxpr_as_fun(_changed(traced))(*jax.tree.leaves(arguments))
+        return cast("Result", jax.tree.unflatten(jax.tree.structure(shape), leaves))
 
     return of_polynomials
 
@@ -64,14 +64,14 @@ def _cosine(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
 
 
 def _polynomial(x: Float[Array, "*shape"], first: float) -> Float[Array, "*shape"]:
-    """What is 0 and goes up at `first` half turns, or down after an odd number of them more.
+    """Compute the sine that rises through 0 at `first` half turns.
 
-    It is right to two units in the last place of 1.
+    The error is at most two units in the last place of 1.
     """
     turns = jnp.round(x / math.pi - first)
     for part in _PI[x.dtype.name]:
         x = x - (turns + first) * part
-    # Where angles are so large that not even the turn is known, the result is still one of a sine.
+    # If angles are so large that the turn is unknown, the result is still a value of a sine.
     x = jnp.clip(x, -2, 2)
     square, series = x * x, jnp.zeros_like(x)
     for k in reversed(range(_TERMS[x.dtype.name])):

@@ -8,15 +8,15 @@ from .maps import Map
 
 @dataclasses.dataclass(frozen=True)
 class System:
-    """A map with the box to look at, its parameters, and the names of its axes."""
+    """A map with its box, its parameters, and the names of its axes."""
 
     map: Map
     box: Box
     params: Mapping[str, float] = dataclasses.field(default_factory=lambda: MappingProxyType({}))
     labels: tuple[str, ...] = ()
-    "What the axes are called, with their units."
+    "The names of the axes, with units."
     about: str = ""
-    "One line that says what it is."
+    "A description of one line."
 
     def __post_init__(self) -> None:
         if self.labels and len(self.labels) != self.box.dimensions:

@@ -11,13 +11,13 @@ from .generalized import Chain
 from .sequence import ChainSequence
 
 
-# Bytes that the domiciles of all groups may take.
+# The largest size of the table of domiciles, in bytes.
 _LARGEST_TABLE = 2**32
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PersistentGroups:
-    """The persistent groups of a chain and what can reach them (Alam 2018, Definition 3.3.3)."""
+    """The persistent groups of a chain and what reaches them (Alam 2018, Definition 3.3.3)."""
 
     group: Int[Array, "cells"]
     "The persistent group of each cell, from 0 in the order of smallest cells; -1 if transient."
@@ -26,20 +26,20 @@ class PersistentGroups:
     size: Int[Array, "groups"]
     "Number of cells of each group."
     _matrix: scipy.sparse.csr_array = dataclasses.field(repr=False)
-    # The groups of all states of the matrix, if the cells are the first of them only.
+    # The groups of all states of the matrix, if the cells are only the first of the states.
     _states: Int[Array, "states"] | None = dataclasses.field(default=None, repr=False)
 
     @property
     def persistent(self) -> Bool[Array, "cells"]:
-        """Whether the cell belongs to a persistent group."""
+        """A mask of the cells that belong to a persistent group."""
         return self.group >= 0
 
     @functools.cached_property
     def domicile(self) -> Bool[Array, "groups cells"]:
-        """Whether each cell can reach each group, its own cells included.
+        """A mask of the cells that can reach each group, including the cells of the group.
 
-        **Raises:** `ValueError` if the table would take more than 4 GiB; ask
-        [`PersistentGroups.reaching`][] for one group at a time then.
+        **Raises:** `ValueError` if the table exceeds 4 GiB; use [`PersistentGroups.reaching`][] for
+        one group at a time then.
         """
         cells = self.group.shape[0]
         if self.count * cells > _LARGEST_TABLE:
@@ -53,11 +53,12 @@ class PersistentGroups:
         return jax.device_put(table)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Those of the period map: the same for the first cells only, which stand for phase 0.
+        """Restrict the groups of an unrolled sequence to its first cells, which are those at phase
+        0.
 
         **Arguments:**
 
-        - `cells`: number of cells, of a chain that is [`ChainSequence.unrolled`][].
+        - `cells`: number of cells of the sequence, whose chain is [`ChainSequence.unrolled`][].
         """
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
@@ -65,9 +66,9 @@ class PersistentGroups:
         return PersistentGroups(group, self.count, size, self._matrix, self.group)
 
     def reaching(self, group: int) -> Bool[Array, "cells"]:
-        """Whether each cell can reach a group: one row of `domicile`.
+        """Return a mask of the cells that can reach a group: one row of `domicile`.
 
-        **Raises:** `ValueError` if there is no such group.
+        **Raises:** `ValueError` if the group does not exist.
         """
         if not 0 <= group < self.count:
             raise ValueError(f"group {group} does not exist; there are {self.count}")
@@ -82,8 +83,8 @@ class PersistentGroups:
     def phase(self) -> Int[Array, "cells"]:
         """The cyclic class of each cell in its group; -1 if transient.
 
-        That of the smallest cell of the group is 0, and one step leads from a class to the next,
-        modulo the period.
+        The class of the smallest cell of the group is 0, and one step leads from each class to the
+        next, modulo the period.
         """
         return self._circuits[1]
 
@@ -93,8 +94,8 @@ class PersistentGroups:
         inside = np.flatnonzero(group >= 0)
         group = group[inside]
         edges = self._matrix[inside][:, inside].tocoo()
-        # The breadth-first level of a cell and those of its images differ by 1, modulo the period,
-        # and circuits are where they do not.
+        # The breadth-first levels of a cell and of its images differ by 1, modulo the period.
+        # Circuits are detected where they differ by another number.
         _, roots = np.unique(group, return_index=True)
         level = np.zeros(inside.size, np.int64)
         if inside.size:
@@ -107,7 +108,7 @@ class PersistentGroups:
         cells = self.group.shape[0]
         phase = np.full(self._matrix.shape[0], -1, np.int32)
         phase[inside] = level % period[group]
-        # Whole periods lead from the cells at one phase to those at the same.
+        # Whole periods lead from cells at a phase to cells at the same phase.
         phases = self._matrix.shape[0] // cells
         period = (period // phases).astype(np.int32)
         return jax.device_put((period, phase[:cells] // phases))
@@ -122,43 +123,42 @@ class PersistentGroups:
 def reaching(
     matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
 ) -> Bool[np.ndarray, "cells"]:
-    """Whether each cell of a chain can come to a set of cells; those of the set can.
+    """Return a mask of the cells of a chain that can reach a set of cells, including the set.
 
     **Arguments:**
 
-    - `matrix`: the transition matrix, without zeros among its entries.
+    - `matrix`: the transition matrix, without explicit zeros.
     - `target`: the set.
     """
     cells = target.size
     goals = np.flatnonzero(target)
     source = np.repeat(np.arange(cells), np.diff(matrix.indptr))
-    # Backwards along the edges, from one more node that leads to all the set.
+    # The search goes backwards along the edges, from an additional node that leads to the set.
     tail = np.concatenate([matrix.indices, np.full(goals.size, cells)])
     head = np.concatenate([source, goals])
     backwards = scipy.sparse.csr_array(
         (np.ones(tail.size), (tail, head)), shape=(cells + 1, cells + 1)
     )
-    found = np.zeros(cells + 1, bool)
-    found[csgraph.breadth_first_order(backwards, cells, return_predecessors=False)] = True
-    return found[:-1]
+    reached = np.zeros(cells + 1, bool)
+    reached[csgraph.breadth_first_order(backwards, cells, return_predecessors=False)] = True
+    return reached[:-1]
 
 
 def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     """Find the persistent groups of a chain: its closed communicating classes.
 
-    They are the strongly connected components that nothing leaves, neither for another cell nor for
-    the sink; all other cells are transient. On the host, in time proportional to the number of
+    They are the strongly connected components without edges to other cells or to the sink; all
+    other cells are transient. They are found on the host, in time proportional to the number of
     edges.
 
     **Arguments:**
 
-    - `chain`: the chain, or a sequence of chains, for the groups of its period map. The map is not
-        made: they are the components of the unrolled chain, as they are at phase 0.
+    - `chain`: the chain, or a sequence of chains, for the groups of its period map. The period map
+        is not computed: its groups are the components of the unrolled chain, restricted to phase 0.
 
-    **Returns:** [`PersistentGroups`][]. `domicile`, `period` and `phase` are computed when they are
-    asked for.
+    **Returns:** [`PersistentGroups`][]. `domicile`, `period` and `phase` are computed on demand.
 
-    Cells 1 and 2 change places, cell 3 stays, and cell 0 comes to either:
+    Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to both groups:
 
         >>> import numpy as np
         >>> from jaxcell import mapping
@@ -181,7 +181,7 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     closed = np.flatnonzero(~open_)
     persistent = np.flatnonzero(~open_[label])
     smallest = np.zeros(components, np.int64)
-    # Assigned from the last cell to the first, so that the first stays.
+    # The assignment goes from the last cell to the first, so that the first remains.
     smallest[label[persistent[::-1]]] = persistent[::-1]
     closed = closed[np.argsort(smallest[closed])]
     number = np.full(components, -1, np.int32)

@@ -13,24 +13,24 @@ from .generalized import Chain
 
 # The sink as a domicile.
 SINK = -1
-# Nodes whose edges are listed at once.
+# Number of nodes whose edges are listed at once.
 _CHUNK = 1 << 16
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TransientGroups:
-    """Transient cells by where they may end: one group for each set of domiciles that occurs.
+    """Transient cells by their domiciles: one group for each set of domiciles that occurs.
 
     A *domicile* of a transient cell is a persistent group that it can reach, and here also the
-    sink, written -1. With one the cell is *single-domicile*, in the domain of attraction of that
-    group; with several it is *multiple-domicile*, in the boundary region between their domains
-    (Alam 2018, Definition 5.4.2).
+    sink, written -1. A cell with one domicile is *single-domicile*, in the domain of attraction of
+    that group; a cell with several is *multiple-domicile*, in the boundary region between their
+    domains (Alam 2018, Definition 5.4.2).
     """
 
     group: Int[Array, "cells"]
     "The transient group of each cell, from 0 in the order of `domiciles`; -1 if persistent."
     domiciles: tuple[tuple[int, ...], ...]
-    "The domiciles of each transient group, ascending; fewer come first, then smaller ones."
+    "The domiciles of each transient group, ascending; groups with fewer come first, then smaller."
     size: Int[Array, "groups"]
     "Number of cells of each transient group."
 
@@ -41,16 +41,16 @@ class TransientGroups:
 
     @property
     def single(self) -> Bool[np.ndarray, "groups"]:
-        """Whether a transient group has one domicile."""
+        """A mask of the transient groups with one domicile."""
         return np.array([len(homes) == 1 for homes in self.domiciles], bool)
 
     def first(self, cells: int) -> "TransientGroups":
-        """The same for the first cells only, as [`PersistentGroups.first`][]."""
+        """Restrict the groups to the first cells, as [`PersistentGroups.first`][]."""
         group = np.asarray(self.group[:cells])
         used, number = np.unique(group[group >= 0], return_inverse=True)
         group = group.copy()
         group[group >= 0] = number
-        homes = tuple(self.domiciles[one] for one in used)
+        homes = tuple(self.domiciles[place] for place in used)
         size = np.bincount(number, minlength=used.size)
         group, size = jax.device_put((group, size.astype(np.int32)))
         return TransientGroups(group, homes, size)
@@ -59,11 +59,12 @@ class TransientGroups:
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.
 
-    Backwards from the ends in their order, and in the reverse order, each cell is first met from
-    its first domicile and from its last. Where these are one it is the only one. Of the other cells
-    strongly connected ones have the same domiciles, and those of a component are the union of those
-    of the components that it leads to. These are joined backwards, and sets that are equal are kept
-    once; so any number of groups will do, where a table of groups and cells would not fit.
+    A search backwards from the ends in their order, and one in the reverse order, meet each cell
+    first from its first and from its last domicile. If these are equal, it is the only one. Among
+    the other cells, strongly connected cells have the same domiciles, and those of a component are
+    the union of those of the components that it leads to. Unions are formed backwards, and equal
+    sets are stored once; so the number of groups is not limited by the memory of a table of groups
+    and cells.
 
     **Arguments:**
 
@@ -72,21 +73,21 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
 
     **Returns:** [`TransientGroups`][].
 
-    **Raises:** `ValueError` if the groups are of another chain.
+    **Raises:** `ValueError` if the groups belong to another chain.
 
-    A random walk that ends at either end of a line of four cells:
+    A random walk that stops at both ends of a line of four cells:
 
         >>> from jaxcell import examples, mapping
         >>> chain = examples.ruin()
-        >>> found = mapping.transient_groups(chain, mapping.persistent_groups(chain))
-        >>> found.group.tolist(), found.domiciles
+        >>> groups = mapping.transient_groups(chain, mapping.persistent_groups(chain))
+        >>> groups.group.tolist(), groups.domiciles
         ([-1, 0, 0, -1], ((0, 1),))
     """
     group = np.asarray(groups.group)
     if group.size != chain.cells:
         raise ValueError(
-            f"groups: expected those of this chain of {chain.cells} cells, got those of one of "
-            f"{group.size}"
+            f"groups: expected groups of this chain of {chain.cells} cells, got groups of "
+            f"{group.size} cells"
         )
     matrix = chain.to_scipy()
     least, most = _outermost(chain, group, groups.count)
@@ -95,14 +96,14 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     tails = np.repeat(np.arange(inner.shape[0]), np.diff(inner.indptr))
     leaving = np.flatnonzero(chain.can_leave[several])
     components, label = csgraph.connected_components(inner[:, several], connection="strong")
-    # Before the components there is a node for each home, and steps lead to nodes before.
+    # A node for each home precedes the components, and steps lead to preceding nodes.
     homes = groups.count + 1
     node = least.copy()
     node[several] = label + homes
     source = np.concatenate([label[tails], label[leaving]]) + homes
     target = np.concatenate([node[inner.indices], np.zeros(leaving.size, int)])
     between = source != target
-    # scipy numbers components backwards along the steps, and does not promise it.
+    # scipy numbers components backwards along the steps, but does not guarantee it.
     assert (source >= target).all()
     later = scipy.sparse.csr_array(
         (np.ones(between.sum(), bool), (source[between], target[between])),
@@ -114,26 +115,27 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     order = sorted(np.flatnonzero(count).tolist(), key=lambda n: (len(sets[n]), sets[n]))
     rank = np.empty(len(sets), np.int32)
     rank[order] = np.arange(len(order))
-    found = np.full(group.size, -1, np.int32)
-    found[cells] = rank[number[node[cells]]]
-    placed, size = jax.device_put((found, count[order].astype(np.int32)))
+    number_of_cell = np.full(group.size, -1, np.int32)
+    number_of_cell[cells] = rank[number[node[cells]]]
+    placed, size = jax.device_put((number_of_cell, count[order].astype(np.int32)))
     return TransientGroups(placed, tuple(sets[n] for n in order), size)
 
 
 def _outermost(
     chain: Chain, group: Int[np.ndarray, "cells"], groups: int
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """The first and the last home of each cell, counted from the sink on."""
+    """Find the first and the last home of each cell, counted from the sink."""
     earlier = chain.to_scipy().tocsc()
     persistent = np.flatnonzero(group >= 0)
     _, first = np.unique(group[persistent], return_index=True)
     doors = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
-    def found_first(doors: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
-        """The first list from which each cell is reached against the steps.
+    def first_door(doors: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
+        """Find the first list from which each cell is reached against the steps.
 
-        Strong components are numbered when a depth-first search from node to node is done with
-        them. So with a node for each list in front, what its search finds has the next numbers.
+        Strong components are numbered when a depth-first search, node after node, has finished
+        them. So with one node per list in front, the nodes that its search finds have the next
+        numbers.
         """
         ends = np.cumsum([0, *map(len, doors)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])
@@ -143,24 +145,24 @@ def _outermost(
         of_label = np.repeat(np.arange(len(doors)), np.diff(label[: len(doors)], prepend=-1))
         return of_label[label[len(doors) :]]
 
-    return found_first(doors), groups - found_first(doors[::-1])
+    return first_door(doors), groups - first_door(doors[::-1])
 
 
 def _unions(
     later: scipy.sparse.csr_array, homes: int
 ) -> tuple[Int[np.ndarray, "nodes"], list[tuple[int, ...]]]:
-    """The sets of homes that the nodes of a graph lead to.
+    """Find the sets of homes to which the nodes of a graph lead.
 
     **Arguments:**
 
-    - `later`: the edges, each to a node before.
-    - `homes`: how many of the first nodes lead nowhere: the sink, and the groups in their order.
+    - `later`: the edges, each to a preceding node.
+    - `homes`: number of first nodes without edges: the sink, and the groups in their order.
 
     **Returns:** the number of the set of each node, and the sets.
     """
     number = list(range(homes))
     sets: list[tuple[int, ...]] = [(home + SINK,) for home in range(homes)]
-    known = {one: place for place, one in enumerate(sets)}
+    known = {homes_of_set: place for place, homes_of_set in enumerate(sets)}
     joined: dict[tuple[int, int], int] = {}
     for first in range(homes, later.shape[0], _CHUNK):
         ends = later.indptr[first : first + _CHUNK + 1]

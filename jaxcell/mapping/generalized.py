@@ -11,22 +11,21 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.precision import require_x64
 
 
-# Rows whose sums differ from 1 by no more are taken to sum to 1.
+# Tolerance of the sum of a row.
 _ROUNDING = 1e-12
 
 
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Chain:
-    """A generalized cell mapping: every cell has several images, each with a probability.
+    """A generalized cell mapping: every cell has several images with probabilities.
 
-    That is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
-    `b`-th image of every cell, and cells with fewer images are filled up with themselves at
-    probability 0, which is no edge of the chain. The probabilities of a cell may sum to less than
-    1: what is missing leaves the space and goes to a *sink*, from which nothing comes back. It is
-    never normalised away.
+    It is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
+    `b`-th image of every cell; cells with fewer images are padded with themselves at probability 0,
+    which is not an edge of the chain. The probabilities of a cell may sum to less than 1: the rest
+    leaves the space for a *sink*, from which nothing returns. It is never normalised away.
 
-    Cell 0 stays or goes on to 1, which stays; cell 2 leaves the space in one of ten steps:
+    Cell 0 stays or moves to cell 1, which stays; cell 2 leaves the space in one of ten steps:
 
         >>> import numpy as np
         >>> from jaxcell import mapping
@@ -46,13 +45,12 @@ class Chain:
     def __init__(self, image: Any, probability: Any) -> None:
         """**Arguments:**
 
-        - `image`: integer array `[branches, cells]`, the cells that each cell may be mapped to.
+        - `image`: integer array `[branches, cells]`, the images of each cell.
         - `probability`: float64 array of the same shape.
 
-        **Raises:** `ValueError` that names the cell for an image that does not exist, and a
-        probability that is negative, not a number, or with the others of its cell sums to more
-        than 1; `ValueError` for arrays of other shapes or types. Values are checked only outside
-        `jit`. `RuntimeError` where JAX is set to 32 bits.
+        **Raises:** `ValueError` for arrays of other shapes or types, an image that does not exist,
+        and probabilities that are negative, not numbers, or sum to more than 1. Values are checked
+        only outside `jit`. `RuntimeError` where JAX is set to 32 bits.
         """
         require_x64("a chain")
         _check_arrays(image, probability)
@@ -61,14 +59,14 @@ class Chain:
 
     @classmethod
     def from_scipy(cls, matrix: Any) -> "Chain":
-        """The chain of a transition matrix.
+        """Make the chain of a transition matrix.
 
         **Arguments:**
 
         - `matrix`: square array, sparse or dense; row `i` holds the probabilities of leaving cell
-            `i`, and what they lack of 1 goes to the sink.
+            `i`, whose rest, up to 1, goes to the sink.
 
-        **Raises:** `ValueError` if it is not square; else as the constructor.
+        **Raises:** `ValueError` if it is not square, and as the constructor.
         """
         rows = scipy.sparse.csr_array(matrix, copy=True)
         if rows.shape[0] != rows.shape[1]:
@@ -76,9 +74,9 @@ class Chain:
         return cls(*slots_of(rows))
 
     def to_scipy(self) -> scipy.sparse.csr_array:
-        """The transition matrix without the sink; all its entries are positive.
+        """Return the transition matrix without the sink; all its entries are positive.
 
-        It is made once, on the host, and kept with the chain, so its arrays cannot be written to.
+        It is computed once, on the host, and stored with the chain, so its arrays are read-only.
         """
         return self._matrix
 
@@ -86,10 +84,10 @@ class Chain:
     def _matrix(self) -> scipy.sparse.csr_array:
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         cells = image.shape[1]
-        # Slots of probability 0 are dropped before anything is sorted: most are, in a sparse chain.
+        # Slots of probability 0, most slots of a sparse chain, are dropped before sorting.
         used = probability > 0
         at = np.flatnonzero(np.ascontiguousarray(used.T))
-        # scipy turns larger whole numbers into these each time that it looks for components.
+        # The search of scipy for components converts larger integers to this type each time.
         small = np.int32 if at.size < 2**31 else np.int64
         end = np.concatenate([[0], np.cumsum(used.sum(axis=0))]).astype(small)
         rows = (probability.T.ravel()[at], image.T.ravel()[at].astype(small, copy=False), end)
@@ -101,7 +99,7 @@ class Chain:
 
     @functools.cached_property
     def can_leave(self) -> Bool[np.ndarray, "cells"]:
-        """Whether the next step from each cell may go to the sink; found once, on the host."""
+        """A mask of the cells whose next step may go to the sink, on the host."""
         return leaving_rows(self._matrix) > 0
 
     @property
@@ -118,7 +116,7 @@ class Chain:
 
     @jax.jit
     def push(self, distribution: Float[Array, "cells"]) -> Float[Array, "cells"]:
-        """The distribution one step later, `p P`; what it lacks has gone to the sink."""
+        """Compute the distribution one step later, `p P`; its missing mass is in the sink."""
 
         def add(later, branch):  # type: ignore[no-untyped-def]
             image, probability = branch
@@ -129,13 +127,13 @@ class Chain:
 
     @jax.jit
     def pull(self, value: Float[Array, "cells"]) -> Float[Array, "cells"]:
-        """The expected value one step later, `P v`; the sink counts as 0."""
+        """Compute the expected value one step later, `P v`; the value of the sink is 0."""
 
         def add(expected, branch):  # type: ignore[no-untyped-def]
             image, probability = branch
             return expected + probability * value[image], None
 
-        # Eight branches at a time, so that sums are not written and read for each.
+        # Eight branches are unrolled to save memory traffic of the sums.
         branches = (self.image, self.probability)
         return jax.lax.scan(add, jnp.zeros_like(value), branches, unroll=8)[0]
 
@@ -145,8 +143,8 @@ class Chain:
 
     @classmethod
     def tree_unflatten(cls, _, fields):  # type: ignore[no-untyped-def]
-        # Past the constructor: JAX puts other things than arrays here, and what came out of a
-        # transformation was checked when it went in.
+        # The constructor is bypassed: JAX passes objects other than arrays, and the results of a
+        # transformation were checked on entry.
         chain = object.__new__(cls)
         object.__setattr__(chain, "image", fields[0])
         object.__setattr__(chain, "probability", fields[1])
@@ -154,7 +152,7 @@ class Chain:
 
 
 def _kept(array: Any, kind: Any) -> Any:
-    """An array for JAX, which does not change if that of NumPy does that it was made of."""
+    """Return an array of JAX that does not share memory with a NumPy array."""
     if isinstance(array, jax.Array):
         return array.astype(kind)
     return jax.device_put(np.array(array, kind))
@@ -163,8 +161,8 @@ def _kept(array: Any, kind: Any) -> Any:
 def slots_of(
     rows: scipy.sparse.csr_array,
 ) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
-    """The images of each cell and their probabilities, from a transition matrix, which is tidied:
-    entries of the same place are summed, and those that are 0 left out."""
+    """Return the images of each cell and their probabilities, from a transition matrix, whose
+    duplicate entries are summed and zeros removed in place."""
     rows.sum_duplicates()
     rows.eliminate_zeros()
     cells = rows.shape[0]
@@ -180,7 +178,7 @@ def slots_of(
 
 
 def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
-    """[`Chain.leaving`][], from the transition matrix."""
+    """Compute [`Chain.leaving`][] from the transition matrix."""
     missing = 1 - matrix @ np.ones(matrix.shape[1])
     return np.where(missing > _ROUNDING, missing, 0.0)
 
@@ -205,7 +203,7 @@ def _check_arrays(image: Any, probability: Any) -> None:
         raise ValueError(
             f"image[{branch}, {cell}] is {image[branch, cell]}; cells are 0 to {cells - 1}"
         )
-    # A sum is finite and a minimum is not negative only if all the probabilities are so.
+    # A sum is finite and a minimum is not negative only if that holds for all probabilities.
     total = probability.sum(axis=0)
     if not (probability.min() >= 0):
         branch, cell = np.argwhere(~(probability >= 0))[0]
@@ -215,5 +213,5 @@ def _check_arrays(image: Any, probability: Any) -> None:
     if not (total.max() <= 1 + _ROUNDING):
         cell = int(np.argmax(total))
         raise ValueError(
-            f"probability: those of cell {cell} sum to {total[cell]!r}; expected at most 1"
+            f"probability: the numbers of cell {cell} sum to {total[cell]!r}; expected at most 1"
         )

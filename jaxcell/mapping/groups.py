@@ -11,15 +11,15 @@ from jaxtyping import Array, Bool, Int
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PeriodicGroups:
-    """Where every cell ends up: the result of Alg. 2.1 (Alam 2018).
+    """The periodic group and step of every cell: the result of Alg. 2.1 (Alam 2018).
 
-    `jax.device_get` gives the same with NumPy arrays.
+    `jax.device_get` converts it to NumPy arrays.
     """
 
     group: Int[Array | np.ndarray, "*batch cells"]
-    "The periodic group that the cell reaches, numbered from 0 by their smallest cells."
+    "The periodic group that the cell reaches; groups are in the order of their smallest cells."
     step: Int[Array | np.ndarray, "*batch cells"]
-    "Mappings until the cell is on its periodic group, 0 on it."
+    "Number of mappings until the cell is on its periodic group, 0 on it."
     group_period: Int[Array | np.ndarray, "*batch groups"]
     "Period of each group; zeros past `count`."
     count: Int[Array | np.ndarray, "*batch"]
@@ -34,7 +34,7 @@ class PeriodicGroups:
 
     @property
     def periodic(self) -> Bool[Array | np.ndarray, "*batch cells"]:
-        """Whether the cell is on a periodic group."""
+        """A mask of the cells on a periodic group."""
         return self.step == 0
 
 
@@ -50,7 +50,7 @@ class GroupSummary:
     basin: Int[Array | np.ndarray, "*batch groups"]
     "Number of cells that reach each group, its own included."
     transient: Int[Array | np.ndarray, "*batch groups"]
-    "Longest transient of each group: mappings from the farthest cell of its basin."
+    "Longest transient of each group: number of mappings from the farthest cell of its basin."
 
     def totals(self) -> "GroupTotals":
         """Reduce the groups of each map to six numbers, on the host."""
@@ -68,12 +68,12 @@ class GroupSummary:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GroupTotals:
-    """All periodic groups of a map in a few numbers."""
+    """Statistics of all periodic groups of a map."""
 
     count: Int[np.ndarray, "*batch"]
     "Number of periodic groups."
     longest_transient: Int[np.ndarray, "*batch"]
-    "Mappings from the farthest cell to its group."
+    "Number of mappings from the farthest cell to its group."
     shortest_period: Int[np.ndarray, "*batch"]
     "The smallest number of cells of a group."
     longest_period: Int[np.ndarray, "*batch"]
@@ -81,14 +81,14 @@ class GroupTotals:
     periodic_cells: Int[np.ndarray, "*batch"]
     "Number of cells of all groups."
     largest_basin: Int[np.ndarray, "*batch"]
-    "Most cells that reach the same group, its own included."
+    "The largest number of cells that reach the same group, its own included."
 
 
 @jax.jit
 def doubled_groups(
     image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
 ) -> PeriodicGroups:
-    """[`jaxcell.mapping.periodic_groups`][] by pointer doubling, whatever the map."""
+    """Compute [`jaxcell.mapping.periodic_groups`][] by pointer doubling, for any map."""
     cells = image.shape[0]
     me = jnp.arange(cells, dtype=image.dtype)
     counts = jnp.ones(cells, bool) if where is None else where
@@ -110,9 +110,9 @@ def doubled_groups(
 def periodic_cells(
     image: Int[Array | np.ndarray, "cells"],
 ) -> Bool[Any, "cells"]:
-    """Find the cells that come back to themselves under a map, of JAX or of NumPy.
+    """Find the cells that return to themselves under a map, of JAX or of NumPy.
 
-    Doubles the map, `f, f^2, f^4, ...`, until the number of distinct images stops falling. That
+    The map is doubled, `f, f^2, f^4, ...`, until the number of distinct images stops falling. This
     stop is exact: if `f^m` and `f^2m` have equally many images then `f^m` permutes its images, so
     each is periodic, and a periodic cell is always an image.
     """
@@ -141,13 +141,13 @@ def follow(
     periodic: Bool[Array | np.ndarray, "cells"],
     weight: Int[Array | np.ndarray, "cells"],
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
-    """Find the smallest cell of the group that each cell reaches, and sum weights on the way.
+    """Find the smallest cell of the group that each cell reaches, and sum weights along its orbit.
 
     **Arguments:**
 
-    - `image`: the cell that each cell is mapped to, an array of JAX or of NumPy, as the others are.
+    - `image`: the image of each cell, an array of JAX or of NumPy, as the other arguments.
     - `periodic`: which cells are periodic.
-    - `weight`: what a transient cell adds; with 1 the sum is the number of mappings to reach the
+    - `weight`: the weight of a transient cell; with 1 the sum is the number of mappings to the
         group.
     """
     xp = _namespace(image)
@@ -156,9 +156,8 @@ def follow(
     total = xp.where(periodic, 0, weight)
 
     # After r rounds `leader` is the smallest periodic cell, and `total` the sum of weights, among
-    # the first 2^r cells of the orbit. A round that changes nothing means that nothing is left to
-    # find: see `periodic_cells` for `total`; for `leader`, windows of 2^r cells at a stride of 2^r
-    # cover the whole cycle.
+    # the first 2^r cells of the orbit. A round without changes is the last: see `periodic_cells`
+    # for `total`; for `leader`, windows of 2^r cells at a stride of 2^r cover the whole cycle.
     def double(state):  # type: ignore[no-untyped-def]
         power, leader, total, _ = state
         least = xp.minimum(leader, leader[power])

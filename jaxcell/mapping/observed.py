@@ -13,12 +13,12 @@ from .generalized import Chain
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedChain:
-    """A generalized map with what the robot senses on the way to each image.
+    """A generalized map with the observation of the bump sensor at each step.
 
-    It is to [`Chain`][] what [`jaxcell.mapping.SimpleMap`][] is to an image: a hidden Markov model
-    whose observation is that of the step.
+    It extends [`Chain`][] as [`jaxcell.mapping.SimpleMap`][] extends an image: a hidden Markov
+    model whose observations belong to steps.
 
-    Of two cells, the first moves on or bumps and stays, and the second stays:
+    Of two cells, the first moves on, or bumps and stays; the second stays:
 
         >>> import numpy as np
         >>> from jaxcell import mapping
@@ -30,11 +30,11 @@ class ObservedChain:
 
     chain: Chain
     bumped: Bool[Array, "branches cells"]
-    "What the bump sensor says on the way to each image: observation 1."
+    "A mask of the steps with a bump, observation 1."
 
     @classmethod
     def from_scipy(cls, moves: Any, bumps: Any) -> "ObservedChain":
-        """The model of the probabilities of going to a cell with either observation.
+        """Make the model from the probabilities of steps with either observation.
 
         **Arguments:**
 
@@ -57,7 +57,7 @@ class ObservedChain:
         return cls(Chain(image, probability), jnp.asarray(bumped))
 
     def to_scipy(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
-        """The probabilities of going to a cell with observation 0, and with observation 1."""
+        """Return the probabilities of steps with observation 0, and with observation 1."""
         bumped, probability = np.asarray(self.bumped), np.asarray(self.chain.probability)
         parts = [np.where(bumped == bit, probability, 0) for bit in (False, True)]
         moves, bumps = (Chain(self.chain.image, part).to_scipy() for part in parts)
@@ -66,9 +66,9 @@ class ObservedChain:
     def step(
         self, distribution: Float[Array, "cells"], observation: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """What is in each cell after a step with an observation; works under `jit` and `vmap`.
+        """Compute the mass in each cell after a step with an observation; works under `jit`.
 
-        The sum is the probability of the observation, of what the distribution sums to.
+        Relative to the sum of the distribution, its sum is the probability of the observation.
         """
         kept = jnp.where(self.bumped == (observation == 1), self.chain.probability, 0)
         return _with(self.chain, kept).push(distribution)
@@ -76,11 +76,11 @@ class ObservedChain:
     def back(
         self, value: Float[Array, "cells"], observation: Int[Array, ""] | int
     ) -> Float[Array, "cells"]:
-        """The expected value one step later over the steps with an observation."""
+        """Compute the expected value one step later, over the steps with an observation."""
         kept = jnp.where(self.bumped == (observation == 1), self.chain.probability, 0)
         return _with(self.chain, kept).pull(value)
 
 
 def _with(chain: Chain, probability: Float[Array, "branches cells"]) -> Chain:
-    """The chain with other probabilities, unchecked: they are a part of its own."""
+    """Replace the probabilities of a chain by a part of them, unchecked."""
     return Chain.tree_unflatten(None, (chain.image, probability))

@@ -11,15 +11,15 @@ from .section import bucket
 from .walk import walked_groups
 
 
-# Cells from which on a map is peeled, if it is worth it.
+# Number of cells from which on peeling can pay.
 _MANY = 1 << 18
-# Of what is left, the share that a pass over all of it must drop to be worth it.
+# Share of the remaining cells that a pass over all of them must drop to pay.
 _WORTH = 0.2
-# Cells at once from which on it is worth to go on from those that were dropped before.
+# Number of dropped cells above which peeling from them pays.
 _FRONT = 200
-# Cells that are worked out at once.
+# Number of cells that are computed at once.
 _PART = 1 << 20
-# Cells of maps that shorter ones are made of; the walk over those that are added takes nothing.
+# Sizes to which shorter maps are padded; the walk over padding takes almost no time.
 _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 
 
@@ -29,20 +29,20 @@ def periodic_groups(
 ) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 
-    Works on any functional graph, under `jit` and `vmap`. A processor maps every cell once, and
-    peels the cells that nothing leads to off a large map that is given as an array and has many. An
-    accelerator doubles pointers: the number of rounds is about the binary logarithm of the longest
-    transient or period, and each round is a few gathers.
+    It works on any functional graph, under `jit` and `vmap`. A processor maps every cell once; it
+    first peels cells without preimages off a large map with many, if the map is a concrete array.
+    An accelerator doubles pointers: the number of rounds is about the binary logarithm of the
+    longest transient or period, and each round is a few gathers.
 
     **Arguments:**
 
-    - `image`: the cell that each cell is mapped to.
-    - `where`: the cells that count, all by default; the image of one that counts must count.
-        The others get group, step and period -1.
+    - `image`: the image of each cell.
+    - `where`: the cells that count, by default all; the image of a cell that counts must count.
+        Other cells get group, step and period -1.
 
     **Returns:** [`PeriodicGroups`][].
 
-    Cells 1 and 2 change places, 3 stays, and 0 comes to the first two:
+    Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to the first two:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell.mapping import periodic_groups
@@ -60,18 +60,19 @@ def periodic_groups(
 
 
 def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
-    """[`periodic_groups`][jaxcell.mapping.periodic_groups] of an array of NumPy, in such arrays.
+    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] of a NumPy array, as NumPy
+    arrays.
 
-    Beside the image and the result it takes at most 16 bytes a cell. There are no zeros behind the
-    periods of the groups.
+    Beside the image and the result it takes at most 16 bytes per cell. The periods of the groups
+    are not padded with zeros.
     """
     if _worth_peeling(image):
-        found = _peeled_groups(image)
+        groups = _peeled_groups(image)
     elif image.size < _MANY:
-        found = _groups_of_longer(image)
+        groups = _groups_of_longer(image)
     else:
-        found = jax.device_get(_groups(image, None))
-    return dataclasses.replace(found, group_period=found.group_period[: found.count].copy())
+        groups = jax.device_get(_groups(image, None))
+    return dataclasses.replace(groups, group_period=groups.group_period[: groups.count].copy())
 
 
 def _worth_peeling(image: Int[np.ndarray, "cells"]) -> bool:
@@ -82,39 +83,39 @@ def _worth_peeling(image: Int[np.ndarray, "cells"]) -> bool:
 def _groups(
     image: Int[Array, "cells"], where: Bool[Array, "cells"] | Bool[np.ndarray, "cells"] | None
 ) -> PeriodicGroups:
-    found: PeriodicGroups = lax.platform_dependent(
+    groups: PeriodicGroups = lax.platform_dependent(
         image, where, cpu=walked_groups, default=doubled_groups
     )
-    return found
+    return groups
 
 
 def _missed(image: Int[np.ndarray, "cells"]) -> float:
-    """The share of cells that nothing leads to, of every 64th."""
+    """Estimate the share of cells without preimages, from every 64th cell."""
     hit = np.zeros(-(-image.size // 64), bool)
     hit[image[image % 64 == 0] // 64] = True
     return 1 - np.count_nonzero(hit) / hit.size
 
 
 def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
-    """[`periodic_groups`][jaxcell.mapping.periodic_groups] on the host.
+    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host by peeling.
 
-    Cells that are nobody's image are transient, so they are dropped, and then those that only they
-    led to, as long as there are many. What is left of a dissipative map is next to nothing.
+    Cells without preimages are transient, so they are dropped; then cells whose preimages were all
+    dropped, as long as there are many. Few cells of a dissipative map remain.
     """
     dropped, left = _peeled(image)
     place = np.empty_like(image)
     place[left] = np.arange(left.size, dtype=image.dtype)
     rest = place[image[left]]
     del place
-    found = _groups_of_longer(rest)
+    core = _groups_of_longer(rest)
     del rest
-    # Both numbers of a cell in one, so that they are read and written at once.
+    # Both numbers of a cell are packed into one, so that they are read and written at once.
     both = np.empty(image.size, np.int64)
-    both[left] = (found.group.astype(np.int64) << 32) + found.step
+    both[left] = (core.group.astype(np.int64) << 32) + core.step
     period = np.zeros(image.size, image.dtype)
-    period[: left.size] = found.group_period
-    count = found.count
-    del found, left
+    period[: left.size] = core.group_period
+    count = core.count
+    del core, left
     while dropped:
         cells = dropped.pop()
         for part in np.array_split(cells, 1 + cells.size // _PART):
@@ -125,24 +126,24 @@ def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 
 
 def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
-    """The groups of a map as that of a longer one, of few lengths, each of which is compiled once.
+    """Compute the groups of a map padded to one of a few lengths, each of which is compiled once.
 
-    Cells that are added lead to the last of them, a group behind all.
+    Padding leads to its last cell, a group behind all others.
     """
     size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)
     longer[: image.size] = image
-    found = jax.device_get(_groups(longer, None))
-    period = found.group_period[: image.size].copy()
-    period[found.count - 1 :] = 0
-    group, step = found.group[: image.size], found.step[: image.size]
-    return PeriodicGroups(group, step, period, np.asarray(found.count - 1))
+    padded = jax.device_get(_groups(longer, None))
+    period = padded.group_period[: image.size].copy()
+    period[padded.count - 1 :] = 0
+    group, step = padded.group[: image.size], padded.step[: image.size]
+    return PeriodicGroups(group, step, period, np.asarray(padded.count - 1))
 
 
 def _peeled(
     image: Int[np.ndarray, "cells"],
 ) -> tuple[list[Int[np.ndarray, "_"]], Int[np.ndarray, "left"]]:
-    """Transient cells, those first that nothing leads to; and the other cells."""
+    """Split cells into transient cells, those without preimages first, and the other cells."""
     reached = np.zeros(image.size, bool)
     reached[image] = True
     dropped = [np.flatnonzero(~reached).astype(image.dtype)]
@@ -156,7 +157,7 @@ def _peeled(
         dropped.append(cells[~kept])
         cells = cells[kept]
     del reached, kept
-    # How many of those left lead to each.
+    # The number of remaining preimages of each cell.
     count = np.zeros(image.size, np.int32)
     for part in np.array_split(cells, 1 + cells.size // _PART):
         np.add.at(count, image[part], np.int32(1))

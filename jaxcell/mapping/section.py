@@ -14,22 +14,22 @@ from .groups import follow, periodic_cells
 class Section:
     """The first-return map of a simple map to a set of its cells that every orbit meets.
 
-    Outside the section the map must be one-to-one: no cell is the image of two cells outside it, as
-    on straight runs. Then a slot and a number of mappings to it identify a cell.
+    Outside the section the map must be one-to-one: no cell is the image of two cells outside, as on
+    straight runs. Then a slot and a number of mappings to it identify a cell.
 
-    It is a simple map itself, with far fewer cells and the same cycles. The arrays may be longer
-    than the section, so that many sections share one compiled program; `live` marks the slots in
-    use.
+    The first-return map is a simple map with far fewer cells and the same cycles. The arrays may be
+    longer than the section, so that many sections share one compiled program; `live` marks the
+    slots in use.
     """
 
     successor: Int[Array | np.ndarray, "*batch slots"]
-    "The slot that each slot returns to."
+    "The slot to which each slot returns."
     duration: Int[Array | np.ndarray, "*batch slots"]
-    "Mappings until it does, at least 1."
+    "Number of mappings until the return, at least 1."
     lowest: Int[Array | np.ndarray, "*batch slots"]
-    "The smallest cell of the full space on the way, the return included."
+    "The smallest cell of the full space until the return, inclusive."
     live: Bool[Array | np.ndarray, "*batch slots"]
-    "Which slots are in use; the others return to themselves."
+    "A mask of the slots in use; other slots return to themselves."
 
 
 @jax.tree_util.register_dataclass
@@ -37,7 +37,7 @@ class Section:
 class SectionGroups:
     """The periodic groups of the full space, given on a section.
 
-    A cell that meets the section first in slot `s`, after `t` mappings, reaches `group[s]`, in
+    A cell that first meets the section in slot `s`, after `t` mappings, reaches `group[s]` in
     `max(0, t + lead[s])` mappings.
     """
 
@@ -49,19 +49,18 @@ class SectionGroups:
 
 
 def section_groups(section: Section, *, max_groups: int | None = None) -> SectionGroups:
-    """Find the periodic groups of the full space from a section of it, numbered as by
+    """Find the periodic groups of the full space from a section, numbered as by
     [`periodic_groups`][].
 
     **Arguments:**
 
-    - `section`: the first-return map, or a batch of them.
-    - `max_groups`: an upper bound of the number of groups, which sorts faster the smaller it is. By
-        default the groups are counted first; under `jit` and `vmap` that cannot be, and the number
-        of slots is taken.
+    - `section`: the first-return map, or a batch of such maps.
+    - `max_groups`: an upper bound of the number of groups; a smaller bound sorts faster. By default
+        the groups are counted first; under `jit` and `vmap` the number of slots is used instead.
 
     **Returns:** [`SectionGroups`][], `period` of length `max_groups`.
 
-    Of a ring of cells 0, 1, 2 the section of cells 0 and 2, in slots 0 and 1:
+    On a ring of cells 0, 1, 2, the section of cells 0 and 2, in slots 0 and 1:
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import mapping
@@ -82,7 +81,8 @@ def section_groups(section: Section, *, max_groups: int | None = None) -> Sectio
 
 
 def bucket(size: int) -> int:
-    """The next of a few sizes, four an octave, so that many lengths share compiled programs."""
+    """Round a size up to one of four sizes per octave, so that many lengths share compiled
+    programs."""
     unit = 1 << max(0, (size - 1).bit_length() - 3)
     return -(-size // unit) * unit
 
@@ -90,21 +90,21 @@ def bucket(size: int) -> int:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class SectionCycles:
-    """The groups of a section before they are numbered, each known by the slot that leads it."""
+    """The groups of a section before they are numbered, each identified by its leading slot."""
 
     leader: Int[Array, "*batch slots"]
     leads: Bool[Array, "*batch slots"]
     lead: Int[Array, "*batch slots"]
-    "As in [`SectionGroups`][]."
+    "See [`SectionGroups`][]."
     period: Int[Array, "*batch slots"]
-    "At the slot that leads a group, its period and its smallest cell."
+    "The period of each group, at its leading slot; `lowest` is its smallest cell."
     lowest: Int[Array, "*batch slots"]
     count: Int[Array, "*batch"]
 
 
 @jax.jit
 def section_cycles(section: Section) -> SectionCycles:
-    """Find the periodic groups of the full space on a section, not a batch of them.
+    """Find the periodic groups of the full space on one section.
 
     **Arguments:**
 
@@ -116,12 +116,10 @@ def section_cycles(section: Section) -> SectionCycles:
     dtype = successor.dtype
     slots = successor.shape[0]
     periodic = periodic_cells(successor)
-    # All cells on the last return of a cycle into a slot are periodic: `into` is how many those
-    # are.
+    # All cells on the last return of a cycle into a slot are periodic; `into` is their number.
     target = jnp.where(periodic, successor, slots)
     into = jnp.zeros(slots, dtype).at[target].set(duration, mode="drop")
-    # A transient slot is on the cycle as soon as it enters the part of a return that the cycle
-    # uses.
+    # A transient slot is on the cycle as soon as it enters the part of a return in the cycle.
     arrives = periodic[successor]
     transient = jnp.where(arrives, 1 + jnp.maximum(0, duration - into[successor]), duration)
     leader, step = follow(successor, periodic, transient)

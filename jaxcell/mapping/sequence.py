@@ -13,16 +13,15 @@ from .generalized import Chain
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class ChainSequence:
-    """Chains over the same cells that follow on one another, again and again: a tide, or a season.
+    """Chains over the same cells that act in turn, periodically, as in a tide or a season.
 
-    The *phase* is the number of the chain that moves next. What happens in a whole period is the
-    product of the chains, the *period map*, which fills up; so they are never multiplied.
-    Distributions are pushed and values are pulled through one after the other. All else that one
-    asks of a chain is asked of the *unrolled* one, whose states are the cells at each phase, phase
-    after phase: it has as many edges as the chains together. Its strong components at phase 0 are
-    those of the period map.
+    The *phase* is the number of the chain that acts next. The product of all chains, the *period
+    map*, is not sparse; so it is never computed. Distributions are pushed, and values pulled,
+    through one chain after another. Other analyses of chains apply to the *unrolled* chain, whose
+    states are the cells at each phase, phase after phase: it has as many edges as all chains
+    together. Its strong components at phase 0 are those of the period map.
 
-    Two cells that change places, and then stay or half leave the space, so that none is closed:
+    Two cells change places, and then stay; half of cell 1 leaves the space, so no set is closed:
 
         >>> import numpy as np
         >>> from jaxcell import mapping
@@ -40,18 +39,18 @@ class ChainSequence:
 
     @classmethod
     def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
-        """Put chains one after the other.
+        """Make a sequence from chains.
 
         **Arguments:**
 
         - `chains`: one for each phase.
 
-        **Raises:** `ValueError` for no chains, or chains of different spaces.
+        **Raises:** `ValueError` for no chains, or chains over different cells.
         """
         sizes = {chain.cells for chain in chains}
         if len(sizes) != 1:
             raise ValueError(
-                f"chains: expected one or more over the same cells, got some of {sorted(sizes)}"
+                f"chains: expected one or more over the same cells, got sizes {sorted(sizes)}"
             )
         branches = max(chain.image.shape[0] for chain in chains)
         image = np.tile(np.arange(sizes.pop(), dtype=np.int32), (len(chains), branches, 1))
@@ -73,11 +72,11 @@ class ChainSequence:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of values at each phase of each cell."""
+        """The shape of values for each phase and cell."""
         return self.phases, self.cells
 
     def at(self, phase: Int[Array, ""] | int) -> Chain:
-        """The chain that moves at a phase, modulo their number."""
+        """Return the chain that acts at a phase, modulo their number."""
         fields = (self.image[phase % self.phases], self.probability[phase % self.phases])
         return Chain.tree_unflatten(None, fields)
 
@@ -88,7 +87,7 @@ class ChainSequence:
         steps: Int[Array, ""] | int,
         start: Int[Array, ""] | int = 0,
     ) -> Float[Array, "cells"]:
-        """The distribution so many steps after a phase; what it lacks has gone to the sink."""
+        """Compute the distribution `steps` steps after a phase; its missing mass is in the sink."""
         return jax.lax.fori_loop(
             start, start + steps, lambda n, p: self.at(n).push(p), distribution
         )
@@ -96,9 +95,9 @@ class ChainSequence:
     def pushed(
         self, distribution: Float[np.ndarray, "cells"], steps: int, start: int = 0
     ) -> Iterator[Float[np.ndarray, "cells"]]:
-        """The distribution at a phase, and after each of so many steps from it.
+        """Yield the distribution at a phase, and after each of `steps` steps from it.
 
-        It is computed on the host, where nothing is compiled for each number of cells and phases.
+        It is computed on the host, which needs no compilation for each number of cells and phases.
         """
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         yield distribution
@@ -115,7 +114,7 @@ class ChainSequence:
         steps: Int[Array, ""] | int,
         start: Int[Array, ""] | int = 0,
     ) -> Float[Array, "cells"]:
-        """The expected value so many steps after a phase; the sink counts as 0."""
+        """Compute the expected value `steps` steps after a phase; the value of the sink is 0."""
         last = start + steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 
@@ -129,10 +128,19 @@ class ChainSequence:
         return Chain.tree_unflatten(None, fields)
 
     def to_scipy(self) -> scipy.sparse.csr_array:
-        """The transition matrix of the unrolled chain."""
+        """Return the transition matrix of the unrolled chain."""
         return self.unrolled.to_scipy()
 
 
 def as_sequence(chain: Chain | ChainSequence) -> ChainSequence:
-    """Chains that follow on one another; one alone follows on itself."""
+    """Return a sequence of chains; a single chain becomes a sequence of one."""
     return chain if isinstance(chain, ChainSequence) else ChainSequence.of([chain])
+
+
+def push_on_host(
+    chain: Chain | ChainSequence, distribution: Float[np.ndarray, "cells"], steps: int
+) -> Float[np.ndarray, "cells"]:
+    """The last of [`ChainSequence.pushed`][jaxcell.mapping.ChainSequence.pushed]."""
+    for later in as_sequence(chain).pushed(distribution, steps):
+        distribution = later
+    return distribution

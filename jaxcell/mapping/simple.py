@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Int
 class SimpleMap:
     """A simple cell mapping: every cell has one image (Alam 2018, Eq. 2.2).
 
-    `bumped` is what the robot's bump sensor says on the way from a cell to its image; the pair is
+    `bumped` is the observation of the robot's bump sensor between a cell and its image; the pair is
     the I-state graph of the map (Alam 2018, Definition 2.4.1).
 
     Two steps around a ring of three cells:
@@ -22,6 +22,6 @@ class SimpleMap:
     """
 
     image: Int[Array, "*batch cells"]
-    "The cell that each cell is mapped to."
+    "The image of each cell."
     bumped: Bool[Array, "*batch cells"]
-    "Whether the robot bumps on the way: observation 1."
+    "A mask of the cells from which the robot bumps, observation 1."

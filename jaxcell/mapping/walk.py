@@ -1,7 +1,7 @@
 """Periodic groups by one walk over a map, cell by cell, for processors.
 
-XLA makes one function of machine code of a loop whose steps touch a few bytes. It must not copy the
-arrays for that, so a step reads only of what it has written, and carries the numbers that it read.
+XLA compiles one machine-code function for a loop whose steps touch a few bytes. The arrays must not
+be copied, so each step reads only from arrays that it has written, and carries the numbers read.
 """
 
 from typing import Any
@@ -18,11 +18,11 @@ from .groups import PeriodicGroups
 def walked_groups(
     image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
 ) -> PeriodicGroups:
-    """[`jaxcell.mapping.periodic_groups`][] by Alg. 2.1 itself, every cell mapped once."""
+    """Compute [`jaxcell.mapping.periodic_groups`][] by Alg. 2.1, mapping every cell once."""
     if not image.size:
         return PeriodicGroups(image, image, image, jnp.zeros((), image.dtype))
-    found = _walk(image.astype(jnp.int32), where)
-    return PeriodicGroups(*(numbers.astype(image.dtype) for numbers in found))
+    groups = _walk(image.astype(jnp.int32), where)
+    return PeriodicGroups(*(numbers.astype(image.dtype) for numbers in groups))
 
 
 @jax.custom_batching.sequential_vmap
@@ -46,15 +46,15 @@ def _walk(
 def _chains(
     image: Int[Array, "cells"],
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "cells+1"]]:
-    """Follow the orbit of each cell until it comes to one that was seen: a chain of new cells.
+    """Follow the orbit of each cell to a visited cell: a chain of new cells.
 
     **Returns:**
 
-    - `chain`: one more than the first cell of the chain, but -1 - the smallest cell of the group
-        in that first cell.
-    - `place`: the place in the chain, but in its first cell the steps to the group from there.
-    - `period`: that of the group in its smallest cell, 0 in others; and one more number, since what
-        is no period is put behind them.
+    - `chain`: one more than the first cell of the chain; in that first cell, -1 minus the smallest
+        cell of the group.
+    - `place`: the place in the chain; in its first cell, the number of steps to the group.
+    - `period`: the period of the group in its smallest cell, 0 in other cells; one more entry
+        receives writes without a period.
     """
     cells = image.shape[0]
     zero = jnp.zeros((), jnp.int32)
@@ -69,7 +69,7 @@ def _chains(
             cell = _at(image, cell)
             return cell, length + 1, _at(chain, cell), _at(place, cell), chain, place
 
-        # `seen` and `at` are what the cell holds that ends the chain.
+        # `seen` and `at` are the entries of the cell that ends the chain.
         state = (first, zero, zero, zero, chain, place)
         state = lax.while_loop(lambda state: state[2] == 0, advance, state)
         cell, length, seen, at, chain, place = state
@@ -87,7 +87,7 @@ def _chains(
             other, least, left = state
             return _at(image, other), jnp.minimum(least, other), left - 1
 
-        # A group that begins with its chain has its smallest cell there.
+        # A group that starts with its chain has its smallest cell at the start.
         left = jnp.where(new & (at > 0), length - at, 0)
         _, least, _ = lax.while_loop(lambda state: state[2] > 0, around, (cell, cell, left))
         period = _put(period, jnp.where(new, least, cells), length - at)
@@ -108,7 +108,7 @@ def _chains(
 def _numbered(
     period: Int[Array, "places"],
 ) -> tuple[Int[Array, "places"], Int[Array, "places-1"], Int[Array, ""]]:
-    """The number of each group in its smallest cell, the periods in their order, and the count."""
+    """Number each group, in its smallest cell; return also the periods in order, and the count."""
 
     def step(state: Any) -> Any:
         cell, count, here, number, periods = state
@@ -131,9 +131,9 @@ def _numbered(
 def _ended(
     chain: Int[Array, "cells"], place: Int[Array, "cells"], number: Int[Array, "places"]
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
-    """The group and the steps of each cell, written over its chain and its place.
+    """Compute the group and the steps of each cell, in place of its chain and its place.
 
-    From the last cell on, since a chain begins with its smallest cell.
+    Cells are processed from the last to the first, because a chain starts with its smallest cell.
     """
 
     def step(state: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Numbers as users give them, refused with the one that is wrong."""
+"""Checks of numbers that users give; each error names the wrong number."""
 
 import numbers
 from typing import Any
@@ -7,20 +7,20 @@ import numpy as np
 from jaxtyping import Float
 
 
-# A distribution whose sum differs from 1 by no more has sum 1.
+# Tolerance of the sum of a distribution.
 _ROUNDING = 1e-9
 
 
 def check_count(name: str, value: int) -> None:
-    """**Raises:** `ValueError` for what is no whole number of at least 1."""
+    """**Raises:** `ValueError` unless the value is a whole number of at least 1."""
     if not isinstance(value, numbers.Integral) or value < 1:
         raise ValueError(f"{name}: expected a whole number of at least 1, got {value!r}")
 
 
 def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
-    """The numbers of an array of any shape.
+    """Return an array of finite numbers, of any shape.
 
-    **Raises:** `ValueError` for what is none, and a number that is not finite.
+    **Raises:** `ValueError` for anything else.
     """
     try:
         array = np.asarray(values)
@@ -38,9 +38,9 @@ def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
 def one_each(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """A positive number for each of some things, or for `zero` one of at least 0.
+    """Return one positive number per item, or with `zero` one of at least 0.
 
-    **Raises:** `ValueError` for another shape, and a number that is not finite or too small.
+    **Raises:** `ValueError` for another shape, and for a number that is not finite or too small.
     """
     array = np.array(values, np.float64)
     if array.shape != (count,):
@@ -54,11 +54,11 @@ def one_each(
 
 
 def shares_of_time(stationary: Any, vertices: int) -> Float[np.ndarray, "vertices"]:
-    """A stationary distribution of a chain that comes to all vertices.
+    """Return a stationary distribution of a chain that visits all vertices.
 
-    **Raises:** as [`one_each`][]; `ValueError` for another sum than 1.
+    **Raises:** as [`one_each`][]; `ValueError` unless the sum is 1.
     """
-    shares = one_each("stationary", stationary, vertices, "a vertex")
+    shares = one_each("stationary", stationary, vertices, "per vertex")
     total = float(shares.sum())
     if abs(total - 1) > _ROUNDING:
         raise ValueError(f"stationary: expected numbers that sum to 1, got {total!r}")

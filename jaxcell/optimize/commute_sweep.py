@@ -20,16 +20,16 @@ from .tour import on_walk, shortest_tour
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class CommuteSweep:
-    """The weights with which a walk commutes fastest, for many problems on one graph."""
+    """The weights with the least commute time, for many problems on one graph."""
 
     weights: Float[Array, "*batch edges"]
-    "The weight of each edge; they are not negative and sum to 1, or not numbers."
+    "The weight of each edge; they are not negative and sum to 1, or are NaN."
     commute_time: Float[Array, "*batch"]
-    "The mean over pairs of vertices of the expected number of steps there and back."
+    "The expected number of steps from a vertex to another and back, mean over pairs of vertices."
     gap: Float[Array, "*batch"]
-    "The relative duality gap: no weights bring a time below `(1 - gap) commute_time`."
+    "The relative duality gap: no weights have a time below `(1 - gap) commute_time`."
     iterations: Int[Array, "*batch"]
-    "The steps that were taken."
+    "Number of steps."
 
 
 def minimum_commute_sweep(
@@ -41,31 +41,29 @@ def minimum_commute_sweep(
     tolerance: float = 1e-8,
     throw: bool = True,
 ) -> CommuteSweep:
-    """[`minimum_commute`][jaxcell.optimize.minimum_commute] for many problems, in one batch.
+    """Solve [`minimum_commute`][jaxcell.optimize.minimum_commute] for many problems in one batch.
 
-    It earns its place beside that function by the rows `least commute times of ..., in one batch`
-    of the benchmarks, which take a fourth of the time that the problems take one by one.
+    A batch takes a fourth of the time of the problems one by one: see the rows `least commute times
+    of ..., in one batch` of the benchmarks.
 
-    A problem is a set of edges, an emphasis and a share. Whichever are given as many must be
-    equally many, and what is given once is the same for all.
+    A problem is a set of edges, an emphasis and a share. Arguments with several problems must have
+    equally many; an argument with one problem is the same for all.
 
     **Arguments:**
 
     - `graph`: the graph.
     - `allowed`: boolean array `[problems, edges]`, the edges that may have weight; all by default.
-    - `emphasis`: for each problem, vertices to be visited more often, two or more. Their closed
-        tour is the shortest along the edges that are allowed.
+    - `emphasis`: for each problem, two or more vertices to visit more often. Their closed tour is
+        the shortest along the allowed edges.
     - `share`: the least sum of the weights on the edges of that tour, 0 or more and less than 1;
         array `[problems]`, or one number.
-    - `tolerance`: of the relative gaps.
+    - `tolerance`: tolerance of the relative gaps.
     - `throw`: whether to raise when an answer is not good enough.
 
-    **Returns:** [`CommuteSweep`][] with the axis of the problems. Where the allowed edges do not
-    connect all vertices, the time is `inf`, with gap 0, and weights are not numbers.
+    **Returns:** [`CommuteSweep`][] with the axis of the problems. If the allowed edges do not
+    connect all vertices, the time is `inf`, the gap 0, and the weights are NaN.
 
-    **Raises:** `ValueError` for arrays of other shapes, a share out of range, and an emphasis that
-    is not two or more different vertices, naming the problem; `RuntimeError` if a gap does not
-    close, or where JAX is set to 32 bits.
+    **Raises:** `ValueError` for wrong arguments; `RuntimeError` if a gap does not close.
 
     A triangle, with all edges and without the last:
 
@@ -102,17 +100,18 @@ def minimum_commute_sweep(
         for problem in range(problems):
             stops = emphasis[problem % len(emphasis)]
             on_tour[problem] = _on_tour(graph, stops, allowed[problem], problem)
-    found = _solve_all(graph.vertices, graph.edges, on_tour, allowed, share, tolerance)
-    worst = int(np.argmax(np.nan_to_num(np.asarray(found.gap), nan=np.inf)))
-    certificate = Certificate(int(found.iterations[worst]), float(found.gap[worst]), tolerance)
+    solved = _solve_all(graph.vertices, graph.edges, on_tour, allowed, share, tolerance)
+    worst = int(np.argmax(np.nan_to_num(np.asarray(solved.gap), nan=np.inf)))
+    certificate = Certificate(int(solved.iterations[worst]), float(solved.gap[worst]), tolerance)
     certificate.check(f"minimum_commute_sweep, problem {worst}", throw)
-    return found
+    return solved
 
 
 def _on_tour(
     graph: Graph, stops: Sequence[int], allowed: Bool[np.ndarray, "edges"], problem: int
 ) -> Bool[np.ndarray, "edges"]:
-    """The edges of a tour along those allowed; all of them, if no walk reaches all vertices."""
+    """Return the edges of a tour along the allowed edges; all of these, if they do not connect all
+    vertices."""
     edges = graph.edges[allowed]
     if vertices_apart(graph.vertices, edges) is not None:
         return allowed
@@ -134,19 +133,19 @@ def commute_weights(
     share: Float[Array, ""],
     tolerance: Float[Array, ""],
 ) -> CommuteSweep:
-    """One problem of [`minimum_commute_sweep`][] on arrays only, under `jit` and `vmap`.
+    """Solve one problem of [`minimum_commute_sweep`][] on arrays only, under `jit` and `vmap`.
 
     The steps are those of [`minimum_commute`][jaxcell.optimize.minimum_commute], in dense linear
     algebra of fixed shapes.
 
     **Arguments:**
 
-    - `vertices`: how many.
+    - `vertices`: number of vertices.
     - `edges`: the two ends of each edge.
-    - `on_tour`: the edges that are emphasised; all, and share 0, for no emphasis.
+    - `on_tour`: the emphasised edges; all edges, with share 0, for no emphasis.
     - `allowed`: the edges that may have weight.
     - `share`: the least sum of the weights on the tour, less than 1.
-    - `tolerance`: of the relative gap.
+    - `tolerance`: tolerance of the relative gap.
 
     **Returns:** [`CommuteSweep`][] without an axis for problems.
 
@@ -168,24 +167,24 @@ def commute_weights(
     differences = differences.at[number, edges[:, 0]].set(1.0).at[number, edges[:, 1]].set(-1.0)
     differences = jnp.where(allowed[:, None], differences, 0.0)
     connected = _connected(differences)
-    # Without an answer nothing is a number, and no steps are taken.
+    # Without a solution all numbers are NaN, and no steps are taken.
     differences = jnp.where(connected, differences, jnp.nan)
     problem = Emphasis(on_tour & allowed, share, allowed)
     design, divide = (
         functools.partial(_design, differences),
         functools.partial(_divide, differences),
     )
-    found, steps = follow(problem, design, divide, tolerance, jax.lax.while_loop)
+    best, steps = follow(problem, design, divide, tolerance, jax.lax.while_loop)
     return CommuteSweep(
-        weights=jnp.where(connected, found.numbers[:-1], jnp.nan),
-        commute_time=jnp.where(connected, 4 * found.resistance / (vertices - 1), jnp.inf),
-        gap=jnp.where(connected, found.gap, 0.0),
+        weights=jnp.where(connected, best.numbers[:-1], jnp.nan),
+        commute_time=jnp.where(connected, 4 * best.resistance / (vertices - 1), jnp.inf),
+        gap=jnp.where(connected, best.gap, 0.0),
         iterations=steps,
     )
 
 
 def _connected(differences: Float[Array, "edges vertices"]) -> Bool[Array, ""]:
-    """Whether edges connect all vertices, by squaring the relation of being adjacent."""
+    """Check that edges connect all vertices, by squaring the adjacency relation."""
     vertices = differences.shape[1]
     near = (jnp.abs(differences.T @ differences) + jnp.eye(vertices)) > 0
     for _ in range(max(1, (vertices - 1).bit_length())):
@@ -198,7 +197,7 @@ def _design(
 ) -> Design:
     edges, vertices = differences.shape
     laplacian = differences.T @ (numbers[:edges, None] * differences)
-    # A constant turns the eigenvalue 0 into one within the range of the others.
+    # A constant moves the eigenvalue 0 into the range of the other eigenvalues.
     shift = jnp.trace(laplacian) / vertices
     factor = jnp.linalg.cholesky(laplacian + shift / vertices)
     inverse = jax.scipy.linalg.cho_solve((factor, True), jnp.eye(vertices))
@@ -212,7 +211,7 @@ def _divide(
     unit: Float[Array, ""],
     diagonal: Float[Array, "numbers"],
 ) -> Callable[[Float[Array, "numbers *sides"]], Float[Array, "numbers *sides"]]:
-    """Divide by the Hessian and a diagonal."""
+    """Return a function that divides by the Hessian plus a diagonal."""
     columns = design.columns
     hessian = 2 / unit * (columns @ columns.T) * (columns @ differences.T)
     beside = diagonal.size - columns.shape[0]

@@ -18,23 +18,23 @@ from .resistance import Emphasis, HostLaplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
-# With more vertices, a method of first order closes the gap this far, in so many inversions.
+# Gap that the first-order method closes on larger graphs, and its largest number of inversions.
 _COARSE, _INVERSIONS = 1e-2, 300
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MinimumCommute:
-    """The weights of the edges with which a walk commutes fastest."""
+    """The weights of the edges with the least commute time."""
 
     weights: Float[np.ndarray, "edges"]
     "The weight of each edge; they are not negative and sum to 1."
     commute_time: float
-    "The mean over pairs of vertices of the expected time there and back, in steps or as given."
+    "The expected time from a vertex to another and back, mean over pairs, in steps or as given."
     tour: Int[np.ndarray, "steps"] | None
-    "The closed walk whose edges are emphasised, in order."
+    "The closed walk whose edges are emphasised, in order, or `None`."
     certificate: Certificate
     prices: Float[np.ndarray, "constraints"] | None = None
-    "By how much the time falls for each linear constraint, to first order, if it yields by 1."
+    "The decrease of the time per unit by which a linear constraint yields, to first order."
 
 
 def minimum_commute(
@@ -47,54 +47,53 @@ def minimum_commute(
     tolerance: float = 1e-8,
     throw: bool = True,
 ) -> MinimumCommute:
-    """Edge weights with the minimum average expected commute time, MAECT (Alam 2018, Eq. 4.4, 4.5).
+    """Find edge weights with minimum average expected commute time, MAECT (Alam 2018, Eq. 4.4,
+    4.5).
 
     The weights `w` define a random walk that takes an edge with a probability in proportion to its
     weight. With `X` the pseudo-inverse of the weighted Laplacian, the commute times, averaged over
     pairs of different vertices, are `C = 4 / (n - 1) tr X`: twice the expression of Eq. 4.3, which
     is the average hitting time. `C` is convex in the weights.
 
-    An interior-point method finds them, with one Cholesky factorisation of the edges by edges
-    Hessian a step. That is dense linear algebra on arrays of hundreds, which LAPACK does on the
-    host, with nothing to compile before; neither JAX nor its 64-bit numbers are needed. Compiled
-    programs, [`jaxcell.optimize.minimum_commute_sweep`][], take the same steps for many problems at
-    once, but seconds before the first one on each graph.
+    An interior-point method computes them, with one Cholesky factorisation of the edges by edges
+    Hessian per step. That is dense linear algebra on arrays of hundreds, which LAPACK does on the
+    host without compilation; neither JAX nor its 64-bit numbers are needed. The compiled
+    [`jaxcell.optimize.minimum_commute_sweep`][] takes the same steps for many problems at once, but
+    seconds before the first one on each graph.
 
-    On more than 2,000 vertices that Hessian is too large, and steps of first order are taken, with
-    one inverse of the vertices by vertices Laplacian each.
+    On more than 2,000 vertices that Hessian is too large: first-order steps are taken, with one
+    inverse of the vertices by vertices Laplacian each.
 
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `emphasis`: vertices to be visited more often, two or more. The shortest closed tour through
-        them is that of [`jaxcell.optimize.shortest_tour`][].
+    - `emphasis`: two or more vertices to visit more often. The shortest closed tour through them is
+        that of [`jaxcell.optimize.shortest_tour`][].
     - `share`: the least sum of the weights on the edges of that tour, 0 to 1.
-    - `durations`: array `[edges]`, how long each edge takes, positive; by default 1. The commute
-        time is then in their unit, and `share` one of the time. With `t_e` these durations, a walk
-        there and back takes `sum_e w_e t_e` times as long as its steps, so that `w_e t_e` are the
-        weights of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
-    - `constraints`: linear ones; or, on up to 60 vertices, a function that gives any constraints of
-        cvxpy that are convex in the weights and in the shares of time at the vertices, such as
-        `lambda weights, visits: [cvxpy.norm(weights) <= 0.3]`. Not with durations.
-    - `tolerance`: of the relative gap; on more than 2,000 vertices at least 0.01, and at least 1e-4
-        with constraints of cvxpy.
+    - `durations`: array `[edges]`, the travel time of each edge, positive; by default 1. The
+        commute time is then in their unit, and `share` a share of the time. With `t_e` these
+        durations, a walk takes `sum_e w_e t_e` times as long as its number of steps, so that `w_e
+        t_e` are the weights of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
+    - `constraints`: linear constraints; or, on up to 60 vertices, a function that returns any
+        constraints of cvxpy that are convex in the weights and in the shares of time at the
+        vertices, such as `lambda weights, visits: [cvxpy.norm(weights) <= 0.3]`. Not with
+        durations.
+    - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01, and at
+        least 1e-4 with constraints of cvxpy.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
-    no weights bring the average commute time below `(1 - residual) commute_time`. This is an
+    no weights have an average commute time below `(1 - residual) commute_time`. The problem is an
     A-optimal design, in which for any weights `u`, `C(u) >= C(w) tr X / sum_e u_e |X b_e|^2` with
-    `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008). With constraints it
-    is for all `u` that meet them, by prices of the constraints, or by a program of cvxpy.
+    `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008). With constraints the
+    bound is over all `u` that meet them, by their prices, or by a program of cvxpy.
 
-    **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part; for an
-    emphasis that is not two or more different vertices of the graph; for durations that are not
-    positive; for a share that is not 0 to
-    1, or that leaves nothing but rounding to vertices that are not on the tour.
-    `RuntimeError` if the gap does not close, and if no weights meet the constraints, naming some
-    that contradict each other.
+    **Raises:** `ValueError` for wrong arguments, and for a share that leaves only rounding to
+    vertices that are not on the tour; `RuntimeError` if the gap does not close, and if no weights
+    meet the constraints, with constraints that contradict each other.
 
-    Of a line of three vertices both edges weigh the same; of the pairs, two take 4 steps there and
-    back and one 8:
+    On a line of three vertices both edges have the same weight. Two pairs take 4 steps there and
+    back, and one pair takes 8:
 
         >>> from jaxcell import optimize
         >>> graph = optimize.Graph([[0, 1], [1, 2]])
@@ -116,7 +115,7 @@ def minimum_commute(
         emphasised = on_walk(graph, tour)
     if callable(constraints) or constraints:
         if durations is not None:
-            raise ValueError("constraints: expected none where edges take time")
+            raise ValueError("constraints: expected none with durations")
         if graph.vertices > MAX_VERTICES:
             raise ValueError(
                 f"constraints: expected at most {MAX_VERTICES:,} vertices, got {graph.vertices:,}"
@@ -124,7 +123,7 @@ def minimum_commute(
         met = _constrained(graph, tour, emphasised, share, constraints, tolerance)
         met.certificate.check("minimum_commute", throw)
         return met
-    # An edge that may have no weight is left out, and so is a bound that nothing can break.
+    # Edges without weight are left out, and so is a bound that always holds.
     allowed = emphasised if share == 1 else np.ones_like(emphasised)
     if share == 1 and tour is not None:
         left_out = np.setdiff1d(np.arange(graph.vertices), tour)
@@ -136,30 +135,29 @@ def minimum_commute(
     edges, on_tour = graph.edges[allowed], emphasised[allowed]
     times = np.ones(len(graph.edges))
     if durations is not None:
-        times = one_each("durations", durations, len(graph.edges), "an edge")
+        times = one_each("durations", durations, len(graph.edges), "per edge")
     times = times[allowed]
     bound = 0.0 if on_tour.all() else float(share)
     problem = Emphasis(on_tour, bound, np.ones_like(on_tour))
     laplacian = HostLaplacian(graph.vertices, edges, times)
     if graph.vertices > MAX_VERTICES:
         tolerance = max(tolerance, _COARSE)
-        found, steps = least_resistance(laplacian, problem, tolerance, _INVERSIONS)
+        best, steps = least_resistance(laplacian, problem, tolerance, _INVERSIONS)
     else:
         try:
-            found, steps = interior_point(laplacian, problem, tolerance)
+            best, steps = interior_point(laplacian, problem, tolerance)
         except np.linalg.LinAlgError:
             if not bound:
                 raise
             raise ValueError(
-                f"share is {share!r}: what it leaves to other edges is lost in rounding; expected "
-                "less"
+                f"share is {share!r}: the rest for other edges is lost in rounding; expected less"
             ) from None
-    numbers = found.numbers[: len(edges)] / times
+    numbers = best.numbers[: len(edges)] / times
     weights = np.zeros(len(graph.edges))
     weights[allowed] = numbers / numbers.sum()
-    certificate = Certificate(int(steps), float(found.gap), tolerance)
+    certificate = Certificate(int(steps), float(best.gap), tolerance)
     certificate.check("minimum_commute", throw)
-    time = 4 * float(found.resistance) / (graph.vertices - 1)
+    time = 4 * float(best.resistance) / (graph.vertices - 1)
     return MinimumCommute(weights, time, tour, certificate)
 
 
@@ -171,7 +169,7 @@ def _constrained(
     constraints: Sequence[Linear] | Rules,
     tolerance: float,
 ) -> MinimumCommute:
-    """The best weights that meet constraints, with the emphasis as one of them."""
+    """Find the best weights that meet constraints, with the emphasis as one of them."""
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
     if callable(constraints):
         best = conic.least_resistance(graph, emphasis, constraints)
@@ -182,19 +180,19 @@ def _constrained(
     apart = vertices_apart(graph.vertices, graph.edges[left.used])
     if apart is not None:
         raise RuntimeError(
-            f"constraints: they leave no weight to edges between vertex {apart[1]} and vertex "
+            f"constraints: they leave no weight for edges between vertex {apart[1]} and vertex "
             f"{apart[0][0]}"
         )
     laplacian = HostLaplacian(graph.vertices, graph.edges[left.used], np.ones(left.edges))
-    found, steps = interior_point(laplacian, left, tolerance)
+    solved, steps = interior_point(laplacian, left, tolerance)
     weights = np.zeros(len(graph.edges))
-    weights[left.used] = found.numbers[: left.edges]
-    paid = np.abs(found.prices / left.units)[left.owner >= 0]
+    weights[left.used] = solved.numbers[: left.edges]
+    paid = np.abs(solved.prices / left.units)[left.owner >= 0]
     prices = np.bincount(left.owner[left.owner >= 0], paid, len(constraints) + len(emphasis))
     return MinimumCommute(
         weights,
-        4 / (graph.vertices - 1) * float(found.resistance),
+        4 / (graph.vertices - 1) * float(solved.resistance),
         tour,
-        Certificate(int(steps), float(found.gap), tolerance),
+        Certificate(int(steps), float(solved.gap), tolerance),
         4 / (graph.vertices - 1) * prices[: len(constraints)],
     )

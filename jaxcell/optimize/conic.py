@@ -1,4 +1,4 @@
-"""The least commute time under any convex constraints, by a cone program of cvxpy."""
+"""Least commute time under any convex constraints, by a cone program of cvxpy."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -14,28 +14,29 @@ from .laplacian import resistance_gains
 
 
 MAX_VERTICES = 60
-"""Vertices of graphs on which a cone program under any rules, with a number for each pair of a
+"""Number of vertices up to which a cone program under any rules, with a number for each pair of a
 vertex and an edge, takes some seconds."""
 
 TOLERANCE = 1e-4
-"Of the relative gap that such a program leaves."
+"Tolerance of the relative gap of such a program."
 
 _ACCURATE = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-12)
 
 Rules: TypeAlias = Callable[[Any, Any], Sequence[Any]]
-"""Gives constraints of cvxpy for the weights of edges and the shares of time at vertices."""
+"""A function of the weights of edges and the shares of time at vertices that returns constraints
+of cvxpy."""
 
 
 class ConicWeights(NamedTuple):
-    """The weights of the least resistance, and how good they are."""
+    """The weights with the least sum of resistances, and their accuracy."""
 
     weights: Float[np.ndarray, "edges"]
     resistance: float
-    "The sum with these weights."
+    "The sum of resistances with these weights."
     least: float
-    "The least sum, as the solver gives it."
+    "The least sum according to the solver."
     gap: float
-    "By how much of itself that of the weights can be above it: by a second, linear program."
+    "A bound on the relative excess of `resistance` over the least sum, by a linear program."
     iterations: int
 
 
@@ -49,10 +50,10 @@ def least_resistance(
     """Find the weights with the least sum of resistances between all vertices, by Clarabel.
 
     That sum is the least energy of currents `F` that lead from each vertex to all others evenly,
-    `sum_e |F_e|^2 / w_e` over edges with conductances `w`; with durations `t`, of which `w` are
-    shares, `sum_e t_e |F_e|^2 / w_e`.
+    `sum_e |F_e|^2 / w_e` over edges with conductances `w`. With durations `t`, `w` are shares of
+    time and the energy is `sum_e t_e |F_e|^2 / w_e`.
 
-    **Raises:** `ValueError` for rules that are not convex, and for any on a graph that is too
+    **Raises:** `ValueError` for rules that are not convex, and for any rules on a graph that is too
     large; `RuntimeError` if no weights meet them.
     """
     import cvxpy
@@ -67,9 +68,9 @@ def least_resistance(
     weights = cvxpy.Variable(edges)
     visits = _incidence(graph, 1.0).T @ weights / 2
     bounds: list[Any] = [weights >= 0, cvxpy.sum(weights) == 1]
-    for one in constraints:
-        bounds += [one.coefficients @ weights >= one.lower] if np.isfinite(one.lower) else []
-        bounds += [one.coefficients @ weights <= one.upper] if np.isfinite(one.upper) else []
+    for rule in constraints:
+        bounds += [rule.coefficients @ weights >= rule.lower] if np.isfinite(rule.lower) else []
+        bounds += [rule.coefficients @ weights <= rule.upper] if np.isfinite(rule.upper) else []
     bounds += [] if rules is None else list(rules(weights, visits))
     flow = cvxpy.Variable((vertices, edges))
     evenly = flow @ _incidence(graph, -1.0) == np.eye(vertices) - 1 / vertices
@@ -80,27 +81,27 @@ def least_resistance(
     if not problem.is_dcp():
         raise ValueError("constraints: expected rules that are convex by those of cvxpy")
     least = _solve(problem)
-    found = np.maximum(np.asarray(weights.value), 0)
-    found /= found.sum()
-    resistance, gain = resistance_gains(vertices, graph.edges, found / times)
+    best = np.maximum(np.asarray(weights.value), 0)
+    best /= best.sum()
+    resistance, gain = resistance_gains(vertices, graph.edges, best / times)
     gain /= times
     steps = int(problem.solver_stats.num_iters or 0)
     most = cvxpy.Problem(cvxpy.Maximize(gain / gain.max() @ weights), bounds)
     gap = 1 - resistance / (gain.max() * _solve(most))
-    return ConicWeights(found, resistance, least, max(0.0, gap), steps)
+    return ConicWeights(best, resistance, least, max(0.0, gap), steps)
 
 
 def _incidence(graph: Graph, other: float) -> scipy.sparse.csr_array:
-    """1 at the first end of each edge, and a number at the other."""
+    """Make the matrix with 1 at the first end of each edge, and `other` at the second end."""
     edge = np.repeat(np.arange(len(graph.edges)), 2)
     entries = np.tile([1.0, other], len(graph.edges)), (edge, graph.edges.ravel())
     return scipy.sparse.csr_array(entries, (len(graph.edges), graph.vertices))
 
 
 def _solve(problem: Any) -> float:
-    """Solve a problem of cvxpy; the gap says whether that is accurate enough.
+    """Solve a problem of cvxpy; the caller's gap decides whether that is accurate enough.
 
-    **Raises:** `RuntimeError` if nothing meets its constraints.
+    **Raises:** `RuntimeError` if no variables meet the constraints.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

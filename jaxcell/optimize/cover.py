@@ -9,45 +9,45 @@ from ..base.certificate import Certificate
 from ..base.quiet import no_output
 
 
-# Of the number of sets: HiGHS bounds it to about 1e-6.
+# Tolerance of the number of sets, which HiGHS bounds to about 1e-6.
 _ROUNDING = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cover:
-    """Sets that together hold every element that any set holds."""
+    """A set cover: sets whose union holds every element that any set holds."""
 
     chosen: Int[np.ndarray, "steps"]
     "The sets, in the order in which they were chosen."
     gained: Int[np.ndarray, "steps"]
-    "How many elements each of them holds that none before it does."
+    "The number of elements that each chosen set adds."
     uncovered: Int[np.ndarray, "missing"]
     "The elements that no set holds."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MinimumCover:
-    """As few sets as possible that together hold every element that any set holds."""
+    """A smallest set cover: the fewest sets whose union holds every element that any set holds."""
 
     chosen: Int[np.ndarray, "chosen"]
     "The sets, in order of their numbers."
     uncovered: Int[np.ndarray, "missing"]
     "The elements that no set holds."
     bound: int
-    "No fewer sets than this will do."
+    "A lower bound on the number of sets."
     certificate: Certificate
 
 
 def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Cover:
     """Cover all elements, one set after the other (Alam 2018, Alg. 4.3; Chvatal 1979).
 
-    Every step ranks the sets by how many elements they would gain, the first of equals first, and
-    takes the best one, or with another `choice` the one that comes so many places after it. Where
-    fewer sets gain anything at all, it takes the last of those: the source leaves open what to do
-    then, and a set that gains nothing would be chosen for ever.
+    Each step ranks the sets by the number of elements that they would add, the first of equals
+    first, and takes the best one, or with `choice` k the one k places after it. If fewer sets add
+    anything, it takes the last of those: the source leaves this case open, and a set that adds
+    nothing would be chosen forever.
 
     With `choice` 0 there are at most `1 + 1/2 + ... + 1/d` times as many sets as needed, where `d`
-    is the size of the largest.
+    is the size of the largest set.
 
     **Arguments:**
 
@@ -79,9 +79,9 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
         gained.append(int(gain[best]))
         new = words[:, best] & left
         left ^= new
-        # Only words that lose elements are counted again: a room's cells in view lie in few.
-        some = np.flatnonzero(new)
-        lost = np.bitwise_count(words[some] & new[some, None])
+        # Only words that lose elements are counted again: cells in view of a cell are in few words.
+        changed = np.flatnonzero(new)
+        lost = np.bitwise_count(words[changed] & new[changed, None])
         gain -= lost.sum(axis=0, dtype=np.int32)
     return Cover(
         np.array(chosen, np.int32),
@@ -98,21 +98,21 @@ def minimum_cover(
 ) -> MinimumCover:
     """Cover all elements with the fewest sets, by a mixed-integer program.
 
-    A yardstick for [`greedy_cover`][]: the time grows exponentially with the number of sets in bad
-    cases. It is a fraction of a second for 200 cells of a room.
+    It is a yardstick for [`greedy_cover`][]: in bad cases the time grows exponentially with the
+    number of sets. It is a fraction of a second for 200 cells of a room.
 
     **Arguments:**
 
     - `sets`: which elements each set holds.
-    - `time_limit`: seconds after which the best cover so far has to do; by default there is none.
-    - `throw`: whether to raise when that may not be the smallest.
+    - `time_limit`: seconds after which the best cover so far is returned; by default no limit.
+    - `throw`: whether to raise when the cover may not be the smallest.
 
-    **Returns:** [`MinimumCover`][]. The residual of its certificate is how many sets fewer might
-    do. Iterations are the nodes of the branch and bound.
+    **Returns:** [`MinimumCover`][]. The residual of its certificate is the largest number of sets
+    that a smaller cover might save. Iterations are the nodes of the branch and bound.
 
     **Raises:** `RuntimeError` if time runs out, or if the solver fails.
 
-    The greedy cover begins with the largest set, and then needs two more:
+    The greedy cover starts with the largest set, and then needs two more:
 
         >>> import numpy as np
         >>> from jaxcell import optimize
@@ -127,35 +127,35 @@ def minimum_cover(
         return MinimumCover(greedy.chosen, greedy.uncovered, 0, Certificate(0, 0.0, 0.0))
     rows = scipy.sparse.csr_array(sets.T[sets.any(axis=0)], dtype=np.float64)
     with no_output():
-        found = scipy.optimize.milp(
+        program = scipy.optimize.milp(
             np.ones(len(sets)),
             integrality=np.ones(len(sets)),
             bounds=scipy.optimize.Bounds(0, 1),
             constraints=scipy.optimize.LinearConstraint(rows, 1, np.inf),
             options={"mip_rel_gap": 0} | ({} if time_limit is None else {"time_limit": time_limit}),
         )
-    if found.status not in (0, 1):
-        raise RuntimeError(f"minimum_cover: HiGHS gave no answer: {found.message}")
+    if program.status not in (0, 1):
+        raise RuntimeError(f"minimum_cover: HiGHS found no solution: {program.message}")
     chosen = np.sort(greedy.chosen)
-    if found.x is not None and np.count_nonzero(found.x > 0.5) < chosen.size:
-        chosen = np.flatnonzero(found.x > 0.5).astype(np.int32)
-    # Without a bound from the solver, that it takes one set is all that is known.
-    below = 1.0 if found.mip_dual_bound is None else found.mip_dual_bound
+    if program.x is not None and np.count_nonzero(program.x > 0.5) < chosen.size:
+        chosen = np.flatnonzero(program.x > 0.5).astype(np.int32)
+    # Without a bound from the solver, at least one set is needed.
+    below = 1.0 if program.mip_dual_bound is None else program.mip_dual_bound
     bound = max(1, int(np.ceil(below - _ROUNDING)))
-    certificate = Certificate(int(found.mip_node_count or 0), float(chosen.size - bound), 0.0)
+    certificate = Certificate(int(program.mip_node_count or 0), float(chosen.size - bound), 0.0)
     certificate.check("minimum_cover", throw)
     return MinimumCover(chosen, greedy.uncovered, bound, certificate)
 
 
 def _packed(sets: Bool[np.ndarray, "sets elements"]) -> UInt64[np.ndarray, "words sets"]:
-    """The elements of each set as bits, with the sets along the rows that a step reads."""
+    """Pack the elements of each set as bits, with the sets along the rows that a step reads."""
     octets = np.packbits(sets, axis=1)
     whole = np.pad(octets, ((0, 0), (0, -octets.shape[1] % 8)))
     return np.ascontiguousarray(whole.view(np.uint64).T)
 
 
 def _ranked(gain: Int[np.ndarray, "sets"], choice: int) -> int:
-    """The set at a place of the ranking, or the last that gains anything."""
+    """Return the set at a place of the ranking, or the last set that adds anything."""
     choice = min(choice, int(np.count_nonzero(gain)) - 1)
     value = np.partition(gain, -1 - choice)[-1 - choice]
     return int(np.flatnonzero(gain == value)[choice - np.count_nonzero(gain > value)])

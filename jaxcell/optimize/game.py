@@ -14,16 +14,16 @@ from ..base.quiet import no_output
 from .checked import finite
 
 
-# Of the range of payoffs. HiGHS keeps the constraints of a mixed-integer program to 1e-6.
+# Relative to the range of payoffs. HiGHS meets constraints of mixed-integer programs to 1e-6.
 _TOLERANCE = 1e-6
-# A linear program is kept to as much as HiGHS allows.
+# The smallest tolerances of a linear program that HiGHS allows.
 _LP_OPTIONS = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 _MAX_PROFILES = 10_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Commitment:
-    """What a leader is to commit to, and how the follower answers."""
+    """The best mixture of strategies of a leader, and the answer of the follower."""
 
     weights: Float[Array, "strategies"]
     "The weight of each strategy of the leader; they are not negative and sum to 1."
@@ -45,44 +45,40 @@ def stackelberg(
     time_limit: float = 60.0,
     throw: bool = True,
 ) -> Commitment:
-    """The best commitment of a leader whose follower answers when it knows the commitment.
+    """Find the best commitment of a leader whose follower knows the commitment and answers.
 
     The leader mixes its strategies; each type of the follower then chooses the target that pays it
-    most, and among equals the one that the leader likes best (a strong Stackelberg equilibrium;
-    Alam 2018, section 4.4.2). The leader does not know the type, only how probable each is.
+    most, and among equals the best for the leader (a strong Stackelberg equilibrium; Alam 2018,
+    section 4.4.2). The leader knows only the probability of each type.
 
-    Two methods find the same value. `"dobss"` is one mixed-integer program for all types
-    (Paruchuri et al. 2008). `"multiple-lp"` solves a linear program for every way in which the
-    types can answer (Conitzer and Sandholm 2006), which are as many as targets for one type and
-    grow exponentially with the types.
+    Two methods find the same value. `"dobss"` is one mixed-integer program for all types (Paruchuri
+    et al. 2008). `"multiple-lp"` solves one linear program per combination of answers of the types
+    (Conitzer and Sandholm 2006). For one type there are as many as targets; the number grows
+    exponentially with the types.
 
     **Arguments:**
 
-    - `leader`: array `[strategies, targets]`, what the leader is paid; or `[types, strategies,
-        targets]` where that depends on the type of the follower.
-    - `follower`: array `[strategies, targets]`, or `[types, strategies, targets]`.
-    - `prior`: array `[types]`, the probability of each type; all alike by default.
+    - `leader`: array `[strategies, targets]`, the payoff of the leader; or `[types, strategies,
+        targets]` if it depends on the type of the follower.
+    - `follower`: the payoff of the follower, in an array of the same kind.
+    - `prior`: array `[types]`, the probability of each type; by default all are equal.
     - `method`: `"dobss"` or `"multiple-lp"`; by default the second for one type, else the first,
-        and then the second as well where the first is not good enough and there are at most 10,000
-        ways to answer.
-    - `time_limit`: of the mixed-integer program, in seconds. At its end the best commitment that
-        was found is not good enough, and its residual says by how much.
+        then the second if the first is not good enough and there are at most 10,000 combinations.
+    - `time_limit`: time limit of the mixed-integer program, in seconds. After it, the best
+        commitment so far is not good enough, and its residual bounds the error.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: by
-    how much an upper bound on all commitments exceeds the value, relative to the range of the
-    leader's payoffs; and by how much another target would pay a type more than its answer,
-    relative to the most that targets can differ under one strategy. What differs by less than the
-    tolerance may count as equal. Iterations are the nodes of the branch and bound, or the linear
-    programs.
+    **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: the
+    excess of an upper bound on all commitments over the value, relative to the range of the
+    leader's payoffs; and the largest gain of a type from another target than its answer, relative
+    to the largest difference of targets under one strategy. Differences below the tolerance may
+    count as 0. Iterations are the nodes of the branch and bound, or the linear programs.
 
-    **Raises:** `ValueError` for payoffs that are empty, of shapes that do not match, or not finite
-    numbers; a prior that is not a distribution over the types; an unknown method; or more than
-    10,000 ways to answer for `"multiple-lp"`. `RuntimeError` if the solver gives no answer or one
-    that is not good enough, or where JAX is set to 32 bits.
+    **Raises:** `ValueError` for wrong arguments, or more than 10,000 combinations for
+    `"multiple-lp"`; `RuntimeError` if the solver finds no solution or one that is not good enough,
+    or where JAX is set to 32 bits.
 
-    The leader gains by mixing: committed to its first strategy it would get 2 (Conitzer and
-    Sandholm 2006):
+    The leader gains by mixing: its first strategy alone would pay 2 (Conitzer and Sandholm 2006):
 
         >>> from jaxcell import optimize
         >>> best = optimize.stackelberg([[2, 4], [1, 3]], [[1, 0], [0, 1]])
@@ -107,27 +103,27 @@ def stackelberg(
     if not time_limit > 0:
         raise ValueError(f"time_limit: expected more than 0 s, got {time_limit}")
 
-    # Neither scale nor what a type is paid whatever it answers changes how it answers.
+    # The answer of a type depends neither on the scale nor on payments that every answer earns.
     unit_R = _unit(R - R.min())
     unit_C = np.stack([_unit(payoff - payoff.min(axis=1, keepdims=True)) for payoff in C])
     paid = probability[:, None, None] * unit_R
 
-    def certified(found: _Found) -> tuple[_Found, Certificate]:
-        weights, answer, bound, iterations = found
+    def certified(solved: _Solved) -> tuple[_Solved, Certificate]:
+        weights, answer, bound, iterations = solved
         each = np.arange(types)
         value = float(probability @ (weights @ unit_R)[each, answer])
         replies = weights @ unit_C
         regret = float((replies.max(axis=1) - replies[each, answer]).max())
-        return found, Certificate(iterations, max(0.0, bound - value, regret), _TOLERANCE)
+        return solved, Certificate(iterations, max(0.0, bound - value, regret), _TOLERANCE)
 
     few = C.shape[2] ** types <= _MAX_PROFILES
     if method == "multiple-lp" or (method is None and types == 1):
-        found, certificate = certified(_multiple_lp(paid, unit_C))
+        solved, certificate = certified(_multiple_lp(paid, unit_C))
     else:
-        found, certificate = certified(_dobss(paid, unit_C, time_limit))
+        solved, certificate = certified(_dobss(paid, unit_C, time_limit))
         if method is None and few and certificate.outcome is not Outcome.CONVERGED:
-            found, certificate = certified(_multiple_lp(paid, unit_C))
-    weights, answer, each = found[0], found[1], np.arange(types)
+            solved, certificate = certified(_multiple_lp(paid, unit_C))
+    weights, answer, each = solved[0], solved[1], np.arange(types)
     certificate.check("stackelberg", throw)
     value = float(probability @ (weights @ R)[each, answer])
     gained = (weights @ C)[each, answer]
@@ -135,21 +131,21 @@ def stackelberg(
     return Commitment(weights, answer, value, gained, certificate)
 
 
-# A commitment with the answers to it, an upper bound on the value of any, and the iterations.
-_Found = tuple[Float[np.ndarray, "strategies"], Int[np.ndarray, "types"], float, int]
+# A commitment, its answers, an upper bound on the value of all commitments, and the iterations.
+_Solved = tuple[Float[np.ndarray, "strategies"], Int[np.ndarray, "types"], float, int]
 
 
 def _dobss(
     R: Float[np.ndarray, "types strategies targets"],
     C: Float[np.ndarray, "types strategies targets"],
     time_limit: float,
-) -> _Found:
+) -> _Solved:
     """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
     C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
     a_of_type = scipy.sparse.kron(eye(types), ones((targets, 1)))
-    # The most by which a target can fall short of the best answer.
+    # The largest loss of a type by a target, relative to its best answer.
     most = (C.max(axis=2, keepdims=True) - C).max(axis=1).ravel()
     sum_over_targets = scipy.sparse.kron(eye(types * strategies), ones((1, targets)))
     sum_over_strategies = scipy.sparse.kron(
@@ -172,44 +168,44 @@ def _dobss(
     constraints = scipy.optimize.LinearConstraint(
         scipy.sparse.block_array(rows, format="csr"), lower, upper
     )
-    # HiGHS can fail after presolving payoffs that nearly tie, and then solves the program as it is.
+    # HiGHS can fail after presolving payoffs that nearly tie; it then solves without presolving.
     for presolve in (True, False):
         with no_output():
-            found = scipy.optimize.milp(
+            program = scipy.optimize.milp(
                 objective,
                 integrality=integrality,
                 bounds=scipy.optimize.Bounds(0, 1),
                 constraints=constraints,
                 options={"mip_rel_gap": 0, "presolve": presolve, "time_limit": time_limit},
             )
-        if found.x is not None:
+        if program.x is not None:
             break
-        if found.status == 1:
+        if program.status == 1:
             raise RuntimeError(
                 f"stackelberg: HiGHS found no commitment of {types} types in {time_limit:g} s; "
                 "expected fewer types or targets, or a longer time_limit"
             )
     else:
-        raise RuntimeError(f"stackelberg: HiGHS gave no answer: {found.message}")
-    x, _, _, q = np.split(found.x, np.cumsum(sizes)[:-1])
+        raise RuntimeError(f"stackelberg: HiGHS found no solution: {program.message}")
+    x, _, _, q = np.split(program.x, np.cumsum(sizes)[:-1])
     answer = q.reshape(types, targets).argmax(axis=1)
-    # The linear program of these answers keeps to them more closely than the mixed-integer one. It
-    # has no solution where they are best only within the tolerance of the latter.
+    # The linear program of these answers is more accurate than the mixed-integer program. It has no
+    # solution if the answers are best only within the tolerance of the mixed-integer program.
     polished = _commit(R, C, answer)
     weights = _on_simplex(x) if polished is None else polished[0]
-    return weights, answer, -found.mip_dual_bound, int(found.mip_node_count)
+    return weights, answer, -program.mip_dual_bound, int(program.mip_node_count)
 
 
 def _multiple_lp(
     R: Float[np.ndarray, "types strategies targets"],
     C: Float[np.ndarray, "types strategies targets"],
-) -> _Found:
+) -> _Solved:
     types, _, targets = C.shape
     profiles = targets**types
     if profiles > _MAX_PROFILES:
         raise ValueError(
-            f"method: {types} types can answer with {targets} targets in {profiles} ways, and "
-            f"'multiple-lp' tries at most {_MAX_PROFILES}; 'dobss' serves"
+            f"method: {types} types and {targets} targets have {profiles} combinations of answers; "
+            f"expected at most {_MAX_PROFILES} for 'multiple-lp', or 'dobss'"
         )
     best, bound = None, -np.inf
     for profile in itertools.product(range(targets), repeat=types):
@@ -231,17 +227,17 @@ def _commit(
     C: Float[np.ndarray, "types strategies targets"],
     answer: Int[np.ndarray, "types"],
 ) -> tuple[Float[np.ndarray, "strategies"], float, float] | None:
-    """The best weights that make given targets the best answers of the types, if any do.
+    """Find the best weights for which given targets are the best answers of the types, or `None`.
 
-    **Returns:** the weights, their value, and a bound on that of any other such weights.
+    **Returns:** the weights, their value, and an upper bound on the value of other such weights.
     """
     each = np.arange(len(C))
     paid = R[each, :, answer].sum(axis=0)
-    # What each type would gain from each target over its answer.
+    # The gain of each type from each target, relative to its answer.
     gain = (C - C[each, :, answer][..., None]).transpose(0, 2, 1).reshape(-1, C.shape[1])
-    # HiGHS can fail where payoffs nearly tie, and then does with its own tolerances.
+    # HiGHS can fail if payoffs nearly tie; its default tolerances then suffice.
     for options in (_LP_OPTIONS, {}):
-        found = scipy.optimize.linprog(
+        program = scipy.optimize.linprog(
             -paid,
             A_ub=gain,
             b_ub=np.zeros(len(gain)),
@@ -250,26 +246,26 @@ def _commit(
             method="highs",
             options=options,
         )
-        if found.status == 0:
+        if program.status == 0:
             break
-        if found.status == 2:
+        if program.status == 2:
             return None
     else:
-        raise RuntimeError(f"stackelberg: HiGHS gave no answer: {found.message}")
-    weights = _on_simplex(found.x)
-    # Any prices that are not negative give a bound.
-    price = np.maximum(0.0, -found.ineqlin.marginals)
+        raise RuntimeError(f"stackelberg: HiGHS found no solution: {program.message}")
+    weights = _on_simplex(program.x)
+    # Any nonnegative prices give a bound.
+    price = np.maximum(0.0, -program.ineqlin.marginals)
     return weights, float(weights @ paid), float((paid - price @ gain).max())
 
 
 def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
-    """Remove the rounding of a solver."""
+    """Remove the rounding of a solver: weights are not negative and sum to 1."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 
 
 def _unit(payoffs: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Numbers that are not negative, scaled to at most 1."""
+    """Scale nonnegative numbers to at most 1."""
     most = payoffs.max()
     return payoffs / most if most > 0 else payoffs
 
@@ -289,7 +285,7 @@ def _distribution(prior: Any, types: int) -> Float[np.ndarray, "types"]:
         return np.full(types, 1 / types)
     array = finite("prior", prior)
     if array.shape != (types,):
-        raise ValueError(f"prior: expected {types} numbers, one a type, got {list(array.shape)}")
+        raise ValueError(f"prior: expected {types} numbers, one per type, got {list(array.shape)}")
     if (array < 0).any() or abs(array.sum() - 1) > 1e-9:
         raise ValueError(
             f"prior: expected numbers that are not negative and sum to 1, got {array.tolist()}"

@@ -11,7 +11,7 @@ from .checked import one_each
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Graph:
-    """An undirected graph without loops or parallel edges, and where its vertices are.
+    """An undirected graph without loops or parallel edges, with optional positions of its vertices.
 
     A line of three vertices, with positions:
 
@@ -22,13 +22,13 @@ class Graph:
     """
 
     vertices: int
-    "How many; they are numbered from 0."
+    "Number of vertices, which are numbered from 0."
     edges: Int[np.ndarray, "edges 2"]
     "The two ends of each edge."
     xy: Float[np.ndarray, "vertices 2"] | None
-    "The position of each vertex, in metres, if the graph lies in the plane."
+    "The position of each vertex, in metres, or `None`."
     ways: Float[np.ndarray, "edges"] | None
-    "How long each edge is, in metres, where that is more than the distance of its ends."
+    "The length of each edge, in metres, or `None` if it is the distance of its ends."
 
     def __init__(
         self, edges: Any, vertices: int | None = None, xy: Any = None, ways: Any = None
@@ -36,14 +36,12 @@ class Graph:
         """**Arguments:**
 
         - `edges`: integer array `[edges, 2]`, the two ends of each edge.
-        - `vertices`: how many there are; by default as many as `xy` has rows, and without `xy` as
-            many as the edges name.
+        - `vertices`: number of vertices; by default the number of rows of `xy`, or without `xy` one
+            more than the largest end of an edge.
         - `xy`: array `[vertices, 2]`, the positions, in metres.
         - `ways`: array `[edges]`, the lengths of the edges, in metres; by default the distances.
 
-        **Raises:** `ValueError` for fewer than 2 vertices, and one that names the edge for an end
-        that does not exist, a loop, and an edge that was there before, in either direction;
-        `ValueError` for arrays of other shapes or types.
+        **Raises:** `ValueError` for wrong shapes, numbers or ends, loops, and parallel edges.
         """
         ends = np.asarray(edges)
         if ends.ndim != 2 or ends.shape[1] != 2 or ends.shape[0] == 0:
@@ -63,7 +61,7 @@ class Graph:
             if not np.isfinite(places).all():
                 v, axis = np.argwhere(~np.isfinite(places))[0]
                 raise ValueError(f"xy[{v}, {axis}] is {places[v, axis]}; expected a finite number")
-        lengths = None if ways is None else one_each("ways", ways, len(ends), "an edge")
+        lengths = None if ways is None else one_each("ways", ways, len(ends), "per edge")
         object.__setattr__(self, "ways", lengths)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "edges", ends.astype(np.int32))
@@ -71,7 +69,7 @@ class Graph:
 
     @property
     def lengths(self) -> Float[np.ndarray, "edges"]:
-        """The length of each edge, in metres: that given, else the distance of its ends, else 1."""
+        """The length of each edge, in metres: from `ways`, or the distance of its ends, or 1."""
         if self.ways is not None:
             return self.ways
         if self.xy is None:
@@ -80,7 +78,8 @@ class Graph:
         return np.hypot(*(self.xy[tail] - self.xy[head]).T)
 
     def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
-        """The symmetric matrix `[vertices, vertices]` with one number an edge; zeros are kept."""
+        """Make the symmetric matrix `[vertices, vertices]` with one number per edge, which may be
+        0."""
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))

@@ -1,30 +1,31 @@
-"""The weighted Laplacian of a connected graph: its pseudo-inverse, and what edges do to it."""
+"""Weighted Laplacian of a connected graph: its pseudo-inverse and its derivatives by edges."""
 
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int
 
 
-# Rows of the inverse whose differences are held at once.
+# Number of edges whose differences of rows of the inverse are in memory at once.
 _ROWS = 256
 
 
 def pseudo_inverse(
     vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """The pseudo-inverse of `sum_e w_e b_e b_e'`, `b_e` the difference of the ends of edge `e`.
+    """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`; `b_e` is the difference of the ends of
+    `e`.
 
-    **Raises:** `numpy.linalg.LinAlgError` if weights leave parts that are separate to rounding.
+    **Raises:** `numpy.linalg.LinAlgError` if weights leave separate parts, up to rounding.
     """
     tail, head = edges.T
     laplacian = np.zeros((vertices, vertices))
     laplacian[tail, head] = laplacian[head, tail] = -weights
     degree = -laplacian.sum(axis=0)
     laplacian.flat[:: vertices + 1] = degree
-    # A constant turns the eigenvalue 0 into one within the range of the others.
+    # A constant moves the eigenvalue 0 into the range of the other eigenvalues.
     shift = degree.mean()
     laplacian += shift / vertices
-    # The transpose of a symmetric matrix is in the order that LAPACK overwrites.
+    # LAPACK overwrites the order of the transpose, which is the same matrix.
     factor, info = scipy.linalg.lapack.dpotrf(laplacian.T, lower=1, overwrite_a=1)
     if info == 0:
         factor, info = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
@@ -40,7 +41,7 @@ def pseudo_inverse(
 def resistance_gains(
     vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
 ) -> tuple[float, Float[np.ndarray, "edges"]]:
-    """The sum of the reciprocal eigenvalues, and by how much each weight lowers it.
+    """Compute the sum of the reciprocal eigenvalues, and its decrease per unit of each weight.
 
     **Raises:** as [`pseudo_inverse`][].
     """
@@ -48,7 +49,7 @@ def resistance_gains(
     tail, head = edges.T
     gain = np.empty(len(edges))
     for first in range(0, len(edges), _ROWS):
-        some = slice(first, first + _ROWS)
-        columns = inverse[tail[some]] - inverse[head[some]]
-        gain[some] = np.einsum("en,en->e", columns, columns)
+        block = slice(first, first + _ROWS)
+        columns = inverse[tail[block]] - inverse[head[block]]
+        gain[block] = np.einsum("en,en->e", columns, columns)
     return float(np.trace(inverse)), gain

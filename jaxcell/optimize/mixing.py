@@ -16,12 +16,12 @@ from .spectral import SpectralProblem, least_norm
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FastestMixing:
-    """The reversible chain on a graph that forgets fastest where it started."""
+    """The reversible chain on a graph that converges fastest to its stationary distribution."""
 
     weights: Float[np.ndarray, "edges"]
-    "The probability of a step along each edge one way, in the long run: `pi_i p_ij = pi_j p_ji`."
+    "The probability, in the long run, of a step along each edge one way: `pi_i p_ij = pi_j p_ji`."
     holding: Float[np.ndarray, "vertices"]
-    "The probability of a step that stays at each vertex, in the long run: `pi_i p_ii`."
+    "The probability, in the long run, of a step that stays at each vertex: `pi_i p_ii`."
     transition: Float[np.ndarray, "vertices vertices"]
     "The probability `p_ij` of a step from the first vertex to the second."
     rate: float
@@ -36,12 +36,12 @@ class FastestMixing:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FastestAveraging:
-    """The weights with which neighbours that average their numbers agree fastest."""
+    """The weights with which neighbours that average their numbers reach agreement fastest."""
 
     weights: Float[np.ndarray, "edges"]
     "The weight of each edge, of either sign."
     matrix: Float[np.ndarray, "vertices vertices"]
-    "What a round of averaging multiplies by: 1 minus the weighted Laplacian."
+    "The matrix of a round of averaging: 1 minus the weighted Laplacian."
     rate: float
     "The factor by which a round shrinks the distance from the average, in the worst case."
     certificate: Certificate
@@ -50,18 +50,18 @@ class FastestAveraging:
 def fastest_mixing(
     graph: Graph, stationary: Any = None, *, tolerance: float = 1e-7, throw: bool = True
 ) -> FastestMixing:
-    """The fastest mixing Markov chain on a graph, FMMC (Boyd, Diaconis and Xiao 2004).
+    """Find the fastest mixing Markov chain on a graph, FMMC (Boyd, Diaconis and Xiao 2004).
 
-    Of the reversible chains that step along edges or stay, and that have a given stationary
-    distribution, it is the one whose second largest eigenvalue modulus is least. That is a
-    semidefinite program, which an interior-point method solves.
+    Among the reversible chains that step along edges or stay, and that have a given stationary
+    distribution, it has the least second largest eigenvalue modulus. That is a semidefinite
+    program, which an interior-point method solves.
 
     **Arguments:**
 
     - `graph`: a connected graph.
     - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive and
-        with sum 1; by default the same at all.
-    - `tolerance`: of the relative gap.
+        with sum 1; by default uniform.
+    - `tolerance`: tolerance of the relative gap.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`FastestMixing`][]. The residual of its certificate is how far the spectral gap,
@@ -70,10 +70,10 @@ def fastest_mixing(
     eigenvalues have moduli with sum 1, and `z >= 0` with `z_i + z_j >= s' Y s` for each edge, where
     `s = e_i / sqrt(pi_i) - e_j / sqrt(pi_j)`.
 
-    **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part, and a
-    `stationary` that is not such a distribution; `RuntimeError` if the gap does not close.
+    **Raises:** `ValueError` for a graph that is not connected, and for a wrong `stationary`;
+    `RuntimeError` if the gap does not close.
 
-    A line of three vertices, at whose ends the chain stays half the time:
+    A line of three vertices; at its ends the chain stays half the time:
 
         >>> from jaxcell import optimize
         >>> graph = optimize.Graph([[0, 1], [1, 2]])
@@ -86,7 +86,7 @@ def fastest_mixing(
         if stationary is None
         else shares_of_time(stationary, graph.vertices)
     )
-    # Weights are not negative, and those at a vertex leave something for staying.
+    # Weights are not negative, and their sum at a vertex is at most its share of time.
     edges = len(graph.edges)
     ends = (np.ones(2 * edges), (graph.edges.ravel(), np.repeat(np.arange(edges), 2)))
     at = scipy.sparse.csr_array(ends, shape=(graph.vertices, edges))
@@ -103,24 +103,23 @@ def fastest_mixing(
 def fastest_averaging(
     graph: Graph, *, tolerance: float = 1e-7, throw: bool = True
 ) -> FastestAveraging:
-    """The fastest distributed linear averaging on a graph, FDLA (Xiao and Boyd 2004).
+    """Find the fastest distributed linear averaging on a graph, FDLA (Xiao and Boyd 2004).
 
-    All vertices hold a number and replace it, round by round, by `x_i + sum_j w_ij (x_j - x_i)`,
-    the sum over their neighbours. They agree on the average in the end, and these weights make them
-    do so fastest. As those of [`fastest_mixing`][] do, but a weight may be negative, and then there
-    is no chain.
+    Each vertex holds a number and replaces it, round by round, by `x_i + sum_j w_ij (x_j - x_i)`,
+    the sum over its neighbours. In the end all numbers agree on the average, and with these weights
+    they do so fastest. The problem is that of [`fastest_mixing`][], except that a weight may be
+    negative, and then there is no chain.
 
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `tolerance`: of the relative gap.
+    - `tolerance`: tolerance of the relative gap.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`FastestAveraging`][]. The residual of its certificate is how far `1 - rate` can
-    be below the largest, as a part of itself.
+    **Returns:** [`FastestAveraging`][]. The residual of its certificate bounds the relative
+    distance of `1 - rate` from its maximum.
 
-    **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part;
-    `RuntimeError` if the gap does not close.
+    **Raises:** `ValueError` for a graph that is not connected; `RuntimeError` if the gap stays.
 
     A line of three vertices:
 
@@ -148,7 +147,7 @@ def _fastest(
     limits: Float[np.ndarray, "bounds"],
     tolerance: float,
 ) -> tuple[Float[np.ndarray, "edges"], float, Certificate]:
-    """Starts where every vertex stays half of the time or more, which no bound touches."""
+    """Solve from a start where each vertex stays at least half the time, which no bound touches."""
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
     check_connected(graph.vertices, graph.edges)

@@ -10,7 +10,7 @@ from ..base.precision import require_x64
 from .checked import finite
 
 
-# Of the largest squared distance of a column from the target.
+# Relative to the largest squared distance of a column from the target.
 _TOLERANCE = 1e-12
 
 
@@ -30,23 +30,22 @@ class Mixture:
 def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     """Minimise `|A x - b|^2` over the `x >= 0` that sum to 1 (Alam 2018, Eq. 3.8).
 
-    That is the point of least norm in the convex hull of the columns of `A - b`, and Wolfe's active
-    set finds it exactly, in as many steps as columns come and go. Where columns are affinely
-    dependent, several weights give the one nearest mixture, and this is one of them.
+    It is the point of least norm in the convex hull of the columns of `A - b`. Wolfe's active-set
+    method finds it exactly, in one step per added or dropped column. If columns are affinely
+    dependent, several weights give the same nearest mixture, and one of them is returned.
 
     **Arguments:**
 
-    - `A`: float64 array `[rows, columns]`, such as the coverage distributions of some policies.
+    - `A`: float64 array `[rows, columns]`, such as the coverage distributions of policies.
     - `b`: float64 array `[rows]`, the target.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`Mixture`][]. The residual of its certificate is the duality gap, relative to the
-    largest squared distance of a column from the target: `|A x - b|^2` is at most so much above the
-    optimum.
+    **Returns:** [`Mixture`][]. The residual of its certificate, the duality gap, bounds the excess
+    of `|A x - b|^2` over the optimum, relative to the largest squared distance of a column from the
+    target.
 
-    **Raises:** `ValueError` for arrays whose shapes do not match, that are empty, or that hold
-    something other than finite float64 numbers; `RuntimeError` if the gap does not close, or where
-    JAX is set to 32 bits.
+    **Raises:** `ValueError` for arrays that do not match; `RuntimeError` if the gap does not close,
+    or where JAX is set to 32 bits.
 
     The point nearest to (1, 0.5) between two columns:
 
@@ -60,8 +59,8 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     require_x64("mixture")
     A, b = _checked("A", A, 2), _checked("b", b, 1)
     if A.shape[0] != b.size:
-        raise ValueError(f"b: expected {A.shape[0]} numbers, one a row of A, got {b.size}")
-    # Rotated into as few coordinates as there are columns, which keeps all products.
+        raise ValueError(f"b: expected {A.shape[0]} numbers, one per row of A, got {b.size}")
+    # A rotation into as few coordinates as columns preserves all products.
     points: np.ndarray = np.linalg.qr(A - b[:, None], mode="r")  # type: ignore[assignment]
     weights, gap, steps = _nearest_to_origin(points)
     certificate = Certificate(steps, gap, _TOLERANCE)
@@ -84,7 +83,7 @@ def _checked(name: str, values: Any, dimensions: int) -> Float[np.ndarray, "..."
 def _nearest_to_origin(
     points: Float[np.ndarray, "coordinates columns"],
 ) -> tuple[Float[np.ndarray, "columns"], float, int]:
-    """The weights of the point of the convex hull of the columns that is nearest to the origin.
+    """Compute the weights of the point of the convex hull of the columns nearest to the origin.
 
     **Returns:** the weights, the relative duality gap, and the number of active sets.
     """
@@ -102,8 +101,8 @@ def _nearest_to_origin(
         if gap <= _TOLERANCE / 10 or weights[best] > 0:
             break
         trial = _minimise_on(points, weights, np.append(np.flatnonzero(weights), best))
-        # Every active set is nearer than those before it, so none comes twice; where one is not,
-        # rounding allows no better.
+        # Every active set is nearer than the sets before it, so none occurs twice; if it is not,
+        # rounding prevents further progress.
         if np.linalg.norm(points @ trial) >= np.linalg.norm(nearest):
             break
         weights = trial
@@ -115,10 +114,10 @@ def _minimise_on(
     weights: Float[np.ndarray, "columns"],
     active: Int[np.ndarray, "active"],
 ) -> Float[np.ndarray, "columns"]:
-    """Go to the nearest point of the affine hull of the active columns.
+    """Move to the nearest point of the affine hull of the active columns.
 
-    Where that point is outside their convex hull, drops the column that is left behind first and
-    goes on with the others.
+    If that point is outside their convex hull, drop the column whose weight first becomes 0 and
+    continue with the others.
     """
     here = weights[active]
     while True:
@@ -128,13 +127,13 @@ def _minimise_on(
         others = np.linalg.lstsq(differences, -last, rcond=None)[0]
         aim = np.append(others, 1 - others.sum())
         if (aim > 0).all():
-            found = np.zeros_like(weights)
-            found[active] = aim
-            return found
-        way = np.full(aim.size, np.inf)
+            moved = np.zeros_like(weights)
+            moved[active] = aim
+            return moved
+        shares = np.full(aim.size, np.inf)
         outside = aim <= 0
-        way[outside] = here[outside] / np.maximum(here - aim, np.finfo(float).tiny)[outside]
-        share = way.min()
-        kept = way > share
+        shares[outside] = here[outside] / np.maximum(here - aim, np.finfo(float).tiny)[outside]
+        share = shares.min()
+        kept = shares > share
         here = (here + share * (aim - here))[kept]
         active = active[kept]

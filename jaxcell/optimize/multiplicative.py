@@ -1,40 +1,40 @@
-"""The walk with the least commute time on graphs too large for a Hessian of edges by edges."""
+"""Walk with the least commute time on graphs too large for a Hessian of edges by edges."""
 
 import numpy as np
 from jaxtyping import Float
 
 from ..base.threads import one_blas_thread
 from .laplacian import resistance_gains
-from .resistance import Emphasis, Found, HostLaplacian
+from .resistance import Emphasis, HostLaplacian, Iterate
 
 
-# Of a weight, so that it has a logarithm.
+# The least weight, so that it has a logarithm.
 _LEAST = 1e-100
 
 
 @one_blas_thread()
 def least_resistance(
     laplacian: HostLaplacian, problem: Emphasis, tolerance: float, evaluations: int
-) -> tuple[Found, int]:
-    """Weights of the edges with the least sum of reciprocal eigenvalues of the Laplacian.
+) -> tuple[Iterate, int]:
+    """Find weights of edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
-    With `g_e = |X b_e|^2 / t_e`, by how much each weight lowers the sum, `sum_e g_e w_e^2 / u_e`
-    bounds it at other weights `u` and touches it at `u = w`. The least of the bound is at weights
-    in proportion to `w_e sqrt(g_e)`, within the share on the tour and elsewhere if that is short.
+    With `g_e = |X b_e|^2 / t_e`, the decrease of the sum per unit of weight, `sum_e g_e w_e^2 /
+    u_e` bounds the sum at other weights `u` and equals it at `u = w`. The bound is least at weights
+    in proportion to `w_e sqrt(g_e)`, scaled on the tour and elsewhere if the tour lacks its share.
     Each such step lowers the sum; two of them are extrapolated (Varadhan and Roland 2008), as far
-    as the sum falls.
+    as the sum decreases.
 
     **Arguments:**
 
-    - `laplacian`: of a connected graph, `sum_e (w_e / t_e) b_e b_e'`.
-    - `problem`: the edges on which there is at least a share of the weight.
-    - `tolerance`: of the relative gap.
-    - `evaluations`: how often the Laplacian is inverted, at most.
+    - `laplacian`: the Laplacian of a connected graph, `sum_e (w_e / t_e) b_e b_e'`.
+    - `problem`: the edges with at least a given share of the weight.
+    - `tolerance`: tolerance of the relative gap.
+    - `evaluations`: largest number of inversions of the Laplacian.
 
-    **Returns:** the weights with the smallest gap, and how often it was inverted.
+    **Returns:** the weights with the smallest gap, and the number of inversions.
     """
     durations = laplacian.durations
-    best, count = Found(np.empty(0), None, np.inf, np.inf), 0
+    best, count = Iterate(np.empty(0), None, np.inf, np.inf), 0
 
     def shared(weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "edges"]:
         return problem.scaled(np.maximum(weights / weights.sum(), _LEAST))
@@ -48,14 +48,14 @@ def least_resistance(
         gain /= durations
         gap = max(0.0, 1 - resistance / float(problem.most(gain)))
         if gap < best.gap:
-            best = Found(weights, None, resistance, gap)
+            best = Iterate(weights, None, resistance, gap)
         return shared(weights * np.sqrt(gain)), resistance
 
     weights = shared(np.ones(durations.size))
     following, _ = step(weights)
     while best.gap > tolerance and count < evaluations:
         second, now = step(following)
-        logs = [np.log(one) for one in (weights, following, second)]
+        logs = [np.log(point) for point in (weights, following, second)]
         ahead, bend = logs[1] - logs[0], logs[2] - 2 * logs[1] + logs[0]
         length = np.sqrt(following @ ahead**2 / max(following @ bend**2, _LEAST))
         while length > 1:

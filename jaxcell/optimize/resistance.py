@@ -1,24 +1,24 @@
-"""The least sum of resistances between the vertices of a graph, by an interior-point method.
+"""Least sum of resistances between the vertices of a graph, by an interior-point method.
 
 **The problem.** With `X` the pseudo-inverse of the weighted Laplacian `sum_e w_e b_e b_e' / t_e` of
 edges with weights `w` and durations `t`, `b_e` the difference of the ends of edge `e`:
 
     minimise R(w) = tr X     over numbers x >= 0 with sums' x = totals,
 
-where `x` are the weights, which sum to 1, and after them what inequalities have to spare. With
-`c_e = X b_e / sqrt(t_e)` the derivatives are
+where `x` are the weights, which sum to 1, followed by the slack of inequalities. With `c_e = X b_e
+/ sqrt(t_e)` the derivatives are
 
     -dR/dw_e = |c_e|^2, the gain of an edge,     d2R/dw_e dw_f = 2 (c_e' c_f)(c_e' b_f) / sqrt(t_f).
 
-**The method.** At the optimum there are prices with `gain + pressure = sums prices`, where a
-pressure that is not negative is 0 at each number that is not. Steps of Mehrotra's predictor and
-corrector lead there from within, with one Cholesky factor of the Hessian each.
+**The method.** At the optimum there are prices with `gain + pressure = sums prices`, where the
+pressure is not negative, and 0 at each positive number. Mehrotra's predictor-corrector steps
+approach it from the interior, with one Cholesky factor of the Hessian each.
 
 **The bound.** `R` is convex and homogeneous of degree -1, so its reciprocal is concave, and the
-tangent of that at `w` bounds it everywhere: no weights have a sum below `R(w)^2 / most`, with
-`most` the largest `gain @ u` of all weights `u`. It is the certificate, and ends the steps.
+tangent at `w` bounds it everywhere: no weights have a sum below `R(w)^2 / most`, with `most` the
+largest `gain @ u` over all weights `u`. This is the certificate, and ends the steps.
 
-Formulas and steps are for arrays of NumPy or of JAX: [`interior_point`][] takes them on the host,
+Formulas and steps work on arrays of NumPy or of JAX: [`interior_point`][] runs on the host,
 [`jaxcell.optimize.commute_weights`][] in compiled programs.
 """
 
@@ -37,31 +37,31 @@ from .laplacian import pseudo_inverse
 
 
 _STEPS = 100
-# With more edges, steps are computed in 32 bits, and by all cores.
+# Above this number of edges, steps are computed in 32 bits and on all cores.
 _LARGE = 2000
-# Rows of the Hessian that are made at once, in the cache.
+# Number of rows of the Hessian that are computed at once, within the cache.
 _ROWS = 64
 # Below this, the distance from the central path is rounding.
 _ROUNDING = 1e-16
-# Of the way to the nearest bound, so that numbers stay positive.
+# Share of the distance to the nearest bound that a step takes, so that numbers stay positive.
 _SHORT_OF_THE_BOUND = 0.99
-# Of what a share leaves to all edges, the tour has so much more at the start.
+# Share of the weights beyond the emphasis that the tour has in addition at the start.
 _SPARE = 0.1
 
 
 class Emphasis(NamedTuple):
-    """Weights with at least a share on the edges of a tour.
+    """The set of weights with at least a share on the edges of a tour.
 
-    What the tour has beyond its share is one more number, so that steps find whether the bound is
-    tight. The two sums are that of all weights, and that of what is elsewhere and what is beyond:
-    with the sum on the tour, what a share of almost 1 leaves would be lost in rounding.
+    The excess of the tour over its share is one more number, so that steps find whether the bound
+    is tight. The two sums are the sum of all weights, and the sum of the weights elsewhere and the
+    excess: the sum on the tour would lose the small rest that a share of almost 1 leaves.
     """
 
     on_tour: Any
-    "Boolean array `[edges]`: all of them, with share 0, for no emphasis."
+    "Boolean array `[edges]`: the emphasised edges; all edges, with share 0, for no emphasis."
     share: Any
     allowed: Any
-    "Boolean array `[edges]`: those that may have weight."
+    "Boolean array `[edges]`: the edges that may have weight."
 
     @property
     def sums(self) -> Any:
@@ -79,19 +79,19 @@ class Emphasis(NamedTuple):
         return self.on_tour.__array_namespace__().append(self.allowed, True)
 
     def first_prices(self, gain: Any, numbers: Any) -> Any:
-        """Prices that leave a pressure on each number that keeps it positive."""
+        """Return prices that leave a positive pressure on each number."""
         xp = gain.__array_namespace__()
         on_tour = 1.2 * xp.max(xp.where(self.on_tour, gain, 0.0))
         return xp.stack([on_tour, 1.4 * xp.max(gain) - on_tour])
 
     def most(self, gain: Any, prices: Any = None) -> Any:
-        """The largest `gain @ weights`, on the edges that gain most; prices do not matter."""
+        """Return the largest `gain @ weights`, on the edges that gain most; prices are ignored."""
         xp = gain.__array_namespace__()
         on_tour = xp.max(xp.where(self.on_tour, gain, 0.0))
         return self.share * on_tour + (1 - self.share) * xp.max(gain)
 
     def scaled(self, weights: Any, spare: float = 0.0) -> Any:
-        """The weights with the sum 1, and at least the share and something to spare on the tour."""
+        """Scale weights to sum 1, with at least the share, and some to spare, on the tour."""
         xp = weights.__array_namespace__()
         weights = weights / xp.sum(weights)
         there = xp.sum(xp.where(self.on_tour, weights, 0.0))
@@ -101,9 +101,9 @@ class Emphasis(NamedTuple):
         return weights * xp.where(self.on_tour, more, less)
 
     def start(self, design: Callable[[Any], "Design"]) -> Any:
-        """Even weights, then moved in proportion to the root of the gain.
+        """Return even weights, moved twice in proportion to the root of the gain.
 
-        In trees without an emphasis, that is all.
+        In trees without an emphasis, these are optimal.
         """
         xp = self.on_tour.__array_namespace__()
         weights = self.scaled(xp.where(self.allowed, 1.0, 0.0), _SPARE)
@@ -114,36 +114,36 @@ class Emphasis(NamedTuple):
 
 
 class Design(NamedTuple):
-    """The sum of resistances, and what its derivatives are made of."""
+    """The sum of resistances, and the parts of its derivatives."""
 
     resistance: Any
     gain: Any
-    "Array `[edges]`, by how much each weight lowers the sum."
+    "Array `[edges]`, the decrease of the sum per unit of each weight."
     columns: Any
     "Array `[edges, vertices]`, the `c_e`."
 
 
-class Found(NamedTuple):
-    """Numbers, and how good they are."""
+class Iterate(NamedTuple):
+    """Numbers, with their prices, sum of resistances and gap."""
 
     numbers: Any
     prices: Any
-    "Of the sums; none where a method finds none."
+    "The prices of the sums, or `None` if a method has none."
     resistance: Any
     gap: Any
-    "By how much of itself the sum of resistances can be above the least."
+    "A bound on the relative excess of the sum of resistances over the least sum."
 
 
 class State(NamedTuple):
-    """A point on the way, and the best one so far."""
+    """A point of the central path, and the best point so far."""
 
     numbers: Any
     pressure: Any
-    "Of each number, in units of the first sum."
+    "The pressure on each number, in units of the first sum."
     prices: Any
-    "In that unit too."
+    "The prices of the sums, in the same unit."
     design: Design
-    best: Found
+    best: Iterate
     steps: Any
 
 
@@ -153,19 +153,19 @@ def follow(
     divide: Callable[[Design, Any, Any], Callable[[Any], Any]],
     tolerance: Any,
     loop: Callable[[Callable[[State], Any], Callable[[State], State], State], State],
-) -> tuple[Found, Any]:
+) -> tuple[Iterate, Any]:
     """Follow the central path until the relative gap is within half of a tolerance.
 
     **Arguments:**
 
-    - `problem`: what weights may be.
-    - `design`: of numbers.
-    - `divide`: of a design, the unit of its sum, and what the diagonal has beyond the Hessian: a
-        function that divides by both.
-    - `tolerance`: of the relative gap.
-    - `loop`: as `jax.lax.while_loop`.
+    - `problem`: the set of allowed weights.
+    - `design`: a function of numbers that returns their design.
+    - `divide`: a function of a design, the unit of its sum, and a diagonal; it returns a function
+        that divides by the Hessian plus that diagonal.
+    - `tolerance`: tolerance of the relative gap.
+    - `loop`: a loop such as `jax.lax.while_loop`.
 
-    **Returns:** [`Found`][], and the number of steps. A sum that is not a number ends them.
+    **Returns:** [`Iterate`][], and the number of steps. A sum that is not a number ends them.
     """
     start = problem.start(design)
     xp = start.__array_namespace__()
@@ -177,10 +177,10 @@ def follow(
     def gain(design: Design) -> Any:
         return xp.append(design.gain, beside) / unit
 
-    def found(numbers: Any, prices: Any, design: Design) -> Found:
+    def measured(numbers: Any, prices: Any, design: Design) -> Iterate:
         paid = unit * prices
         gap = xp.maximum(0.0, 1 - design.resistance / problem.most(design.gain, paid))
-        return Found(numbers, paid, design.resistance, gap)
+        return Iterate(numbers, paid, design.resistance, gap)
 
     def goes_on(state: State) -> Any:
         far = (state.best.gap > tolerance / 2) & (state.numbers @ state.pressure > _ROUNDING)
@@ -192,14 +192,14 @@ def follow(
         point = state.numbers, state.pressure, state.prices
         point = _predictor_corrector(inverse, gain(state.design), sums, totals, live, point)
         here = design(point[0])
-        now = found(point[0], point[2], here)
+        now = measured(point[0], point[2], here)
         nearer = now.gap < state.best.gap
-        best = Found(*(xp.where(nearer, *pair) for pair in zip(now, state.best, strict=True)))
+        best = Iterate(*(xp.where(nearer, *pair) for pair in zip(now, state.best, strict=True)))
         return State(*point, here, best, state.steps + 1)
 
     prices = problem.first_prices(first.gain / unit, start)
     pressure = xp.where(live, sums @ prices - gain(first), 0.0)
-    best, steps = found(start, prices, first), xp.zeros((), xp.int32)
+    best, steps = measured(start, prices, first), xp.zeros((), xp.int32)
     last = loop(goes_on, step, State(start, pressure, prices, first, best, steps))
     return last.best, last.steps
 
@@ -212,13 +212,13 @@ def _predictor_corrector(
     live: Any,
     point: tuple[Any, Any, Any],
 ) -> tuple[Any, Any, Any]:
-    """One step, after which numbers and pressures are positive still.
+    """Take one step after which numbers and pressures are still positive.
 
     **Arguments:**
 
-    - `inverse`: divides by the Hessian with `pressure / numbers` on its diagonal.
-    - `gain`: array `[numbers]`, by how much each number lowers the sum.
-    - `sums`, `totals`, `live`: of the problem.
+    - `inverse`: a function that divides by the Hessian with `pressure / numbers` on its diagonal.
+    - `gain`: array `[numbers]`, the decrease of the sum per unit of each number.
+    - `sums`, `totals`, `live`: as in the problem.
     - `point`: the numbers, their pressures, and the prices.
 
     **Returns:** the next point.
@@ -238,7 +238,7 @@ def _predictor_corrector(
         return d_numbers, (aim - pressure * d_numbers) / safe, d_prices
 
     def length(d_numbers: Any, d_pressure: Any) -> Any:
-        """The longest step, of at most 1, after which nothing is negative."""
+        """Return the longest step, of at most 1, after which no number is negative."""
         shrink = xp.where(live, xp.maximum(-d_numbers / safe, -d_pressure / pressure), 0.0)
         return 1 / xp.maximum(1.0, xp.max(shrink))
 
@@ -257,14 +257,14 @@ def _predictor_corrector(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HostLaplacian:
-    """The Laplacian of a graph whose edges take time, by LAPACK."""
+    """The Laplacian of a graph with durations of edges, by LAPACK."""
 
     vertices: int
     edges: Int[np.ndarray, "edges 2"]
     durations: Float[np.ndarray, "edges"]
 
     def design(self, numbers: Float[np.ndarray, "numbers"]) -> Design:
-        """**Raises:** `numpy.linalg.LinAlgError` if parts are separate to rounding."""
+        """**Raises:** `numpy.linalg.LinAlgError` for separate parts, up to rounding."""
         tail, head = self.edges.T
         weights = numbers[: tail.size] / self.durations
         inverse = pseudo_inverse(self.vertices, self.edges, weights)
@@ -275,12 +275,12 @@ class HostLaplacian:
     def divide(
         self, design: Design, unit: float, diagonal: Float[np.ndarray, "numbers"]
     ) -> Callable[[Float[np.ndarray, "numbers *sides"]], Float[np.ndarray, "numbers *sides"]]:
-        """Divide by the Hessian and a diagonal, which is all there is off the edges.
+        """Return a function that divides by the Hessian of the edges plus a diagonal.
 
-        A large one is factorised in 32 bits, in half the time and memory: a step that is off by a
-        part in a thousand is as good, because the next one starts from residuals in 64 bits.
+        A large Hessian is factorised in 32 bits, in half the time and memory: a step with an error
+        of one in a thousand is as good, because the next step starts from residuals in 64 bits.
 
-        **Raises:** `numpy.linalg.LinAlgError` if it is singular to rounding.
+        **Raises:** `numpy.linalg.LinAlgError` if the matrix is singular up to rounding.
         """
         edges = len(self.edges)
         kinds: list[type[np.floating]] = [np.float32, np.float64]
@@ -288,7 +288,7 @@ class HostLaplacian:
             potrf, potrs = scipy.linalg.get_lapack_funcs(("potrf", "potrs"), dtype=kind)
             matrix = self._hessian(design.columns.astype(kind), kind(2 / unit))
             matrix.flat[:: edges + 1] += diagonal[:edges].astype(kind)
-            # The transpose of a symmetric matrix is in the order that LAPACK overwrites.
+            # LAPACK overwrites the order of the transpose, which is the same matrix.
             factor, info = potrf(matrix.T, lower=1, clean=0, overwrite_a=1)
             if info == 0:
                 break
@@ -305,45 +305,45 @@ class HostLaplacian:
     def _hessian(
         self, columns: Float[np.ndarray, "edges vertices"], factor: np.floating
     ) -> Float[np.ndarray, "edges edges"]:
-        """What is above the diagonal, and blocks on it; LAPACK reads no more."""
+        """Compute the entries above the diagonal, and blocks on it; LAPACK reads no more."""
         edges = len(self.edges)
         tail, head = self.edges.T
         scaled = columns * (factor / np.sqrt(self.durations)).astype(columns.dtype)[:, None]
         rows = np.ascontiguousarray(columns.T)
         hessian = np.empty((edges, edges), columns.dtype)
         for first in range(0, edges, _ROWS):
-            some = slice(first, first + _ROWS)
-            block = scaled[some] @ columns[first:].T
-            block *= (rows[tail[some]] - rows[head[some]])[:, first:]
-            hessian[some, first:] = block
+            block_rows = slice(first, first + _ROWS)
+            block = scaled[block_rows] @ columns[first:].T
+            block *= (rows[tail[block_rows]] - rows[head[block_rows]])[:, first:]
+            hessian[block_rows, first:] = block
         return hessian
 
 
 def interior_point(
     laplacian: HostLaplacian, problem: Emphasis | Room, tolerance: float
-) -> tuple[Found, Any]:
-    """Follow the central path on the host, as far as rounding lets factors exist.
+) -> tuple[Iterate, Any]:
+    """Follow the central path on the host, as far as the rounding of factors permits.
 
-    **Raises:** `numpy.linalg.LinAlgError` if rounding leaves none at the start.
+    **Raises:** `numpy.linalg.LinAlgError` if rounding prevents the first factor.
     """
     large = len(laplacian.edges) > _LARGE
     with contextlib.nullcontext() if large else one_blas_thread():
-        found, steps = follow(problem, laplacian.design, laplacian.divide, tolerance, _loop)
+        best, steps = follow(problem, laplacian.design, laplacian.divide, tolerance, _loop)
         if isinstance(problem, Emphasis) and problem.share:
-            found = _on_the_bound(laplacian, problem, found)
-    return found, steps
+            best = _on_the_bound(laplacian, problem, best)
+    return best, steps
 
 
-def _on_the_bound(laplacian: HostLaplacian, problem: Emphasis, found: Found) -> Found:
-    """With no more on the tour than its share, where that is dear; steps end just within."""
-    on_tour, weights, beyond = problem.on_tour, found.numbers[:-1], found.numbers[-1]
-    if beyond > found.prices[1] / found.resistance:
-        return found
+def _on_the_bound(laplacian: HostLaplacian, problem: Emphasis, best: Iterate) -> Iterate:
+    """Reduce the tour to its share if a larger one costs; steps end just within the bound."""
+    on_tour, weights, beyond = problem.on_tour, best.numbers[:-1], best.numbers[-1]
+    if beyond > best.prices[1] / best.resistance:
+        return best
     exact = problem.share / weights[on_tour].sum(), (1 - problem.share) / weights[~on_tour].sum()
     numbers = np.append(weights * np.where(on_tour, *exact), 0.0)
     design = laplacian.design(numbers)
     gap = max(0.0, 1 - design.resistance / problem.most(design.gain))
-    return Found(numbers, found.prices, design.resistance, gap) if gap < found.gap else found
+    return Iterate(numbers, best.prices, design.resistance, gap) if gap < best.gap else best
 
 
 def _loop(goes_on: Callable[[State], Any], step: Callable[[State], State], state: State) -> State:

@@ -9,11 +9,11 @@ from jaxtyping import Float, Int
 
 
 _STEPS = 100
-# Of the edges in `level I - M` and in `level I + M`.
+# Signs of the edges in `level I - M` and in `level I + M`.
 _SIGNS = np.array([1.0, -1.0])[:, None, None]
-# What makes a Hessian of size 1 positive definite in spite of rounding.
+# Ridge that makes a Hessian of size 1 positive definite in spite of rounding.
 _RIDGE = 1e-12
-# Of the way to the nearest bound, so that nothing becomes singular.
+# Share of the distance to the nearest bound that a step takes, so that no matrix becomes singular.
 _SHORT_OF_THE_BOUND = 0.95
 
 
@@ -33,13 +33,13 @@ class SpectralProblem:
     limits: Float[np.ndarray, "bounds"]
 
     def matrix(self, weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "vertices vertices"]:
-        """The matrix `M(w)`."""
+        """Compute the matrix `M(w)`."""
         return self.centred - self.laplacian(weights)
 
     def shifted(
         self, weights: Float[np.ndarray, "edges"], level: float
     ) -> Float[np.ndarray, "2 vertices vertices"]:
-        """The matrices `level I - M(w)` and `level I + M(w)`."""
+        """Compute the matrices `level I - M(w)` and `level I + M(w)`."""
         return level * np.eye(self.root.size) - _SIGNS * self.matrix(weights)
 
     @property
@@ -50,7 +50,7 @@ class SpectralProblem:
     def laplacian(
         self, weights: Float[np.ndarray, "edges"]
     ) -> Float[np.ndarray, "vertices vertices"]:
-        """The sum `L(w)` of the `w_e s_e s_e'`."""
+        """Compute the sum `L(w)` of the `w_e s_e s_e'`."""
         tail, head = self.edges.T
         matrix = np.zeros((self.root.size, self.root.size))
         matrix[tail, head] = matrix[head, tail] = -weights
@@ -58,7 +58,7 @@ class SpectralProblem:
         return matrix / np.outer(self.root, self.root)
 
     def along(self, matrix: Float[np.ndarray, "vertices vertices"]) -> Float[np.ndarray, "edges"]:
-        """The number `s_e' A s_e` of each edge, for a symmetric matrix."""
+        """Compute the number `s_e' A s_e` of each edge, for a symmetric matrix."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
         own = np.diag(scaled)
@@ -67,7 +67,7 @@ class SpectralProblem:
     def between(
         self, matrix: Float[np.ndarray, "vertices vertices"]
     ) -> Float[np.ndarray, "edges edges"]:
-        """The number `s_e' A s_f` of each two edges."""
+        """Compute the number `s_e' A s_f` of each pair of edges."""
         tail, head = self.edges.T
         scaled = matrix / np.outer(self.root, self.root)
         rows = scaled[tail] - scaled[head]
@@ -76,18 +76,18 @@ class SpectralProblem:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Point:
-    """Weights, a level above the norm, and forces that hold them within their bounds.
+    """Weights, a level above the norm, and forces that keep them within their bounds.
 
-    It is a change of these as well. A matrix that stays positive definite has a matrix as its
-    force, and a number that stays positive has a number.
+    The class also describes changes of such a point. The force on a matrix that stays positive
+    definite is a matrix, and the force on a number that stays positive is a number.
     """
 
     weights: Float[np.ndarray, "edges"]
     level: float
     forces: Float[np.ndarray, "2 vertices vertices"]
-    "Those on `level I - M` and `level I + M`."
+    "The forces on `level I - M` and `level I + M`."
     pressure: Float[np.ndarray, "bounds"]
-    "Those on `limits - bounds w`."
+    "The forces on `limits - bounds w`."
 
     def moved(self, change: "_Point", primal: float, dual: float) -> "_Point":
         return _Point(
@@ -101,21 +101,20 @@ class _Point:
 def least_norm(
     problem: SpectralProblem, weights: Float[np.ndarray, "edges"], tolerance: float
 ) -> tuple[Float[np.ndarray, "edges"], float, float, int]:
-    """Follow the central path of the semidefinite program with a predictor and a corrector.
+    """Follow the central path of the semidefinite program by predictor-corrector steps.
 
-    The direction is that of Helmberg, Rendl, Vanderbei and Wolkowicz (1996). Because an edge
-    changes the matrices by one of rank 1, its Hessian is a product of matrices, entry by entry. A
-    general solver cannot know that: Clarabel, through cvxpy, finds the same rates 7 times as slowly
-    for 30 vertices and 60 edges, and 40 times as slowly for 50 vertices and 150 edges.
+    The direction is that of Helmberg, Rendl, Vanderbei and Wolkowicz (1996). Because each edge
+    changes the matrices by a matrix of rank 1, the Hessian is an entrywise product of matrices. A
+    general solver cannot exploit that: Clarabel, through cvxpy, is 7 times as slow for 30 vertices
+    and 60 edges, and 40 times as slow for 50 vertices and 150 edges.
 
     **Arguments:**
 
     - `problem`: the problem.
-    - `weights`: where to start, within the limits and not on them, and with a norm below 1.
-    - `tolerance`: of the norm above the least one, as a part of 1 minus the norm.
+    - `weights`: the start, strictly within the limits, with a norm below 1.
+    - `tolerance`: tolerance of the excess over the least norm, relative to 1 minus the norm.
 
-    **Returns:** the best weights that were found, their norm, a bound that no norm is below, and
-    the number of steps.
+    **Returns:** the best weights, their norm, a lower bound on all norms, and the number of steps.
     """
     inverse = np.linalg.inv(problem.shifted(weights, 1.0))
     unit = 1 / float(np.trace(inverse, axis1=1, axis2=2).sum())
@@ -123,9 +122,9 @@ def least_norm(
     point = _Point(weights, 1.0, unit * inverse, pressure)
     best, norm, bound, steps = weights, math.inf, -math.inf, 0
     while True:
-        found = float(np.linalg.norm(problem.matrix(point.weights), 2))
-        if found < norm:
-            best, norm = point.weights, found
+        reached = float(np.linalg.norm(problem.matrix(point.weights), 2))
+        if reached < norm:
+            best, norm = point.weights, reached
         bound = max(bound, _bound(problem, point))
         if norm - bound <= tolerance / 2 * (1 - norm) or steps == _STEPS:
             break
@@ -138,39 +137,39 @@ def least_norm(
 
 
 def _bound(problem: SpectralProblem, point: _Point) -> float:
-    """A norm that no weights are below.
+    """Compute a lower bound on the norms of all weights.
 
     For a symmetric `Y` whose eigenvalues have moduli with sum 1 or less, the norm of `M(w)` is at
-    least `tr Y M(w) = tr Y C - sum_e w_e s_e' Y s_e`, with `C = I - r r'`. Where `z >= 0` and
-    `s_e' Y s_e = (bounds' z)_e` for all edges, what is subtracted is `z' bounds w`, at most
-    `z' limits`. A `Y` that is near to that is moved there along the `s_e s_e'`, which are
-    independent: no two have an entry off the diagonal in common.
+    least `tr Y M(w) = tr Y C - sum_e w_e s_e' Y s_e`, with `C = I - r r'`. If `z >= 0` and `s_e' Y
+    s_e = (bounds' z)_e` for all edges, the subtracted sum is `z' bounds w`, at most `z' limits`. A
+    `Y` that nearly satisfies this is corrected along the `s_e s_e'`, which are independent because
+    no two have an off-diagonal entry in common.
     """
     centred = problem.centred
     Y = centred @ (point.forces[0] - point.forces[1]) @ centred
     excess = problem.along(Y) - problem.bounds.T @ point.pressure
     inner = problem.between(np.eye(problem.root.size)) ** 2
     Y -= problem.laplacian(np.linalg.solve(inner, excess))
-    # That of the forces is the larger one where the least norm is 0, and then Y is only rounding.
+    # If the least norm is 0, Y is only rounding, and the trace of the forces is larger.
     size = max(np.abs(np.linalg.eigvalsh(Y)).sum(), np.trace(point.forces.sum(axis=0)))
     return max(0.0, float((np.trace(Y) - problem.limits @ point.pressure) / size))
 
 
 def _step(problem: SpectralProblem, point: _Point) -> _Point:
-    """One step towards forces that add up to 0 along every edge and do no work.
+    """Take one step towards forces that add up to 0 along every edge and do no work.
 
-    **Raises:** `numpy.linalg.LinAlgError` where a matrix is singular to rounding.
+    **Raises:** `numpy.linalg.LinAlgError` if a matrix is singular up to rounding.
     """
     slack = problem.limits - problem.bounds @ point.weights
     shifted = problem.shifted(point.weights, point.level)
     root = np.linalg.inv(np.linalg.cholesky(shifted))
     forces_root = np.linalg.inv(np.linalg.cholesky(point.forces))
-    # Symmetric to the last digit, without which the gap closes only to 1e-6.
+    # Unless it is symmetric to the last digit, the gap closes only to 1e-6.
     inverse = root.transpose(0, 2, 1) @ root
     solve = _hessian_solve(problem, point, inverse, slack)
 
     def change(forces, pressure):  # type: ignore[no-untyped-def]
-        """The change after which forces balance, and what they hold then."""
+        """Return the change after which forces balance, its effect on slacks, and step lengths."""
         weights, level = solve(_balance(problem, forces, pressure))
         opened = level * np.eye(root.shape[-1]) + _SIGNS * problem.laplacian(weights)
         widened = -(problem.bounds @ weights)
@@ -199,7 +198,7 @@ def _balance(
     forces: Float[np.ndarray, "2 vertices vertices"],
     pressure: Float[np.ndarray, "bounds"],
 ) -> Float[np.ndarray, "unknowns"]:
-    """What forces add up to along each edge and, last, on the level, where 1 balances."""
+    """Sum the forces along each edge and, last, on the level, which balance at 0 and at 1."""
     along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
     return np.append(along, np.trace(forces[0] + forces[1]))
 
@@ -210,7 +209,7 @@ def _hessian_solve(
     inverse: Float[np.ndarray, "2 vertices vertices"],
     slack: Float[np.ndarray, "bounds"],
 ) -> Callable[[Float[np.ndarray, "unknowns"]], tuple[Float[np.ndarray, "edges"], float]]:
-    """The change of weights and level that answers forces which do not balance."""
+    """Return a function that computes the change of weights and level for unbalanced forces."""
     stiff = scipy.sparse.diags_array(point.pressure / slack)
     hessian = np.empty((len(point.weights) + 1,) * 2)
     hessian[:-1, :-1] = (problem.bounds.T @ stiff @ problem.bounds).toarray()
@@ -224,7 +223,7 @@ def _hessian_solve(
     try:
         factor = scipy.linalg.cho_factor(hessian)
     except np.linalg.LinAlgError:
-        # Near the end it may be singular to rounding, where many weights are as good.
+        # Near the end it may be singular up to rounding, when many weights are equally good.
         factor = scipy.linalg.cho_factor(hessian + _RIDGE * np.eye(len(hessian)))
 
     def solve(total):  # type: ignore[no-untyped-def]
@@ -246,13 +245,13 @@ def _length(
     inverse_root: Float[np.ndarray, "2 vertices vertices"],
     change: Float[np.ndarray, "2 vertices vertices"],
 ) -> float:
-    """The longest step, of at most 1, after which both matrices are positive semidefinite."""
+    """Return the longest step, at most 1, after which both matrices are positive semidefinite."""
     relative = inverse_root @ change @ inverse_root.transpose(0, 2, 1)
     shrink = -float(np.linalg.eigvalsh(relative).min())
     return min(1.0, 1 / shrink) if shrink > 0 else 1.0
 
 
 def _ratio(values: Float[np.ndarray, "bounds"], change: Float[np.ndarray, "bounds"]) -> float:
-    """The longest step, of at most 1, after which nothing is negative."""
+    """Return the longest step, at most 1, after which no number is negative."""
     shrink = float((-change / values).max(initial=0))
     return min(1.0, 1 / shrink) if shrink > 0 else 1.0

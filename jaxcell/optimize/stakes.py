@@ -7,38 +7,37 @@ from jaxtyping import Array, Float, Int
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stakes:
-    """What there is to win and to lose at each vertex (Alam 2018, section 4.3.2)."""
+    """The gains and losses of patroller and adversary at each vertex (Alam 2018, section 4.3.2)."""
 
     values: Float[np.ndarray, "vertices"] | None = None
-    "Of the goods, to the patroller: `d_pat`; by default `1 / n` each."
+    "The value of the goods to the patroller, `d_pat`; by default `1 / n` each."
     adversary_values: Float[np.ndarray, "vertices"] | None = None
-    "Of the goods, to the adversary: `d_adv`; by default what they are worth to the patroller."
+    "The value of the goods to the adversary, `d_adv`; by default as to the patroller."
     rewards: Float[np.ndarray, "vertices"] | None = None
-    "What catching the adversary pays the patroller: `c_pat`; by default as in Alg. 4.2."
+    "The gain of the patroller from a capture, `c_pat`; by default as in Alg. 4.2."
     costs: Float[np.ndarray, "vertices"] | None = None
-    "What the adversary that is caught pays: `c_adv`; by default it gains as in Alg. 4.2."
+    "The penalty of a captured adversary, `c_adv`; by default its gain is as in Alg. 4.2."
 
 
 def payoffs(
     order: Int[np.ndarray, "strategies vertices"], stakes: Stakes | None = None
 ) -> tuple[Float[Array, "strategies vertices"], Float[Array, "strategies vertices"]]:
-    """The payoffs of a patroller and of an adversary that attacks a vertex (Alam 2018, Alg. 4.2).
+    """Compute the payoffs of a patroller and of an adversary that attacks a vertex (Alg. 4.2).
 
-    A strategy of the patroller catches the adversary at its `k`-th closest of `n` vertices with
-    probability `1 / 2**(k - 1)`, as in Table 4.2. The patroller then gains the reward, by default
-    `n - k + 1`, and the adversary pays the cost, by default `-k`, which is a gain as printed. Else
-    each gains what the goods are worth to it.
+    A strategy of the patroller captures the adversary at its `k`-th closest of `n` vertices with
+    probability `1 / 2**(k - 1)`, as in Table 4.2 of Alam 2018. The patroller then gains the reward,
+    by default `n - k + 1`, and the adversary pays the cost, by default `-k`, which is a gain as
+    printed. Otherwise each gains the value of the goods to it.
 
     **Arguments:**
 
-    - `order`: the vertices from the closest to the furthest, in mean hitting time, for each
-        strategy.
-    - `stakes`: what there is to win and to lose.
+    - `order`: the vertices by mean hitting time, the closest first, for each strategy.
+    - `stakes`: the gains and losses at each vertex; by default as in Alg. 4.2.
 
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
-    **Raises:** `ValueError` for a row that is not an order of the vertices, and for stakes that
-    are not one finite number a vertex.
+    **Raises:** `ValueError` for rows that do not order the vertices, and for stakes of another
+    shape.
 
     Two strategies on two vertices, each nearest to another:
 
@@ -58,9 +57,11 @@ def payoffs(
                 f"{row.tolist()}"
             )
     given = {} if stakes is None else {k: v for k, v in vars(stakes).items() if v is not None}
-    for name, one in given.items():
-        if one.shape != (vertices,) or not np.isfinite(one).all():
-            raise ValueError(f"{name}: expected {vertices} finite numbers, one a vertex, got {one}")
+    for name, numbers in given.items():
+        if numbers.shape != (vertices,) or not np.isfinite(numbers).all():
+            raise ValueError(
+                f"{name}: expected {vertices} finite numbers, one per vertex, got {numbers}"
+            )
     place = np.argsort(order, axis=1)
     caught = 0.5**place
     goods = given.get("values", np.full(vertices, 1 / vertices))

@@ -7,32 +7,32 @@ from jaxtyping import Bool, Float, Int
 from .graph import Graph
 
 
-# So many vertices are put into the best order; more, into a good one.
+# Number of vertices up to which the order is the best one.
 _EXACT = 12
-# By how much of its length an edge counts as shorter when the tour comes along it again.
+# Relative decrease of the length of an edge that is already part of the tour.
 _AGAIN = 1e-9
 
 
 def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "steps"]:
-    """A short closed walk through some vertices, along shortest paths between them.
+    """Find a short closed walk through given vertices, along shortest paths between them.
 
-    The order is the best one for up to 12 vertices (Held and Karp 1962). For more, each vertex goes
-    where it lengthens the tour least, the farthest first, and then parts of the tour are turned
-    round while that makes it shorter; such a tour may be longer than the shortest. Of equally short
-    paths, those along edges of the tour are preferred, so that it has few.
+    The order is optimal for up to 12 vertices (Held and Karp 1962). For more, each vertex, the
+    farthest first, is inserted where it lengthens the tour least, and then parts of the tour are
+    reversed while that makes it shorter; the result may be longer than the shortest tour. Among
+    equally short paths, those along edges of the tour are preferred, so that it has few edges.
 
     **Arguments:**
 
-    - `graph`: the graph. A path is as long as its edges together, [`Graph.lengths`][].
+    - `graph`: the graph. The length of a path is the sum of [`Graph.lengths`][].
     - `through`: two or more vertices.
 
     **Returns:** the vertices of the walk in order, from the first of `through`, which is not
     repeated at the end. A walk may pass a vertex or an edge more than once.
 
-    **Raises:** `ValueError` for fewer than two vertices, and one that names the vertex if it does
-    not exist, comes twice, or cannot be reached from the first.
+    **Raises:** `ValueError` for fewer than two vertices, and for a vertex that does not exist,
+    occurs twice, or cannot be reached from the first.
 
-    A square, whose opposite corners have no edge:
+    A square; opposite corners are not joined by an edge:
 
         >>> from jaxcell import optimize
         >>> square = optimize.Graph([[0, 1], [1, 2], [2, 3], [3, 0]])
@@ -50,7 +50,7 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
     names, counts = np.unique(stops, return_counts=True)
     if (counts > 1).any():
         raise ValueError(f"vertex {names[counts > 1][0]} comes twice among those of the tour")
-    # Vertices at one place are joined by an edge of length 0, which scipy would not see.
+    # scipy ignores edges of length 0, which join vertices at one place.
     lengths = np.maximum(graph.lengths, np.finfo(np.float64).tiny)
     between = scipy.sparse.csgraph.dijkstra(graph.matrix(lengths), indices=stops)[:, stops]
     far = stops[np.isinf(between[0])]
@@ -60,7 +60,7 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
     legs: list[list[int]] = []
     used = np.zeros(len(graph.edges), bool)
     for here, there in zip(stops[order], stops[np.roll(order, -1)], strict=True):
-        # The predecessors of a search from the next stop lead to it.
+        # The predecessors in a search from the next stop lead to that stop.
         _, before = scipy.sparse.csgraph.dijkstra(
             graph.matrix(lengths * (1 - _AGAIN * used)), indices=there, return_predecessors=True
         )
@@ -73,7 +73,7 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
 
 
 def on_walk(graph: Graph, walk: Int[np.ndarray, "steps"]) -> Bool[np.ndarray, "edges"]:
-    """Which edges a closed walk goes along."""
+    """Return a mask of the edges of a closed walk."""
     return _between(graph, walk, np.roll(walk, -1))
 
 
@@ -86,10 +86,10 @@ def _between(
 
 
 def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
-    """The order of the shortest tour, by dynamic programming over sets of stops."""
+    """Find the order of the shortest tour, by dynamic programming over sets of stops."""
     last = between.shape[0] - 1
     step = between[1:, 1:]
-    # `cost[s, j]`: from stop 0 through the set s of the others, its bits, to end at j in s.
+    # `cost[s, j]`: the length from stop 0 through the stops in the bit set s, with j in s the last.
     cost = np.full((1 << last, last), np.inf)
     came = np.zeros((1 << last, last), np.int64)
     bit = 1 << np.arange(last)
@@ -111,7 +111,7 @@ def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
 
 
 def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
-    """An order by farthest insertion, improved until no turned part makes the tour shorter."""
+    """Find an order by farthest insertion, improved until reversing any part lengthens the tour."""
     tour = [0]
     nearest = between[0].copy()
     while len(tour) < between.shape[0]:
@@ -126,7 +126,7 @@ def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
     while True:
         here, there = order, np.roll(order, -1)
         now = between[here, there]
-        # Turning what lies between edges i and j joins their first ends, and their second ends.
+        # Reversing the part between edges i and j joins their first ends, and their second ends.
         saved = (
             now[:, None]
             + now[None, :]

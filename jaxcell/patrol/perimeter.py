@@ -15,16 +15,16 @@ from ..markov import hitting_times
 from ..optimize.checked import check_count
 
 
-# Of a probability of detection.
+# The accuracy of a probability of detection.
 _TOLERANCE = 1e-12
 # Narrower intervals of p have equal bounds.
 _NARROWEST = 2.0**-44
 
 
 class Movement(enum.Enum):
-    """How the robots of a perimeter decide where to go, by the same coin for all in every cycle.
+    """The rule by which robots of a perimeter move; one coin per cycle decides for all robots.
 
-    The source names them by their initials:
+    The members have the initials that the source uses:
 
         >>> from jaxcell import patrol
         >>> [movement.name for movement in patrol.Movement]
@@ -40,11 +40,11 @@ class Movement(enum.Enum):
 class Perimeter:
     """Robots on a cycle of segments, at equal distances, that move in step (Agmon et al. 2008).
 
-    An attack begins as the robots head clockwise and are about to decide. Because they move in
-    step, the segments between one robot and the next determine all of them: segment `i` is `i`
-    ahead of a robot and `distance - i` behind the next. Segment 0 is that of a robot: the adversary
-    enters as the robot leaves, and is detected when a robot is next there. A robot that turns in
-    place is in its segment.
+    An attack begins while the robots head clockwise and are about to decide. Because they move in
+    step, the segments between one robot and the next determine the state: segment `i` is `i` ahead
+    of a robot and `distance - i` behind the next. Segment 0 holds a robot: the adversary enters as
+    the robot leaves, and is detected when a robot is next in the segment. A robot that turns in
+    place remains in its segment.
 
     Two robots on a cycle of eight segments:
 
@@ -57,13 +57,13 @@ class Perimeter:
     segments: int
     "Number of segments of the cycle."
     robots: int
-    "Number of robots, which divides that of the segments."
+    "Number of robots, a divisor of `segments`."
     movement: Movement
     turn: int = 1
-    "The cycles that a turn takes; only `DCP` turns in place."
+    "Number of cycles that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for numbers that do not make a perimeter."""
+        """**Raises:** `ValueError` if the numbers do not make a perimeter."""
         for name in ("segments", "robots", "turn"):
             check_count(name, getattr(self, name))
         if self.segments % self.robots:
@@ -78,16 +78,16 @@ class Perimeter:
 
     @property
     def distance(self) -> int:
-        """Segments from one robot to the next."""
+        """Number of segments from one robot to the next."""
         return self.segments // self.robots
 
     @property
     def images(self) -> Int[np.ndarray, "2 states"]:
-        """The state after a cycle, with heads (probability p) and with tails.
+        """The state after one cycle, for heads (row 0, with probability p) and for tails (row 1).
 
-        State `phase * distance + i` is that of a robot behind segment `i` by `i`. Phases 0 and 1
-        head towards it and away from it, and in phase `2 * r + h` there are `r` cycles until the
-        robot is in phase `h`, which both sides of the coin bring nearer.
+        State `phase * distance + i` belongs to a robot that is `i` segments behind segment `i`. In
+        phase 0 it heads towards the segment and in phase 1 away from it; in phase `2 * r + h` it
+        waits `r` cycles for phase `h`, on either side of the coin.
         """
         distance, i = self.distance, np.arange(self.distance, dtype=np.int32)
         moved = (i - 1) % distance, (i + 1) % distance
@@ -108,13 +108,13 @@ class Perimeter:
         return np.stack([np.concatenate(heads), np.concatenate(tails)])
 
     def chain(self, p: float) -> Chain:
-        """The chain of the states in [`Perimeter.images`][].
+        """Make the Markov chain of the states of [`Perimeter.images`][].
 
         **Arguments:**
 
         - `p`: the probability of heads.
 
-        **Raises:** `ValueError` for a `p` outside of [0, 1].
+        **Raises:** `ValueError` if `p` is outside of [0, 1].
         """
         _check_probability(p)
         images = self.images
@@ -125,23 +125,23 @@ class Perimeter:
 def detection_polynomials(
     perimeter: Perimeter, time: int
 ) -> Float[np.ndarray, "segments coefficients"]:
-    """The probability of penetration detection, as a polynomial of p for each segment.
+    """Compute the probability of penetration detection, a polynomial of p for each segment.
 
-    The coefficients are those of the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 -
-    p)**(time - k)`. They are probabilities themselves: `c[k]` is that of detection if `k` of `time`
-    coins show heads. Powers of p would cancel; these do not.
-    `scipy.interpolate.BPoly(c.T[:, None], [0, 1])` evaluates and differentiates them.
+    The coefficients are those of the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 - p)**(time
+    - k)`. Each is a probability: `c[k]` is the probability of detection if `k` of `time` coins show
+    heads. Powers of p would cancel in rounding; these do not. `scipy.interpolate.BPoly(c.T[:,
+    None], [0, 1])` evaluates and differentiates them.
 
     **Arguments:**
 
     - `perimeter`: the robots.
-    - `time`: the cycles that a penetration takes.
+    - `time`: number of cycles that a penetration takes.
 
     **Returns:** the coefficients for the segments 0 to `distance - 1`.
 
-    **Raises:** `ValueError` for a time of less than one cycle.
+    **Raises:** `ValueError` if the time is less than one cycle.
 
-    Of robots four segments apart; segments 1 and 3 mirror each other:
+    Robots four segments apart; segments 1 and 3 mirror each other:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
@@ -153,7 +153,7 @@ def detection_polynomials(
     there = np.arange(heads.size) % perimeter.distance == 0
     detected = there[:, None].astype(np.float64)
     for step in range(1, time + 1):
-        # Of the sequences of coins with k heads, the share k / step begins with one.
+        # A share k / step of the sequences of coins with k heads begins with heads.
         first = np.arange(step + 1) / step
         later = first * np.pad(detected[heads], ((0, 0), (1, 0)))
         later += (1 - first) * np.pad(detected[tails], ((0, 0), (0, 1)))
@@ -163,32 +163,32 @@ def detection_polynomials(
 
 @dataclasses.dataclass(frozen=True)
 class Maximin:
-    """The p whose weakest segment is strongest."""
+    """The probability p of heads that maximises detection in the weakest segment."""
 
     p: float
     value: float
     "The probability of detection in the weakest segment."
     segment: int
-    "The weakest segment: a row of the polynomials."
+    "The weakest segment, as a row of the polynomials."
     certificate: Certificate
 
 
 def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
-    """The p in [0, 1] that maximises the least of some polynomials.
+    """Find the p in [0, 1] that maximises the minimum of several polynomials.
 
-    Branch and bound: a polynomial is nowhere above its largest Bernstein coefficient, and those of
-    a part of an interval approach its values as the part gets narrow.
+    The method is branch and bound: a polynomial never exceeds its largest Bernstein coefficient,
+    and its coefficients on a part of an interval approach its values as the part narrows.
 
     **Arguments:**
 
     - `polynomials`: in Bernstein form, such as [`detection_polynomials`][]; all but the first row,
         if the adversary cannot enter where a robot is.
 
-    **Returns:** [`Maximin`][]. Where several p are best it is one of them; with `BMP`, p and 1 - p
-    are. The residual of its certificate is how far the value can be from the maximum, and its
-    iterations are the intervals that were halved.
+    **Returns:** [`Maximin`][]. If several p are best, it is one of them; with `BMP`, p and 1 - p
+    are equally good. The residual of its certificate bounds the distance of the value from the
+    maximum, and its iterations are the intervals that were halved.
 
-    **Raises:** `ValueError` if there are no polynomials, or they have numbers that are not finite.
+    **Raises:** `ValueError` if there are no polynomials, or their numbers are not finite.
 
     Two robots on eight segments, against penetrations of three cycles:
 
@@ -222,18 +222,18 @@ def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
 
 
 def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
-    """The law of the first cycle after which a robot is in a segment.
+    """Compute the probability law of the first cycle after which a robot is in a segment.
 
     **Arguments:**
 
     - `perimeter`: the robots.
     - `p`: the probability of heads.
-    - `steps`: the last cycle that is asked for.
+    - `steps`: the last cycle of the law.
 
-    **Returns:** for the segments 0 to `distance - 1`, the probability that the first is each of the
-    cycles 1 to `steps`.
+    **Returns:** for the segments 0 to `distance - 1`, the probability of each cycle from 1 to
+    `steps`.
 
-    **Raises:** `ValueError` for a `p` outside of [0, 1], or no steps.
+    **Raises:** `ValueError` if `p` is outside of [0, 1] or `steps` is less than 1.
 
     Robots that toss a fair coin, two segments apart:
 
@@ -263,18 +263,18 @@ def _law(
 
 
 def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
-    """The expected number of cycles until a robot is in a segment.
+    """Compute the expected number of cycles until a robot is in a segment.
 
     **Arguments:**
 
     - `perimeter`: the robots.
     - `p`: the probability of heads.
 
-    **Returns:** the times for the segments 0 to `distance - 1`; `inf` where no robot may ever come.
+    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if a robot may never come.
 
-    **Raises:** `ValueError` for a `p` outside of [0, 1]; `RuntimeError` if the solve stalls.
+    **Raises:** `ValueError` if `p` is outside of [0, 1]; `RuntimeError` if the solve stalls.
 
-    Robots that toss a fair coin, four segments apart; it takes `i (4 - i)` cycles:
+    Robots that toss a fair coin, four segments apart; segment `i` takes `i (4 - i)` cycles:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
@@ -284,7 +284,7 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     chain = perimeter.chain(p)
     there = np.arange(chain.cells) % perimeter.distance == 0
     time = np.asarray(hitting_times(chain, there).value)
-    # Segment 0 waits for a robot to come back, for which at least one cycle passes.
+    # Segment 0 waits for a robot to return, which takes at least one cycle.
     step = chain.to_scipy()[[0]]
     back = 1 + step.data @ time[step.indices]
     return jax.device_put(np.concatenate([[back], time[1 : perimeter.distance]]))
@@ -297,20 +297,19 @@ def simulate(
     steps: int,
     key: jax.Array,
 ) -> Float[Array, "runs"]:
-    """Move the robots until they are in a segment.
+    """Simulate the robots until one is in a given segment.
 
     **Arguments:**
 
     - `perimeter`: the robots.
     - `p`: the probability of heads.
     - `segment`: the segment that each run waits for, from 0 to `distance - 1`.
-    - `steps`: the cycles after which a run is given up.
-    - `key`: of `jax.random`.
+    - `steps`: number of cycles after which a run is given up.
+    - `key`: random key of `jax.random`.
 
-    **Returns:** the cycles that each run took, `inf` where it was given up.
+    **Returns:** the number of cycles of each run, `inf` if the run was given up.
 
-    **Raises:** `ValueError` for a `p` outside of [0, 1], a segment that does not exist, or no
-    steps.
+    **Raises:** `ValueError` for a `p` outside of [0, 1], no steps, or an unknown segment.
 
     Without chance, a robot that heads clockwise is in segment `i` after `i` cycles:
 
@@ -353,14 +352,14 @@ def _walk(
 
 
 def _bound(coefficients: Float[np.ndarray, "segments coefficients"]) -> float:
-    """What the least of the polynomials does not exceed on [0, 1]."""
+    """Return an upper bound on [0, 1] of the minimum of the polynomials."""
     return float(coefficients.max(axis=1).min())
 
 
 def _halves(
     whole: Float[np.ndarray, "segments coefficients"],
 ) -> tuple[Float[np.ndarray, "segments coefficients"], Float[np.ndarray, "segments coefficients"]]:
-    """The Bernstein coefficients on the two halves of an interval (de Casteljau)."""
+    """Split Bernstein coefficients into those on the two halves of an interval (de Casteljau)."""
     left, right = np.empty_like(whole), np.empty_like(whole)
     for k in range(whole.shape[1]):
         left[:, k], right[:, -1 - k] = whole[:, 0], whole[:, -1]

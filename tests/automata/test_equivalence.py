@@ -1,3 +1,4 @@
+import inspect
 import itertools
 
 import hypothesis.strategies as st
@@ -106,5 +107,8 @@ def test_refuses_what_is_no_machine():
         equivalence(np.array([[0, 2]]), np.zeros((1, 2)))
     with pytest.raises(ValueError, match="expected at least one input and state"):
         equivalence(np.zeros((0, 3), int), np.zeros((0, 3)))
+    # The run-time type checks would refuse it first.
+    with pytest.raises(ValueError, match=r"observations: expected .* \(2, 2\), got \(2,\)"):
+        inspect.unwrap(equivalence)(np.array([[1, 0], [0, 1]]), np.array([True, False]))
     with pytest.raises(ValueError, match="state 2 does not exist; states are 0 to 1"):
         equivalence(np.array([[0, 1]]), np.array([[0, 1]])).distinguish(0, 2)

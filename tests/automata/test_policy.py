@@ -54,7 +54,7 @@ def test_follows_observations(word, color, uncertainty, turn, cells):
 def test_says_which_observation_cannot_be():
     assert follow("0110").refuted_at == 1
     assert follow("1").refuted_at is None
-    with pytest.raises(ValueError, match="observation 3: the policy has come to its end"):
+    with pytest.raises(ValueError, match="observation 3: expected none, as the policy has ended"):
         follow("1010")
     with pytest.raises(ValueError, match="observation 0 is 2; expected 0 or 1"):
         follow("2")

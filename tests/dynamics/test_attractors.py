@@ -57,7 +57,7 @@ def test_groups_of_maps_that_keep_volumes_are_those_of_brute_force(name):
         assert set(np.flatnonzero(found.group == number)) == nx.ancestors(graph, cycle[0]) | {
             *cycle
         }
-    keeps = any("keeps volumes" in said for said in found.remarks)
+    keeps = any("preserve volumes" in said for said in found.remarks)
     assert keeps == (name != "standard")
 
 
@@ -135,7 +135,7 @@ def test_groups_whose_orbits_come_to_no_known_attractor_are_told(monkeypatch):
     assert few.attractors < 8
     assert few.nowhere_share == 1 - few.attractors / 8
     assert few.outside_share == 0
-    assert any("come to none of the attractors" in said for said in few.remarks)
+    assert any("reach none of these attractors" in said for said in few.remarks)
 
 
 def test_remarks_on_single_attractors_are_few():

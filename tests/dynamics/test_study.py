@@ -83,7 +83,7 @@ def test_of_four_axes_two_are_drawn_and_the_cut_is_told(tmp_path, capsys):
     # The last axis has more cells than the third.
     assert run([*asked, "--params", "edge=0.1:0.2:2"]) == 0
     recorded = Recording(tmp_path / "dynamics.rrd")
-    last = recorded.pictures("member", "/box/basins")[1]
+    last = recorded.pictures("edge x 10", "/box/basins")[2]
     labels = recorded.classes("/box/basins")
     shown = [[labels[k].split()[-1] for k in row] for row in last]
     assert shown == [[str(k) for k in row] for row in basin[:, :, 1, 4].T]
@@ -97,9 +97,14 @@ def test_several_values_follow_the_attractors(own, tmp_path, capsys):
     with xr.open_dataset(tmp_path / "dynamics.nc") as saved:
         np.testing.assert_allclose(saved.fraction, [[0.5, 0.5], [0.75, 0.25], [1, 0]])
     recorded = Recording(tmp_path / "dynamics.rrd")
-    curve = recorded.over("member", "/fractions/attractor_1", "Scalars:scalars")
+    curve = recorded.over("edge x 100", "/fractions/attractor_1", "Scalars:scalars")
+    assert list(curve) == [50, 75, 100], "the slider shows the parameter"
     np.testing.assert_allclose([value for (value,) in curve.values()], [0.5, 0.25, 0])
-    assert len(recorded.pictures("member", "/box/basins")) == 3
+    assert len(recorded.pictures("edge x 100", "/box/basins")) == 3
+    labels = recorded.over("edge x 100", "/box/parameters", "Points2D:labels")
+    assert labels == {50: ["edge=0.5"], 75: ["edge=0.75"], 100: ["edge=1"]}
+    (text,) = recorded.static("/text", "TextDocument:text")
+    assert "A time of the slider `edge x 100` is the value times 100." in text
 
 
 def test_a_periodic_axis_that_is_none_is_said_once_and_before_cells_are_mapped(

@@ -58,5 +58,5 @@ def test_nothing_is_transient():
 def test_groups_of_another_chain_are_refused():
     chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
     other = persistent_groups(Chain(np.array([[0]]), np.ones((1, 1))))
-    with pytest.raises(ValueError, match="chain of 2 cells, got those of one of 1"):
+    with pytest.raises(ValueError, match="chain of 2 cells, got groups of 1 cells"):
         transient_groups(chain, other)

@@ -123,5 +123,5 @@ def test_in_the_long_run_it_is_where_the_product_is(tide):
 def test_chains_of_different_cells_are_refused():
     with pytest.raises(ValueError, match=r"chains: expected one or more over the same cells, got"):
         ChainSequence.of([Chain.from_scipy(np.eye(n)) for n in (2, 3)])
-    with pytest.raises(ValueError, match=r"got some of \[\]"):
+    with pytest.raises(ValueError, match=r"got sizes \[\]"):
         ChainSequence.of([])

@@ -112,7 +112,7 @@ def test_contradictions_are_named_and_no_more():
     with pytest.raises(RuntimeError, match=r"contradict each other: cap 0, cap 1, .*cap 16$"):
         minimum_commute(GRID, constraints=caps(0.05))
     with pytest.raises(
-        RuntimeError, match="leave no weight to edges between vertex 1 and vertex 0"
+        RuntimeError, match="leave no weight for edges between vertex 1 and vertex 0"
     ):
         minimum_commute(GRID, constraints=[Linear("apart", UNIT[:2].sum(axis=0), upper=0)])
     with pytest.raises(RuntimeError, match="no weights meet them"):

@@ -1,4 +1,5 @@
 import itertools
+import warnings
 
 import cvxpy
 import networkx as nx
@@ -63,7 +64,10 @@ def least_by_cvxpy(graph, stationary, chain):
     matrix = np.eye(n) - np.outer(root, root) - scaled @ cvxpy.diag(w) @ scaled.T
     limits = [w >= 0, np.abs(incidence) @ w <= stationary] if chain else []
     problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sigma_max(matrix)), limits)
-    return float(problem.solve(solver="CLARABEL"))
+    with warnings.catch_warnings():
+        # Some versions stop a little before their own tolerance.
+        warnings.filterwarnings("ignore", "Solution may be inaccurate")
+        return float(problem.solve(solver="CLARABEL"))
 
 
 def test_the_small_graph():
@@ -185,7 +189,7 @@ def test_a_tolerance_below_rounding_is_not_met():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"stationary": [0.5, 0.5]}, r"stationary: expected 3 numbers, one a vertex, got \[2\]"),
+        ({"stationary": [0.5, 0.5]}, r"stationary: expected 3 numbers, one per vertex, got \[2\]"),
         ({"stationary": [0.5, 0.5, 0.0]}, r"stationary\[2\] is 0.0; expected a positive finite"),
         ({"stationary": [0.5, np.nan, 0.5]}, r"stationary\[1\] is nan"),
         ({"stationary": [0.5, 0.5, 0.5]}, "stationary: expected numbers that sum to 1, got 1.5"),

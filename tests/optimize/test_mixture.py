@@ -95,7 +95,7 @@ def test_columns_that_nearly_coincide():
 @pytest.mark.parametrize(
     ("A", "b", "message"),
     [
-        (np.ones((3, 2)), np.ones(2), "b: expected 3 numbers, one a row of A, got 2"),
+        (np.ones((3, 2)), np.ones(2), "b: expected 3 numbers, one per row of A, got 2"),
         (np.ones(3), np.ones(3), "A: expected an array of 2 dimensions"),
         (np.ones((3, 0)), np.ones(3), "A: expected an array of 2 dimensions"),
         (np.ones((1, 2)), np.array([np.nan]), r"b\[0\] is nan"),

@@ -62,18 +62,18 @@ static inline uint${color_bits}_t ${name}_color(${name}_state state) {
     return ${NAME}_READ($color_bits, ${name}_colors[state]);
 }
 
-/* In how many configurations the robot may be. */
+/* The number of possible configurations. */
 static inline uint${uncertainty_bits}_t ${name}_uncertainty(${name}_state state) {
     if (state >= ${NAME}_STATES) return 0;
     return ${NAME}_READ($uncertainty_bits, ${name}_uncertainties[state]);
 }
 
-/* Whether the robot cannot be in the map. */
+/* 1 if the robot cannot be in the map, else 0. */
 static inline int ${name}_refuted(${name}_state state) {
     return $refuted;
 }
 
-/* Whether the state is in a knowledge cycle. */
+/* 1 if the state is in a knowledge cycle, else 0. */
 static inline int ${name}_localized(${name}_state state) {
     return ${name}_color(state) > ${NAME}_TRANSIENT_COLOR && !${name}_refuted(state);
 }
@@ -83,15 +83,15 @@ static inline int ${name}_localized(${name}_state state) {
 
 
 def to_c_header(filter: Filter, *, name: str = "filter") -> str:
-    """The filter as a C99 header for a microcontroller: small tables, and functions that read them.
+    """Write the filter as a C99 header for a microcontroller: small tables, and functions for them.
 
     **Arguments:**
 
     - `filter`: a localization filter.
-    - `name`: what every name in the header begins with; characters that C does not allow become
+    - `name`: the prefix of every name in the header; characters that C does not allow become
         underscores.
 
-    **Returns:** the text of a `.h` file; a comment at its top says how to use it.
+    **Returns:** the text of a `.h` file; a comment at its top shows its use.
 
     The filter of a ring of three cells:
 
@@ -126,16 +126,16 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
 
 
 def identifier(name: str) -> str:
-    """The beginning of C identifiers: letters, digits and underscores, a letter first."""
+    """Make a prefix of C identifiers: letters, digits and underscores, a letter first."""
     identifier = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")
     return identifier if identifier[:1].isalpha() else f"filter_{identifier}".rstrip("_")
 
 
 def bits_for(largest: int) -> int:
-    """The width of the type that holds numbers up to the largest."""
+    """Return the width of the type that holds numbers up to the largest."""
     return next(bits for bits in (8, 16, 32) if largest < 2**bits)
 
 
 def rows_of(entries: Iterable[str]) -> str:
-    """The entries of a table, in lines."""
+    """Format the entries of a table in lines."""
     return textwrap.fill(", ".join(entries), 100, initial_indent="    ", subsequent_indent="    ")

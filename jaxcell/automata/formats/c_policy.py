@@ -32,7 +32,7 @@ _TEMPLATE = string.Template("""\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 
-/* What was known at the last bump, and the steps since then. */
+/* The knowledge at the last bump, and the steps since then. */
 typedef struct {
     uint${at_bits}_t at;
     uint${steps_bits}_t steps;
@@ -47,7 +47,7 @@ typedef struct {
  * IMPOSSIBLE. */
 #define ${NAME}_TRANSIENT_COLOR 1
 
-/* Where the next bumps of each state begin in the two tables after this. */
+/* The start of the next bumps of each state in the two tables after this. */
 static const uint${first_bits}_t ${name}_first[$bounds] ${NAME}_TABLE = {
 $first
 };
@@ -105,18 +105,18 @@ static inline uint${color_bits}_t ${name}_color(${name}_state state) {
     return ${NAME}_READ($color_bits, ${name}_colors[state.at]);
 }
 
-/* In how many configurations the robot may have been at its last bump. */
+/* The number of possible configurations at the last bump. */
 static inline uint${uncertainty_bits}_t ${name}_uncertainty(${name}_state state) {
     if (state.at >= ${NAME}_STATES) return 0;
     return ${NAME}_READ($uncertainty_bits, ${name}_uncertainties[state.at]);
 }
 
-/* Whether the robot cannot be in the map. */
+/* 1 if the robot cannot be in the map, else 0. */
 static inline int ${name}_refuted(${name}_state state) {
     return state.at >= ${NAME}_STATES;
 }
 
-/* Whether the policy has come to its end. */
+/* 1 if the policy has ended, else 0. */
 static inline int ${name}_localized(${name}_state state) {
     return ${name}_color(state) > ${NAME}_TRANSIENT_COLOR && !${name}_refuted(state);
 }
@@ -128,19 +128,19 @@ _NO_TURN = 255
 
 
 def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
-    """The policy as a C99 header for a microcontroller: small tables, and functions to read them.
+    """Write the policy as a C99 header for a microcontroller: tables, and functions for them.
 
     **Arguments:**
 
     - `policy`: a localization policy.
-    - `name`: what every name in the header begins with; characters that C does not allow become
+    - `name`: the prefix of every name in the header; characters that C does not allow become
         underscores.
 
-    **Returns:** the text of a `.h` file; a comment at its top says how to use it.
+    **Returns:** the text of a `.h` file; a comment at its top shows its use.
 
     **Raises:** `ValueError` for more than 255 angles.
 
-    A policy without a choice, of a robot that bumps after two steps:
+    A policy without a choice, for a robot that bumps after two steps:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -182,12 +182,12 @@ def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
 
 
 def policy_bits(policy: Policy) -> dict[str, int]:
-    """The width of the entries of each table of [`policy_to_c_header`][]."""
+    """Return the width of the entries of each table of [`policy_to_c_header`][]."""
     largest = {
         "first": policy.steps.size,
-        # One more than the longest run is never counted.
+        # Counters never exceed the longest run.
         "steps": int(policy.steps.max()),
-        # The number after the last state is that of IMPOSSIBLE.
+        # The number after the last state stands for IMPOSSIBLE.
         "target": policy.turn.size,
         "turn": _NO_TURN,
         "color": policy.ends.size + 2,

@@ -4,10 +4,10 @@ from ..filter import Filter
 
 
 def to_dot(filter: Filter, *, name: str = "filter") -> str:
-    """The filter as a Graphviz graph.
+    """Write the filter as a Graphviz graph.
 
-    A state shows its number and, below, its uncertainty; the start is a double circle, knowledge
-    cycles are filled with a hue of their own, and the trap is a box.
+    A state shows its number and, below, its uncertainty; the start is a double circle, each
+    knowledge cycle has its own hue, and the trap is a box.
 
     **Arguments:**
 
@@ -39,7 +39,7 @@ def to_dot(filter: Filter, *, name: str = "filter") -> str:
         if state == filter.trap:
             marks += ["shape=box", "fillcolor=gray"]
         elif color > 1:
-            # Steps of the golden ratio keep the hues of any number of cycles apart.
+            # Steps of the golden ratio make the hues of any number of cycles distinct.
             marks.append(f'fillcolor="{(color - 2) * 0.618034 % 1:.3f} 0.4 1.0"')
         lines.append(f"  {state} [{', '.join(marks)}];")
     for source, row in enumerate(filter.transition.tolist()):
@@ -50,12 +50,12 @@ def to_dot(filter: Filter, *, name: str = "filter") -> str:
 
 
 def to_json(filter: Filter) -> str:
-    """The filter as one JSON object, for other programs.
+    """Write the filter as one JSON object, for other programs.
 
     Fields: `transition` (rows of the states after 0 and 1, -1 for none), `color`, `uncertainty`,
     `open_world`, `trap` (a state, or null), `metadata`, and `cycles`, each with `color`,
-    `uncertainty`, `word`, `states`, and `cells`: the configurations of each of its states. Those of
-    other states are left out; there are too many.
+    `uncertainty`, `word`, `states`, and `cells`, the configurations of each of its states.
+    Configurations of other states are omitted, because there are too many.
 
     **Arguments:**
 
@@ -95,7 +95,7 @@ def to_json(filter: Filter) -> str:
 
 
 def _dot_string(text: str) -> str:
-    """A double-quoted DOT string that shows the text as it is."""
+    """Quote a DOT string that shows the text literally."""
     printable = "".join(
         c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in text
     )

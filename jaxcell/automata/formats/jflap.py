@@ -10,7 +10,7 @@ from ..cycles import periodic_nodes
 from ..filter import Filter
 
 
-# What XML 1.0 has no way to write.
+# Characters that XML 1.0 cannot represent.
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SPACING = 90
 
@@ -18,7 +18,7 @@ _SPACING = 90
 def to_jflap(
     filter: Filter, kind: Literal["fa", "moore"] = "moore", *, name: str = "filter"
 ) -> str:
-    """The filter as an automaton of JFLAP 7.
+    """Write the filter as an automaton of JFLAP 7.
 
     **Arguments:**
 
@@ -27,10 +27,9 @@ def to_jflap(
         automaton whose final states are those of the knowledge cycles.
     - `name`: a note in the drawing.
 
-    **Returns:** the text of a `.jff` file. States stand in columns by their distance from the
-    start.
+    **Returns:** the text of a `.jff` file. States are in columns by their distance from the start.
 
-    **Raises:** `ValueError` if `kind` is neither.
+    **Raises:** `ValueError` for another `kind`.
 
     The filter of a ring of three cells:
 
@@ -65,23 +64,23 @@ def nondeterministic_to_jflap(
     *,
     name: str = "I-state automaton",
 ) -> str:
-    """The nondeterministic I-state automaton as a finite automaton of JFLAP 7.
+    """Write the nondeterministic I-state automaton as a finite automaton of JFLAP 7.
 
     Alam 2018, Definition 2.4.2.
 
     State 0 is the new start, with an empty transition to every cell; cell `z` is state `z + 1`; the
-    periodic cells are final. JFLAP's conversion to a deterministic
-    automaton has the states of [`jaxcell.automata.subset_construction`][].
+    periodic cells are final. JFLAP's conversion to a deterministic automaton has the states of
+    [`jaxcell.automata.subset_construction`][].
 
     **Arguments:**
 
-    - `image`: the cell that each cell is mapped to.
-    - `observation`: whether the robot then senses a 1.
+    - `image`: the image of each cell.
+    - `observation`: whether the robot observes 1 between a cell and its image.
     - `name`: a note in the drawing.
 
-    **Returns:** the text of a `.jff` file. The start stands left of a square of cells.
+    **Returns:** the text of a `.jff` file. The start is left of a square of cells.
 
-    A ring of three cells; its edges, and those from the start:
+    A ring of three cells has an edge from each cell, and one from the start to each:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -138,7 +137,7 @@ def _add_transition(
 
 
 def _columns(filter: Filter) -> Iterable[tuple[int, int]]:
-    """Column and row of each state: distance from the start, and place at that distance."""
+    """Compute the column of each state, its distance from the start, and its row in the column."""
     column = [0] * len(filter.transition)
     height: list[int] = [1]
     row = [0] * len(filter.transition)

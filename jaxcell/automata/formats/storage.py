@@ -1,7 +1,7 @@
-"""A file of int32 arrays and a JSON header: an `.npz` of NumPy's under another name.
+"""A file of int32 arrays and a JSON header: an `.npz` file of NumPy with another name.
 
-Arrays are stored as the differences between neighbours: sorted cells differ by little, so that most
-of them are small and compress well.
+Arrays are stored as differences between neighbours: sorted cells differ by little, so most
+differences are small and compress well.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from ...base.files import replacing
 
 
 _HEADER = "header"
-# What files began with before they were those of NumPy.
+# The first bytes of files of earlier versions, which were not `.npz` files.
 _OLD = b"jaxcell\0"
 
 
@@ -27,7 +27,7 @@ def write_arrays(
     header: Mapping[str, Any],
     arrays: Mapping[str, Int32[np.ndarray, "_"]],
 ) -> None:
-    """Write a file at once or not at all; equal content gives equal bytes.
+    """Write a file completely or not at all; equal content gives equal bytes.
 
     **Arguments:**
 
@@ -43,7 +43,7 @@ def write_arrays(
 
 
 def read_kind(path: str | os.PathLike[str]) -> str:
-    """What a file of [`write_arrays`][] is, by the `kind` of its header, without its arrays.
+    """Read the `kind` in the header of a file of [`write_arrays`][], without its arrays.
 
     **Raises:** `ValueError` as [`read_arrays`][].
     """
@@ -54,10 +54,10 @@ def read_kind(path: str | os.PathLike[str]) -> str:
 def reading(
     path: str | os.PathLike[str], kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
-    """Read a file of one kind; what is missing or wrong in it is said with its name.
+    """Read a file of one kind; errors about its content name the file.
 
-    **Raises:** `ValueError` as [`read_arrays`][], for another kind or metadata that are no object,
-    and for a `KeyError` or a `ValueError` in the block.
+    **Raises:** `ValueError` as [`read_arrays`][], for another kind, for wrong metadata, and for a
+    `KeyError` or a `ValueError` in the block.
     """
     header, arrays = read_arrays(path)
     try:
@@ -73,9 +73,9 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """A copy of metadata as a file gives them back.
+    """Copy metadata as a file would return them.
 
-    **Raises:** `ValueError` if they are no JSON object.
+    **Raises:** `ValueError` if they are not a JSON object.
     """
     try:
         return json.loads(json.dumps(dict(metadata), allow_nan=False))
@@ -92,17 +92,17 @@ def read_arrays(
 
     **Raises:** `ValueError` if it is not such a file, or was truncated or altered.
     """
-    header, found = _read(path)
-    for name, array in found.items():
+    header, arrays = _read(path)
+    for name, array in arrays.items():
         if array.dtype != np.int32 or array.ndim != 1:
             raise ValueError(f"{path}: {name}: expected a list of 32-bit numbers")
-    return header, {name: np.cumsum(one, dtype=np.int32) for name, one in found.items()}
+    return header, {name: np.cumsum(array, dtype=np.int32) for name, array in arrays.items()}
 
 
 def _read(
     path: str | os.PathLike[str], headed: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The header and the arrays as they are stored, or the header alone."""
+    """Read the header and the arrays as they are stored, or only the header."""
     with Path(path).open("rb") as file:
         if file.read(len(_OLD)) == _OLD:
             raise ValueError(
@@ -112,8 +112,8 @@ def _read(
         file.seek(0)
         try:
             with np.lib.npyio.NpzFile(file) as stored:
-                found = {name: stored[name] for name in ([_HEADER] if headed else stored.files)}
-            header = json.loads(found.pop(_HEADER).tobytes())
+                arrays = {name: stored[name] for name in ([_HEADER] if headed else stored.files)}
+            header = json.loads(arrays.pop(_HEADER).tobytes())
         except (
             Exception
         ) as error:  # what a damaged file makes zipfile and NumPy raise is not listed
@@ -122,4 +122,4 @@ def _read(
             ) from error
     if not isinstance(header, dict):
         raise ValueError(f"{path}: its header: expected a JSON object")
-    return header, found
+    return header, arrays

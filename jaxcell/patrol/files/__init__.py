@@ -1,1 +1,1 @@
-"""Files of graphs, and of numbers of their vertices."""
+"""Files of graphs, and of values at their vertices."""

@@ -1,14 +1,14 @@
 """Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
 
-Every vertex has a name, and either all have a position or none has. Every edge joins two different
-vertices, once, and can be walked both ways. Edges may have a `length` in metres, if all have one;
-otherwise they are straight. Other attributes in a file are ignored.
+Every vertex has a name, and either all vertices have a position or none has. Every edge joins two
+different vertices, once, and can be walked both ways. Edges may have a `length` in metres, if all
+edges have one; otherwise they are straight. Other attributes in a file are ignored.
 
 **Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
 and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
-A **patrolling_sim graph** (`.graph`) is of the ROS simulator of that name. An **adjacency list**
-(`.adjlist`) has a line for each vertex, its name and those of neighbours. An **edge list**
+A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. An **adjacency list**
+(`.adjlist`) has one line per vertex, its name and its neighbours' names. An **edge list**
 (`.edges`, `.txt`) is text; `#` begins a comment:
 
 ```
@@ -76,17 +76,14 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
 
     **Arguments:**
 
-    - `path`: the file, of at most 64 MiB. Its suffix says the format: `.json` is node-link JSON,
-        `.graphml` is GraphML, `.gml` GML, `.adjlist` an adjacency list, and `.edges` or `.txt` a
-        list in which `name x y` is a vertex and `name name` an edge.
+    - `path`: the file, of at most 64 MiB. Its suffix gives the format: `.json` is node-link JSON,
+        `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a patrolling_sim
+        graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and `name name` an
+        edge.
 
-    **Returns:** the graph, and the names of its vertices, which it numbers in the order of the
-    file.
+    **Returns:** the graph, and the names of its vertices in the order of their numbers.
 
-    **Raises:** `ValueError` that names the file, the field, and what is wrong: text that is cut
-    short or in another format, a directed graph, a loop, parallel edges, a vertex that is named
-    twice or by an edge alone, or one without two finite coordinates where others have them;
-    `FileNotFoundError`.
+    **Raises:** `ValueError` with the file, the field, and the reason; `FileNotFoundError`.
 
     The graph of section 4.5.2 of Alam 2018:
 
@@ -100,18 +97,18 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     suffix = path.suffix.lower()
     try:
         if suffix == ".json":
-            found = _parse_json(_text(path))
+            parts = _parse_json(_text(path))
         elif suffix == ".graphml":
-            found = _parse_graphml(_text(path))
+            parts = _parse_graphml(_text(path))
         elif suffix in (".gml", ".adjlist"):
-            found = _parse_networkx(_text(path), suffix)
+            parts = _parse_networkx(_text(path), suffix)
         elif suffix == ".graph":
-            found = _parse_simulator(_text(path))
+            parts = _parse_simulator(_text(path))
         elif suffix in LIST_SUFFIXES:
-            found = _parse_list(_text(path))
+            parts = _parse_list(_text(path))
         else:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
-        return checked_graph(*found)
+        return checked_graph(*parts)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -153,7 +150,7 @@ def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
         raise ValueError(f"not valid XML, or cut short: {error}") from None
     try:
         with warnings.catch_warnings():
-            # Of ports and types, which do not matter here.
+            # Warnings about ports and types do not matter here.
             warnings.simplefilter("ignore")
             graph = nx.parse_graphml(text, force_multigraph=True)
     except (
@@ -169,7 +166,7 @@ def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
-    """GML and adjacency lists, as networkx reads them."""
+    """Read GML or an adjacency list by networkx."""
     import networkx as nx
 
     lines = text.splitlines()
@@ -193,21 +190,21 @@ def _of_networkx(graph: Any, directed: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
-    found = parse_simulator_graph(text)
+    graph = parse_simulator_graph(text)
     return (
-        [Vertex(field, name, {"x": x, "y": y}) for field, name, x, y in found.vertices],
-        [Edge(*edge) for edge in found.edges],
+        [Vertex(field, name, {"x": x, "y": y}) for field, name, x, y in graph.vertices],
+        [Edge(*edge) for edge in graph.edges],
     )
 
 
 def has_weights(path: str | os.PathLike[str]) -> bool:
-    """Whether the edges of a graph file have weights, which [`load_graph`][] does not read.
+    """Check whether the edges of a graph file have weights, which [`load_graph`][] does not read.
 
     **Arguments:**
 
     - `path`: the file.
 
-    **Returns:** whether it names a weight; lists have none.
+    **Returns:** `True` if the file mentions a weight; always `False` for lists.
 
     The graph of section 4.5.2 of Alam 2018 has none:
 
@@ -243,7 +240,7 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
-    """Make a graph of the parts of a file; errors name these parts."""
+    """Make a graph from the parts of a file; errors name the wrong part."""
     numbers: dict[str, int] = {}
     xy = []
     for field, name, attributes in vertices:
@@ -254,9 +251,9 @@ def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tup
         numbers[str(name)] = len(numbers)
         placed = bool({"x", "y", "pos"} & attributes.keys())
         xy.append(_position(field, attributes) if placed else None)
-    if None in xy and any(one is not None for one in xy):
+    if None in xy and any(place is not None for place in xy):
         field = vertices[xy.index(None)].field
-        raise ValueError(f"{field}: it has no position, x and y, as others have")
+        raise ValueError(f"{field}: it has no position x, y; expected one, as others have it")
     if len(numbers) < 2:
         raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
     if not edges:
@@ -302,9 +299,9 @@ def _position(field: str, attributes: Mapping[str, Any]) -> tuple[float, float]:
     else:
         pair = checked_pair(f"{field}.pos", attributes["pos"])
         both = [(f"{field}.pos[{i}]", value) for i, value in enumerate(pair)]
-    # GraphML and lists have numbers as text.
+    # GraphML and lists store numbers as text.
     expected = f"a finite number of at most {MAX_NUMBER:g} m"
-    x, y = (checked_number(*one, expected, text=True) for one in both)
+    x, y = (checked_number(*coordinate, expected, text=True) for coordinate in both)
     return x, y
 
 

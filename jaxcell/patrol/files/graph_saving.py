@@ -11,17 +11,16 @@ from .graph_files import LIST_SUFFIXES, SUFFIXES, Edge, Vertex, checked_graph
 def save_graph(
     graph: Graph, path: str | os.PathLike[str], names: Sequence[str] | None = None
 ) -> None:
-    """Write a graph file, whole or not at all; reading it gives the same numbers.
+    """Write a graph file, completely or not at all; reading it gives the same numbers.
 
     **Arguments:**
 
     - `graph`: a graph whose vertices have positions.
-    - `path`: the file to write or replace; its suffix says the format, as for [`load_graph`][].
+    - `path`: the file to write or replace; its suffix gives the format, as in [`load_graph`][].
     - `names`: the name of each vertex; by default its number.
 
-    **Raises:** `ValueError` for an unknown suffix, a graph without positions, and names that are
-    not one a vertex, come twice, or cannot be written; `FileNotFoundError` if the folder does not
-    exist.
+    **Raises:** `ValueError` for a graph or names that the format cannot store; `FileNotFoundError`
+    if the folder does not exist.
 
     A line of two vertices:
 
@@ -42,12 +41,12 @@ def save_graph(
         names = [str(vertex) for vertex in range(graph.vertices)]
     try:
         if graph.xy is None:
-            raise ValueError("the vertices have no positions, and a graph file has them")
+            raise ValueError("the vertices have no positions, which a graph file needs")
         if len(names) != graph.vertices:
-            raise ValueError(f"names: expected {graph.vertices}, one a vertex, got {len(names)}")
+            raise ValueError(f"names: expected {graph.vertices}, one per vertex, got {len(names)}")
         places = graph.xy.tolist()
         pairs = graph.edges.tolist()
-        # What could not be read is not written.
+        # A graph that could not be read is not written.
         checked_graph(
             [Vertex(f"names[{v}]", names[v], {"x": x, "y": y}) for v, (x, y) in enumerate(places)],
             [Edge(f"edges[{e}]", *(names[end] for end in ends)) for e, ends in enumerate(pairs)],
@@ -62,7 +61,7 @@ def save_graph(
         elif suffix in LIST_SUFFIXES and ways is None:
             text = _format_list(vertices, edges)
         elif suffix in LIST_SUFFIXES:
-            raise ValueError("an edge list has no place for lengths of edges")
+            raise ValueError("an edge list cannot store lengths of edges; expected another suffix")
         else:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
     except ValueError as error:
@@ -77,7 +76,7 @@ def _format_json(
     ways: list[float] | None,
 ) -> str:
     nodes = [json.dumps({"id": name, "x": x, "y": y}) for name, x, y in vertices]
-    lengths = [{}] * len(edges) if ways is None else [{"length": one} for one in ways]
+    lengths = [{}] * len(edges) if ways is None else [{"length": length} for length in ways]
     pairs = [
         json.dumps({"source": tail, "target": head} | length)
         for (tail, head), length in zip(edges, lengths, strict=True)
@@ -113,7 +112,7 @@ def _format_graphml(
 def _format_list(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
     for name, _, _ in vertices:
         if name.split() != [name] or "#" in name:
-            raise ValueError(f"an edge list has no place for spaces or # in a name: {name!r}")
+            raise ValueError(f"an edge list cannot store spaces or # in a name, got {name!r}")
     lines = [f"{name} {x!r} {y!r}" for name, x, y in vertices]
     lines += [f"{tail} {head}" for tail, head in edges]
     return "\n".join(lines) + "\n"

@@ -13,18 +13,17 @@ from ...optimize import Stakes
 def load_values(
     path: str | os.PathLike[str], names: Sequence[str], *, whole: bool = False
 ) -> Float[np.ndarray, "vertices"]:
-    """Read a number for each vertex: a file of lines with a name and a number.
+    """Read one number per vertex from a file of lines with a name and a number.
 
     **Arguments:**
 
     - `path`: the file; `#` begins a comment.
-    - `names`: of the vertices.
-    - `whole`: whether they must be whole numbers.
+    - `names`: names of the vertices.
+    - `whole`: whether the numbers must be whole.
 
     **Returns:** the numbers, positive and finite, in the order of the names.
 
-    **Raises:** `ValueError` that names the file and the line, for one that is something else, a
-    vertex that does not exist, comes twice, or is missing; `FileNotFoundError`.
+    **Raises:** `ValueError` with the file and the line; `FileNotFoundError`.
 
     Attacks on two vertices:
 
@@ -40,20 +39,21 @@ def load_values(
 
 
 def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
-    """Read what there is to win and to lose at each vertex in a game.
+    """Read the stakes of a game at each vertex.
 
     **Arguments:**
 
-    - `path`: a file of lines with a name and one, two or four numbers, the same for all: what the
-        goods are worth to the patroller, to the adversary if that is something else, and what the
-        patroller gains and the adversary pays when it is caught. `#` begins a comment.
-    - `names`: of the vertices.
+    - `path`: a file of lines with a name and one, two or four numbers, equally many in all lines:
+        the value of the goods to the patroller, their value to the adversary if it differs, the
+        gain of the patroller from a capture, and the penalty of the adversary. `#` starts a
+        comment.
+    - `names`: names of the vertices.
 
     **Returns:** [`jaxcell.optimize.Stakes`][].
 
     **Raises:** as [`load_values`][], and for lines of different lengths.
 
-    Goods that are worth more to the adversary:
+    Goods whose value is higher for the adversary:
 
         >>> import pathlib, tempfile
         >>> from jaxcell import patrol
@@ -70,8 +70,8 @@ def _load(
     path: Path, names: Sequence[str], lengths: tuple[int, ...], whole: bool
 ) -> Float[np.ndarray, "vertices numbers"]:
     check_file(path, "numbers for each vertex")
-    found: dict[str, list[float]] = {}
-    one = f"a {'whole ' * whole}number more than 0"
+    numbers: dict[str, list[float]] = {}
+    expected = f"a {'whole ' * whole}number more than 0"
     for number, line in enumerate(read_text(path).splitlines(), 1):
         words = line.partition("#")[0].split()
         if not words:
@@ -82,16 +82,16 @@ def _load(
         name, rest = next((split for split in splits if split[0] in names), splits[0])
         if name not in names:
             raise ValueError(f"{at}: there is no vertex {reprlib.repr(name)}")
-        if name in found:
+        if name in numbers:
             raise ValueError(f"{at}: the vertex {reprlib.repr(name)} comes twice")
-        found[name] = [checked_number(at, word, one, text=True) for word in rest]
+        numbers[name] = [checked_number(at, word, expected, text=True) for word in rest]
         wrong = next((x for x in rest if not float(x) > 0 or (whole and float(x) % 1)), None)
         if wrong is not None:
-            raise ValueError(f"{at}: expected {one}, got {wrong}")
-        first = next(iter(found.values()))
+            raise ValueError(f"{at}: expected {expected}, got {wrong}")
+        first = next(iter(numbers.values()))
         if len(rest) != len(first):
             raise ValueError(f"{at}: expected {len(first)} numbers, as before, got {len(rest)}")
-    missing = next((name for name in names if name not in found), None)
+    missing = next((name for name in names if name not in numbers), None)
     if missing is not None:
         raise ValueError(f"{path}: there is no number for vertex {missing!r}")
-    return np.array([found[name] for name in names])
+    return np.array([numbers[name] for name in names])

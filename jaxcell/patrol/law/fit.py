@@ -16,22 +16,22 @@ from .likelihood import Likelihood, distribution_function, law_through, log_odds
 
 _MIN_SAMPLES = 8
 _MIN_VALUES = 5
-# Of the log-likelihood of all samples.
+# The accuracy of the log-likelihood of all samples.
 _TOLERANCE = 1e-4
 # The grid of the package gld of R, which Alam 2018 uses, with two more for narrow peaks.
 _SHAPES = (-0.9, -0.5, -0.1, 0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.5, 3.0, 10.0)
-# Values to rank laws by, and laws to go on with.
+# The number of values that rank laws, and the number of laws that are then improved.
 _RANKED = 400
 _POLISHED = 3
-# Between these, laws look alike: with a tail, with an edge, and with a peak at an edge.
+# Bounds between three kinds of shapes: with a tail, with an edge, with a peak at an edge.
 _KINDS = (0.5, 2.0)
 _MAX_SHAPE = 50.0
-# The support may end where the least of n samples has a distribution function of exp(-_BEYOND) / n,
-# and no nearer: less than n times that is left to gain in log-likelihood.
+# The support ends where the distribution function of the least of n samples is exp(-_BEYOND) / n,
+# or farther away: an end nearer to the sample gains less than n times that in log-likelihood.
 _BEYOND = 5.0
 _MAX_STEPS = 60
 _MAX_HALVINGS = 20
-# Of a step, in the number that changes most.
+# The largest change of a parameter in a step.
 _MAX_CHANGE = 2.0
 # Curvatures below this are rounding.
 _FLATTEST = 1e-9
@@ -39,20 +39,20 @@ _FLATTEST = 1e-9
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GldFit(Result):
-    """The generalized lambda distribution that makes some samples most likely."""
+    """The generalized lambda distribution of largest likelihood for given samples."""
 
     law: Gld
     log_likelihood: Annotated[float, quantity("", "log-likelihood of the samples")]
-    "Of all samples: of their probabilities if censored, else of their densities."
+    "The sum over all samples: of log-probabilities if censored, else of log-densities."
     distance: Annotated[float, quantity("", "largest difference of distribution functions", "1")]
-    """Kolmogorov and Smirnov's: the largest difference of the distribution functions of the law and
-    of the samples; if censored, over the whole numbers and a half."""
+    """Kolmogorov-Smirnov statistic: the largest difference of the distribution functions of the law
+    and of the samples; if censored, taken at whole numbers plus a half."""
     censored: bool
-    "Whether samples stand for intervals of length 1."
+    "`True` if samples stand for intervals of length 1."
     certificate: Certificate
 
     def cdf(self, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
-        """The distribution function of the law, on the host."""
+        """Compute the distribution function of the law, on the host."""
         return distribution_function(self.law, x)
 
     @derived("", "l1, the place of the law")
@@ -75,31 +75,29 @@ class GldFit(Result):
 def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -> GldFit:
     """Fit a generalized lambda distribution by maximum likelihood (Alam 2018, section 4.4.6).
 
-    Times counted in steps are whole numbers, and with those the likelihood of a density grows
-    without bound as the law gathers around one of them. For them, `censored`, a sample `t` stands
-    for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of that.
+    Times counted in steps are whole numbers, and for those the likelihood of a density grows
+    without bound as the law concentrates around one number. If `censored`, a sample `t` therefore
+    stands for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of that interval.
 
-    The best few of a grid of shapes are polished by Newton's method, with exact derivatives of the
+    The best few of a grid of shapes are improved by Newton's method, with exact derivatives of the
     inverted quantile function. Laws that give a sample no chance are not searched, so the
-    likelihood is smooth. What is found is the best of several local maxima, with shapes from -50
-    to 50. A density of huge shapes that peaks at one sample can be likelier than any of them, and
-    is of no use.
+    likelihood is smooth. The result is the best of several local maxima, with shapes from -50 to
+    50. A density of huge shapes that peaks at one sample may be likelier, and is of no use.
 
     **Arguments:**
 
     - `samples`: array `[samples]`, in any order and unit.
-    - `censored`: whether the samples are whole numbers that stand for intervals. If not given, they
-        do if all are whole and some are equal.
+    - `censored`: whether the samples are whole numbers that stand for intervals. The default is
+        `True` if all are whole and two are equal.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`GldFit`][]. The residual of its certificate is what another step promises to add
-    to the log-likelihood.
+    **Returns:** [`GldFit`][]. The residual of its certificate is the predicted gain in
+    log-likelihood of another step.
 
-    **Raises:** `ValueError` that names the sample for one that is not finite, or not whole although
-    censored; for less than 8 samples or 5 different values. `RuntimeError` if the search does not
-    settle, or where JAX is set to 32 bits.
+    **Raises:** `ValueError` for samples that cannot be fitted; `RuntimeError` if the search does
+    not settle, or where JAX is set to 32 bits.
 
-    Four parameters take more than a few samples:
+    Four parameters need more than four samples:
 
         >>> from jaxcell import patrol
         >>> patrol.fit_gld([3, 4, 4, 7])
@@ -123,7 +121,7 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
             f"samples: expected at least {_MIN_SAMPLES}, with {_MIN_VALUES} different "
             f"values, got {given.size} with {value.size}"
         )
-    # Counted from the least, so that samples far from 0 lose no digits.
+    # Values are relative to the least one, so that samples far from 0 lose no digits.
     origin = value[0]
     problem = _Problem.of(value - origin, count, censored)
     maxima = [_maximum(problem, *start) for start in _starts(problem)]
@@ -142,15 +140,15 @@ class _Problem:
 
     data: Likelihood
     few: Likelihood
-    "Some hundreds of the values, which are enough to rank laws."
+    "A subset of at most `_RANKED` values, enough to rank laws."
     inner: Float[np.ndarray, "2"]
     "Points near the quartiles."
     log_odds: Float[np.ndarray, "2"]
-    "Those of the samples there."
+    "The log-odds of the samples at `inner`."
     outer: Float[np.ndarray, "2"]
-    "What the support must reach: both ends of all samples."
+    "The interval that the support must hold: both ends of all samples."
     narrow: Float[np.ndarray, "2"]
-    "What it must reach, so that all samples have a chance."
+    "The interval that it must hold if all samples are to have a chance."
     size: int
     "The number of samples."
 
@@ -164,15 +162,15 @@ class _Problem:
             at, share = value[:-1] + 0.5, upto[:-1] / size
         else:
             at, share = value, (upto - count / 2) / size
-        # Not the same point for both quartiles, where many samples are equal.
+        # The two points differ even if many samples are equal.
         first = min(int(np.abs(share - 0.25).argmin()), share.size - 2)
         second = max(int(np.abs(share - 0.75).argmin()), first + 1)
         share = share[[first, second]]
         beyond = np.array([-0.5, 0.5]) * censored
-        some = np.unique(np.linspace(0, value.size - 1, _RANKED).astype(int))
+        ranked = np.unique(np.linspace(0, value.size - 1, _RANKED).astype(int))
         return _Problem(
             Likelihood.of(value, count, censored),
-            Likelihood.of(value[some], count[some], censored),
+            Likelihood.of(value[ranked], count[ranked], censored),
             at[[first, second]],
             np.log(share) - np.log1p(-share),
             value[[0, -1]] + beyond,
@@ -182,9 +180,9 @@ class _Problem:
 
 
 def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.ndarray, "2"]]]:
-    """The best laws of a grid, of which no two are of the same kind.
+    """Return the best laws of a grid, each of another kind.
 
-    They have the quartiles of the samples, but are widened to reach them all where bounded.
+    The laws have the quartiles of the samples; a bounded support is widened to hold all samples.
     """
     farthest = math.log(2 * problem.size)
     shapes = np.array(list(itertools.product(_SHAPES, repeat=2)))
@@ -208,20 +206,20 @@ class _Maximum:
     point: Float[np.ndarray, "2"]
     loss: float
     gain: float
-    "What another step promises in log-likelihood."
+    "The predicted gain in log-likelihood of another step."
     edge: Bool[np.ndarray, "2"]
-    "Whether the support ends at the point."
+    "`True` where the support ends at the point."
     steps: int
 
 
 def _maximum(
     problem: _Problem, numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]
 ) -> _Maximum:
-    """The maximum that a start leads to.
+    """Find the maximum to which a start leads.
 
     The likelihood of a censored sample has a kink where the support ends at the outer end of its
-    interval, and often that is the maximum. So it is found as a bound of supports that hold the
-    whole interval, and then left for those that end within it if that is better.
+    interval, and the maximum often lies there. So the search first requires supports that hold the
+    whole interval, and then admits those that end within the interval if they are better.
     """
     wide = _maximise(problem, numbers, point)
     narrowed = wide.edge & (problem.narrow != problem.outer)
@@ -242,15 +240,15 @@ def _maximise(
 ) -> _Maximum:
     """Maximize the likelihood by Newton's method within bounds.
 
-    Curvatures of the loss count as positive, so that steps lower it.
+    Curvatures of the loss count as positive, so that each step lowers the loss.
 
     `scipy.optimize` has no such method: `trust-exact` takes no bounds, `trust-constr` needs two to
     three times the evaluations and stops with 0.003 to gain in log-likelihood, and L-BFGS-B stops
     with more than 1 to gain.
 
-    A law is given by its log-odds at two points and its shapes. Where its support is bounded, the
-    point is the outer one, with which no change of the others takes the chance from a sample; else
-    the inner one, which hardly depends on the shape.
+    A law is given by its log-odds at two points and its shapes. On a side where its support is
+    bounded, the point is the outer one, at which no change of the other parameters excludes a
+    sample; otherwise it is the inner one, which hardly depends on the shape.
     """
     farthest = math.log(problem.size) + _BEYOND
     bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])
@@ -269,13 +267,13 @@ def _maximise(
         change *= min(1.0, _MAX_CHANGE / np.abs(change).max())
         for _ in range(_MAX_HALVINGS):
             moved = np.clip(numbers + change, -bound, bound)
-            found = problem.data.expansion(moved, point, loss)
-            if found[0] < loss and np.isfinite(found[1]).all() and np.isfinite(found[2]).all():
+            trial = problem.data.expansion(moved, point, loss)
+            if trial[0] < loss and np.isfinite(trial[1]).all() and np.isfinite(trial[2]).all():
                 break
             change /= 2
         else:
             break
-        numbers, (loss, slope, hessian) = moved, found
+        numbers, (loss, slope, hessian) = moved, trial
         steps += 1
         suited = np.where(numbers[2:] > 0, problem.outer, problem.inner)
         if (suited != point).any():
@@ -289,7 +287,7 @@ def _maximise(
 def _distance(
     law: Gld, value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
 ) -> float:
-    """The largest difference of distribution functions, which is beside one of the values."""
+    """Compute the largest difference of the distribution functions, which is beside a value."""
     half = 0.5 if censored else 0.0
     upto = np.cumsum(count)
     below = distribution_function(law, value - half) - (upto - count) / upto[-1]

@@ -1,14 +1,15 @@
-"""How likely samples are under generalized lambda distributions, with derivatives.
+"""Likelihood of samples under generalized lambda distributions, with derivatives.
 
 A law is given here by four numbers: the log-odds `a` and `b` of its distribution function at two
-points, and its shapes. With `S` the quantile function with location 0 and scale 1, in the log-odds,
-those of the law at a share `r` of the way between the points solve
+points, and its shapes. Let `S` be the quantile function with location 0 and scale 1, in the
+log-odds. The log-odds `y` of the law at a share `r` of the distance between the points solve
 
 `S(y) = (1 - r) S(a) + r S(b)`,
 
 and this equation, differentiated, gives their derivatives in the numbers.
 
-All is NumPy: to compile the derivatives of [`jaxcell.patrol.Gld`][] takes longer than many fits.
+NumPy is used because compiling the derivatives of [`jaxcell.patrol.Gld`][] takes longer than many
+fits.
 """
 
 import dataclasses
@@ -22,23 +23,23 @@ from .distribution import FAR, NODES, ROUNDING, Gld
 
 
 _MAX_STEPS = 100
-# Of the log-odds. A step so small is the last, for the error left goes with its square.
+# Steps in the log-odds end at this size, because the error is of the order of its square.
 _STEP = 1e-8
-# Below this, the derivatives of expm1(t) / t are summed as series: as written, they would cancel.
+# Below this, the derivatives of expm1(t) / t are summed as series; their formula would cancel.
 _SMALL = 0.5
 _FIRST = [k / math.factorial(k + 1) for k in range(1, 16)]
 _SECOND = [k * (k - 1) / math.factorial(k + 1) for k in range(2, 17)]
 
 
 def law_through(numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]) -> Gld:
-    """The law with given log-odds of the distribution function at two points, and two shapes."""
+    """Return the law with given log-odds at two points and given shapes."""
     low, high = _quantile(numbers[:2], _shapes(numbers))[0]
     l2 = (high - low) / (point[1] - point[0])
     return Gld(*(float(x) for x in (point[0] - low / l2, l2, *numbers[2:])))
 
 
 def distribution_function(law: Gld, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
-    """The distribution function of a law, for which nothing is compiled."""
+    """Compute the distribution function of a law in NumPy, without compilation."""
     return expit(_solve((x - law.l1) * law.l2, np.array([[law.l3], [law.l4]])))
 
 
@@ -47,7 +48,7 @@ def log_odds(
     point: Float[np.ndarray, "*#laws 2"],
     x: Float[np.ndarray, "values"],
 ) -> Float[np.ndarray, "*laws values"]:
-    """The log-odds of laws at other points, at most those of 1e-300 either way."""
+    """Compute the log-odds of laws at other points, clipped to `FAR` in modulus."""
     shapes = _shapes(numbers)
     low, high = np.split(_quantile(numbers[..., :2], shapes)[0], 2, axis=-1)
     along = (x - point[..., :1]) / (point[..., 1:] - point[..., :1])
@@ -56,20 +57,20 @@ def log_odds(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Likelihood:
-    """What some samples say of laws."""
+    """The likelihood of samples as a function of the law."""
 
     x: Float[np.ndarray, "values"]
-    "Where the distribution function is needed."
+    "The values at which the distribution function is needed."
     weight: Float[np.ndarray, "samples"]
     "The share of each distinct sample."
     ends: Int[np.ndarray, "2 samples"] | None
-    "The values that bound each sample; none if samples are values themselves."
+    "The indices in `x` of the ends of each sample; `None` if samples are not intervals."
 
     @staticmethod
     def of(
         value: Float[np.ndarray, "samples"], count: Int[np.ndarray, "samples"], censored: bool
     ) -> "Likelihood":
-        """That of distinct samples; if censored, one stands for an interval of length 1."""
+        """Return the likelihood of distinct samples, of intervals of length 1 if censored."""
         weight = count / count.sum()
         if not censored:
             return Likelihood(value, weight, None)
@@ -80,7 +81,7 @@ class Likelihood:
     def loss(
         self, numbers: Float[np.ndarray, "*laws 4"], point: Float[np.ndarray, "*laws 2"]
     ) -> Float[np.ndarray, "*laws"]:
-        """The negative mean log-likelihood by each law, infinite where a sample has no chance."""
+        """Compute the negative mean log-likelihood by law, infinite if a sample has no chance."""
         with np.errstate(all="ignore"):
             return self._loss(numbers, point, log_odds(numbers, point, self.x))
 
@@ -90,7 +91,7 @@ class Likelihood:
         point: Float[np.ndarray, "2"],
         below: float = math.inf,
     ) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
-        """The loss with its first and second derivatives, NaN if it is not below a number."""
+        """Compute the loss and its two derivatives, NaN unless the loss is below `below`."""
         with np.errstate(all="ignore"):
             y = log_odds(numbers, point, self.x)
             loss = float(self._loss(numbers, point, y))
@@ -127,7 +128,7 @@ class Likelihood:
     def _density(
         self, at: "_Local", inverse: "_Inverse", shapes: Float[np.ndarray, "2"]
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
-        """Derivatives of the mean of `log(u v / S'(y))`, and of `log(S(b) - S(a))`."""
+        """Compute derivatives of the mean of `log(u v / S'(y))` plus `log(S(b) - S(a))`."""
         u, v = at.chance
         both = self.weight * at.share
         by_y = self.weight * (v - u - at.change[0])
@@ -155,7 +156,7 @@ class Likelihood:
         low: Int[np.ndarray, "samples"],
         high: Int[np.ndarray, "samples"],
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
-        """Derivatives of the mean logarithm of the probability between the ends."""
+        """Compute derivatives of the mean logarithm of the probability between the ends."""
         (u, v), weight = at.chance, self.weight
         odds = 1 / np.expm1(at.y[high] - at.y[low])
         near, cross = weight * odds, weight * odds * (1 + odds)
@@ -174,10 +175,10 @@ class Likelihood:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Local:
-    """The standard quantile function near log-odds `y`, with derivatives in it and the shapes.
+    """The standard quantile function near log-odds `y`, with derivatives in `y` and the shapes.
 
-    With `u` the distribution function and `v` 1 less it, its derivative in `y` is
-    `exp(l3 log(u) + log(v)) + exp(l4 log(v) + log(u))`.
+    With `u` the distribution function and `v = 1 - u`, its derivative in `y` is `exp(l3 log(u) +
+    log(v)) + exp(l4 log(v) + log(u))`.
     """
 
     y: Float[np.ndarray, "values"]
@@ -185,19 +186,19 @@ class _Local:
     logs: Float[np.ndarray, "2 values"]
     "The logarithms of `u` and `v`."
     chance: Float[np.ndarray, "2 values"]
-    "These."
+    "The probabilities `u` and `v`."
     slope: Float[np.ndarray, "values"]
     "The derivative in `y`."
     share: Float[np.ndarray, "2 values"]
-    "That of either term in it."
+    "The share of either term in the derivative."
     rise: Float[np.ndarray, "2 values"]
     "The derivatives in `y` of the logarithms of the terms."
     change: Float[np.ndarray, "3 values"]
-    "Those of the logarithm of the sum, in `y` and the shapes."
+    "The derivatives of the logarithm of the sum, in `y` and the shapes."
     by_shape: Float[np.ndarray, "2 values"]
-    "Those of the quantile function in the shapes."
+    "The derivatives of the quantile function in the shapes."
     by_shape_twice: Float[np.ndarray, "2 values"]
-    "Its second ones, of which the mixed one is 0."
+    "Its second derivatives in the shapes; the mixed one is 0."
 
     @staticmethod
     def of(y: Float[np.ndarray, "values"], shapes: Float[np.ndarray, "2 1"]) -> "_Local":
@@ -223,15 +224,15 @@ class _Local:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Inverse:
-    """The derivatives in the four numbers of the log-odds at given values."""
+    """The derivatives of the log-odds at given values in the four numbers of the law."""
 
     at: _Local
     along: Float[np.ndarray, "values"]
-    "The share of the way from the first point to the second."
+    "The position of each value between the points, 0 at the first and 1 at the second."
     slope: Float[np.ndarray, "4 values"]
-    "0 where the log-odds are at their limit."
+    "The first derivatives; 0 where the log-odds are clipped."
     end: _Local
-    "`S` at `a` and at `b`, whose derivatives follow."
+    "`S` at `a` and at `b`; its derivatives follow."
     end_slope: Float[np.ndarray, "2 4"]
     end_second: Float[np.ndarray, "2 4 4"]
 
@@ -256,20 +257,20 @@ class _Inverse:
         return _Inverse(at, along, slope, end, end_slope, end_second)
 
     def second(self, weight: Float[np.ndarray, "values"]) -> Float[np.ndarray, "4 4"]:
-        """A weighted sum over the values of the second derivatives."""
+        """Compute a weighted sum over the values of the second derivatives."""
         scaled = np.where(np.abs(self.at.y) < FAR, weight / self.at.slope, 0.0)
-        found = (scaled @ (1 - self.along)) * self.end_second[0]
-        found += (scaled @ self.along) * self.end_second[1]
-        found[[2, 3], [2, 3]] -= self.at.by_shape_twice @ scaled
-        found -= (self.slope * (weight * self.at.change[0])) @ self.slope.T
+        hessian = (scaled @ (1 - self.along)) * self.end_second[0]
+        hessian += (scaled @ self.along) * self.end_second[1]
+        hessian[[2, 3], [2, 3]] -= self.at.by_shape_twice @ scaled
+        hessian -= (self.slope * (weight * self.at.change[0])) @ self.slope.T
         mixed = (self.slope * weight) @ self.at.change[1:].T
-        found[:, 2:] -= mixed
-        found[2:] -= mixed.T
-        return found
+        hessian[:, 2:] -= mixed
+        hessian[2:] -= mixed.T
+        return hessian
 
 
 def _shapes(numbers: Float[np.ndarray, "*laws 4"]) -> Float[np.ndarray, "2 *laws 1"]:
-    """The shapes of laws, first the lower ones, beside which are the values of each law."""
+    """Return the shapes of laws, lower ones first, with an axis for the values of each law."""
     return np.moveaxis(numbers[..., 2:], -1, 0)[..., None]
 
 
@@ -278,10 +279,10 @@ def _quantile(
 ) -> tuple[
     Float[np.ndarray, "*values"], Float[np.ndarray, "2 *values"], Float[np.ndarray, "2 *values"]
 ]:
-    """The quantile function with location 0 and scale 1.
+    """Compute the quantile function with location 0 and scale 1.
 
-    **Returns:** its values; the logarithms of `u` and `v`; and the terms of which it is the
-    difference, `expm1(l3 log(u)) / l3` and `expm1(l4 log(v)) / l4`.
+    **Returns:** the values; the logarithms of `u` and `v`; and the two terms whose difference the
+    values are, `expm1(l3 log(u)) / l3` and `expm1(l4 log(v)) / l4`.
     """
     small = np.log1p(np.exp(-np.abs(y)))
     logs = np.stack([np.minimum(y, 0), -np.maximum(y, 0)]) - small
@@ -293,7 +294,7 @@ def _quantile(
 def _log_slope(
     logs: Float[np.ndarray, "2 *values"], shapes: Float[np.ndarray, "2 *#values"]
 ) -> tuple[Float[np.ndarray, "*values"], Float[np.ndarray, "2 *values"]]:
-    """The logarithm of the slope of the quantile function, and the shares of its terms."""
+    """Compute the logarithm of the slope of the quantile function, and the shares of its terms."""
     terms = shapes * logs + logs[::-1]
     log_slope = terms.max(axis=0)
     log_slope += np.log1p(np.exp(terms.min(axis=0) - log_slope))
@@ -303,7 +304,7 @@ def _log_slope(
 def _quotient_slopes(
     t: Float[np.ndarray, "2 values"], quotient: Float[np.ndarray, "2 values"]
 ) -> tuple[Float[np.ndarray, "2 values"], Float[np.ndarray, "2 values"]]:
-    """The first and second derivatives of the quotient `expm1(t) / t`."""
+    """Compute the first and second derivatives of the quotient `expm1(t) / t`."""
     grown = np.exp(t)
     first = (grown - quotient) / t
     second = (grown - 2 * first) / t
@@ -317,14 +318,14 @@ def _quotient_slopes(
 def _solve(
     z: Float[np.ndarray, "*laws values"], shapes: Float[np.ndarray, "2 *laws 1"]
 ) -> Float[np.ndarray, "*laws values"]:
-    """The log-odds at which the quantile function with location 0 and scale 1 is `z`.
+    """Find the log-odds at which the standard quantile function is `z`.
 
-    A table of that function brackets each solution. Newton's steps that would leave the bracket
-    are replaced by its middle. What is beyond the table is given its end.
+    A table of that function brackets each solution. A step of Newton's method that would leave the
+    bracket is replaced by its middle. Beyond the table, its end is returned.
     """
     with np.errstate(all="ignore"):
         table = _quantile(np.broadcast_to(NODES, (*z.shape[:-1], NODES.size)), shapes)[0]
-        found = np.where(z > 0, FAR, -FAR).ravel()
+        solution = np.where(z > 0, FAR, -FAR).ravel()
         left = np.flatnonzero((z > table[..., :1]) & (z < table[..., -1:]))
         rows = list(zip(z.reshape(-1, z.shape[-1]), table.reshape(-1, NODES.size), strict=True))
         after = np.concatenate([np.searchsorted(known, aim) for aim, known in rows])[left]
@@ -342,12 +343,12 @@ def _solve(
             change = -excess * np.exp(-_log_slope(logs, shapes)[0])
             moved = y + change
             last = np.abs(change) <= _STEP * np.maximum(1.0, np.abs(y))
-            # Where the function is flat, its rounding makes steps that are not small and never end.
+            # Where the function is flat, rounding makes steps that never become small.
             settled = np.abs(excess) <= -ROUNDING * terms.sum(axis=0)
             safe = np.where((moved >= low) & (moved <= high), moved, (low + high) / 2)
             y = np.where(last, moved, np.where(settled, y, safe))
-            found[left] = y
+            solution[left] = y
             going = ~last & ~settled
             left, aim, y, low, high = (part[going] for part in (left, aim, y, low, high))
             shapes = shapes[:, going]
-        return found.reshape(z.shape)
+        return solution.reshape(z.shape)

@@ -1,1 +1,1 @@
-"""Robots that patrol a map and see only so far: policies, regions, and attacks on its cells."""
+"""Robots with limited sight that patrol a map: policies, regions, and attacks on its cells."""

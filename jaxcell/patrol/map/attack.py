@@ -13,28 +13,27 @@ from .policies import Policy
 from .regions import Regions, check_visible
 
 
-# Where a robot may be as an attack begins.
+# The places where a robot may be as an attack begins.
 _STARTS = ("uniform", "stationary", "worst")
-# Of a probability: cells that differ by less are alike.
+# Probabilities of capture that differ by less are equal.
 _ALIKE = 1e-9
-# Targets that are gone through at once: their arrays, one number a cell and target, stay small.
+# The number of targets computed at once: their arrays, one number per cell and target, stay small.
 _TARGETS = 512
 
 
 def boundary(
     graph: Graph, view: Bool[np.ndarray, "*targets cells"]
 ) -> Bool[np.ndarray, "*targets cells"]:
-    """Where a patroller that comes from outside first sees a target (Alam 2018, Fig. 4.3).
+    """Return the cells where a patroller from outside first sees a target (Alam 2018, Fig. 4.3).
 
     **Arguments:**
 
-    - `graph`: the cells and the ways between them.
-    - `view`: the cells from which the target is seen, one row a target or for a single one.
+    - `graph`: the cells and the edges between them.
+    - `view`: the cells from which the target is seen, one row per target, or a single row.
 
-    **Returns:** those of them that are next to one from which it is not.
+    **Returns:** the cells in view that are next to a cell out of view.
 
-    In a corridor of five cells, cell 0 is seen from itself and from cell 1, and a robot from
-    outside comes by cell 1:
+    In a corridor of five cells, cell 0 is seen from cells 0 and 1; robots enter by cell 1:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -48,14 +47,14 @@ def boundary(
 def outside(
     policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
 ) -> Bool[np.ndarray, "robots *targets cells"]:
-    """Where each robot may be when an attack begins: the cells that it walks on, out of view.
+    """Return the cells where each robot may be when an attack begins: its own cells out of view.
 
     **Arguments:**
 
     - `policies`: the policy of each robot.
-    - `view`: the cells from which the target is seen, one row a target or for a single one.
+    - `view`: the cells from which the target is seen, one row per target, or a single row.
 
-    **Returns:** a mask over the cells for each robot, and for each target if `view` has a row each.
+    **Returns:** a mask over the cells for each robot, and for each target if `view` has several.
 
     In a corridor of five cells, cell 0 is out of view of a robot in cells 2 to 4:
 
@@ -75,21 +74,20 @@ def contested(
     policies: Sequence[Policy],
     regions: Regions | None = None,
 ) -> Int[np.ndarray, "targets"]:
-    """The cells where it depends on luck whether an attack succeeds.
+    """Return the cells where an attack may succeed or fail.
 
-    These are not the cells that a base station has in view, which it always watches, nor those that
-    are out of sight wherever the robots walk, where an attack always succeeds.
+    Cells that a base station has in view are excluded, because it always watches them, and so are
+    cells that no robot can see from its walk, where an attack always succeeds.
 
     **Arguments:**
 
-    - `visible`: which cells are seen from each, by a robot.
+    - `visible`: which cells a robot sees from each cell.
     - `policies`: the policy of each robot.
-    - `regions`: those around a base station, if there is one.
+    - `regions`: the regions around a base station, or `None`.
 
     **Returns:** the cells, in order.
 
-    The base station in the middle of a corridor of five cells sees 1 to 3, and only the ends are
-    contested:
+    The base station in the middle of a corridor of five cells sees all but the ends:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -112,29 +110,28 @@ def capture_probabilities(
     attack_times: npt.ArrayLike,
     start: str = "uniform",
 ) -> Float[np.ndarray, "times cells"]:
-    """The probability of catching an adversary that attacks a cell, for every cell at once.
+    """Compute the probability of capturing an adversary that attacks a cell, for every cell.
 
-    The attack begins with each robot at any of its cells from which the target is not seen, by
-    default with equal chance, and succeeds unless one is first where it is seen within the attack
-    time (Alam 2018, section 4.4.6). The law of that time is exact: the robots are independent, and
-    the probability that none has come is the product of those of each. A robot all of whose cells
-    have the target in view has come already.
+    The attack begins with each robot in a cell from which the target is not seen, by default with
+    equal probability, and fails if a robot sees the target within the attack time (Alam 2018,
+    section 4.4.6). The law of that time is exact, a product over the independent robots. A robot
+    that sees the target from all of its cells has arrived at once.
 
     **Arguments:**
 
-    - `graph`: the cells and the ways between them.
-    - `visible`: which cells are wholly visible from each, [`jaxcell.space.visible_cells`][].
+    - `graph`: the cells and the edges between them.
+    - `visible`: which cells are wholly visible from each cell, [`jaxcell.space.visible_cells`][].
     - `policies`: the policy of each robot.
-    - `attack_times`: the steps that an attack takes, each at least 1.
-    - `start`: where each robot is as the attack begins, out of view: with equal chance in any of
-        its cells, `"uniform"`; as often as in the long run, `"stationary"`; or where it is least
-        likely to come in time, `"worst"`, which an adversary chooses who sees the robots.
+    - `attack_times`: number of steps that an attack takes, each at least 1.
+    - `start`: distribution of each robot over its cells out of view as the attack begins: equal
+        probabilities, `"uniform"`; its share of time in the long run, `"stationary"`; or the cell
+        from which it is least likely to arrive in time, `"worst"`, if the adversary sees the
+        robots.
 
-    **Returns:** one row an attack time. The smallest number of a row is at the cell that an
-    adversary would choose, who knows the policies.
+    **Returns:** one row per attack time. The smallest number of a row is at the cell that an
+    adversary chooses who knows the policies.
 
-    **Raises:** `ValueError` for no robots, for attack times that are not whole numbers from 1, for
-    an array that does not match the graph; `RuntimeError` where JAX is set to 32 bits.
+    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
 
     One robot in a corridor of five cells, against attacks of one and of six steps:
 
@@ -154,10 +151,10 @@ def capture_probabilities(
     chains = {id(policy.chain): policy.chain for policy in policies}
     caught = np.empty((times.size, cells))
     for first in range(0, cells, chunk):
-        # The last chunk is full too, so that all have one shape.
-        some = np.arange(min(first, cells - chunk), min(first, cells - chunk) + chunk)
-        view = visible[some].T
-        begins = shares(graph, policies, visible[some], start)
+        # The last chunk is full too, so that all chunks have one shape.
+        targets = np.arange(min(first, cells - chunk), min(first, cells - chunk) + chunk)
+        view = visible[targets].T
+        begins = shares(graph, policies, visible[targets], start)
         survive = np.ones((times.size, chunk))
         late, before = dict.fromkeys(chains, np.where(view, 0.0, 1.0)), 0
         for time in np.unique(times):
@@ -173,22 +170,22 @@ def capture_probabilities(
                 else:
                     alone = (share.T * each).sum(axis=0)
                 survive[times == time] *= alone
-        caught[:, some] = np.maximum(0.0, 1 - survive)
+        caught[:, targets] = np.maximum(0.0, 1 - survive)
     return caught
 
 
 def weakest(
     caught: Float[np.ndarray, "times cells"], among: Int[np.ndarray, "some"]
 ) -> Int[np.ndarray, "times"]:
-    """The cell of some where capture is least; of those that are alike but for rounding, the first.
+    """Find the cell where capture is least; among equals up to rounding, the first.
 
     **Arguments:**
 
     - `caught`: the probability of capture at each cell.
-    - `among`: the cells.
+    - `among`: the cells to choose from.
     """
-    some = caught[:, among]
-    alike = some <= some.min(axis=1, keepdims=True) + _ALIKE
+    chosen = caught[:, among]
+    alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
     return among[alike.argmax(axis=1)]
 
 
@@ -198,7 +195,7 @@ def shares(
     view: Bool[np.ndarray, "*targets cells"],
     start: str,
 ) -> list[Float[np.ndarray, "*targets cells"]]:
-    """How often each robot begins where, out of view; for the worst start, where it may."""
+    """Compute the distribution of each robot over its cells out of view as an attack begins."""
     begins = []
     for policy, hidden in zip(policies, outside(policies, view), strict=True):
         share = hidden * (policy.share_of_time(graph) if start == "stationary" else 1.0)
@@ -208,7 +205,7 @@ def shares(
 
 
 def check_start(start: str) -> None:
-    """**Raises:** `ValueError` for a start that is none."""
+    """**Raises:** `ValueError` for an unknown start."""
     if start not in _STARTS:
         raise ValueError(f"start: expected one of {', '.join(_STARTS)}, got {start!r}")
 
@@ -244,12 +241,12 @@ def _later(
     late: Float[Array, "cells targets"],
     steps: int | Int[Array, ""],
 ) -> Float[Array, "cells targets"]:
-    """The probability that a robot from each cell is not in view of each of several targets.
+    """Compute the probability that a robot from each cell has not seen each target.
 
     **Arguments:**
 
-    - `late`: that up to some time.
-    - `steps`: how much later.
+    - `late`: that probability for an earlier time.
+    - `steps`: number of steps after that time.
     """
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]

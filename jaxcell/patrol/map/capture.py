@@ -2,7 +2,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
 
-import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -21,27 +20,27 @@ from .policies import Policy
 from .regions import check_visible
 
 
-# Gradient steps that try a start, and those that then improve the best one.
+# Number of gradient steps for each start, and of those that then improve the best start.
 _TRIAL, _STEPS = 150, 450
-# Steps are made in blocks of so many.
+# Gradient steps are made in blocks of this size.
 _BLOCK = 25
-# On more cells fewer steps are made, which take longer.
+# Above this number of cells, fewer steps are made because each takes longer.
 _CELLS = 500
-# Of the soft minimum of the logarithms of capture at the end.
+# Hardness of the soft minimum of the logarithms of capture, at first and at the end.
 _HARDNESS = 30.0, 100.0
-# Of every step: so that the robot comes to all cells, and its share of time is unique.
+# Least randomness of a step: the robot visits all cells, so that its share of time is unique.
 _LEAST = 1e-5
-# On more cells the walk with the least commute time takes longer than the search that begins there.
+# Above this number of cells, the walk with the least commute time takes longer than the search.
 _COMMUTE = 600
-# Of the value, by the last quarter of the steps.
+# Tolerance of the relative gain by the last quarter of the steps.
 _TOLERANCE = 0.02
-# Spread of the logits at the first start and at the others, without which robots stay equal.
+# Spread of the logits at the first start and at the others; without it robots stay equal.
 _SPREAD = 0.1, 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CaptureSearch(Result):
-    """Walks of robots that make the least probability of capture great: a local optimum."""
+    """Walks of robots that maximise the least probability of capture, up to a local optimum."""
 
     title: ClassVar[str] = "Search for the patrol that captures most"
     tables: ClassVar[Mapping[str, str]] = {"attempt": "attempts"}
@@ -49,7 +48,7 @@ class CaptureSearch(Result):
     policies: tuple[Policy, ...]
     attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
     randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
-    "How often, at least, a step goes to any neighbour with equal chance."
+    "The least share of steps that go to any neighbour with equal probability."
     start: Annotated[str, quantity("", "where robots are as the attack begins")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
@@ -75,7 +74,7 @@ class CaptureSearch(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frontier(Result):
-    """What is left of capture where robots must be hard to predict."""
+    """The trade-off between capture and unpredictability."""
 
     title: ClassVar[str] = "Capture against entropy"
     tables: ClassVar[Mapping[str, str]] = {"floor": "floors"}
@@ -105,40 +104,39 @@ def capture_policies(
     starts: int = 3,
     seed: int = 0,
 ) -> CaptureSearch:
-    """Walks for robots that make the least probability of capture over the cells great.
+    """Find walks of robots that maximise the least probability of capture over the cells.
 
-    The probability is that of [`jaxcell.patrol.capture_probabilities`][], which is differentiated
-    in the logits of the steps of all robots together. Adam follows the gradient of a soft minimum
-    over the cells, from the walk with the least commute time (on more than 600 cells, from the walk
-    that takes all edges alike), made different for each robot and start by chance. The problem is
-    not convex, and the answer a local optimum, the best that several starts lead to.
+    The probability of [`jaxcell.patrol.capture_probabilities`][] is differentiated in the logits of
+    the steps of all robots together. Adam follows the gradient of a soft minimum over the cells
+    from the walk with the least commute time (on more than 600 cells, from the walk with equal
+    weights), perturbed at random for each robot and start. The problem is not convex: the result is
+    a local optimum, the best of several starts.
 
     **Arguments:**
 
     - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
-    - `robots`: how many.
-    - `attack_time`: the steps that an attack takes.
-    - `randomness`: the share of its steps in which a robot goes to any neighbour with equal chance,
-        at least, 0 or more and less than 1. Without it a patrol is nearly a tour, and predictable.
-    - `start`: where robots are as an attack begins, as in
+    - `robots`: number of robots.
+    - `attack_time`: number of steps that an attack takes.
+    - `randomness`: the least share of its steps in which a robot goes to any neighbour with equal
+        probability, 0 or more and less than 1. With 0 a patrol is nearly a tour, and predictable.
+    - `start`: the places of robots as an attack begins, as in
         [`jaxcell.patrol.capture_probabilities`][].
-    - `starts`: how many starts are tried.
-    - `seed`: of the starts.
+    - `starts`: number of starts.
+    - `seed`: seed of the starts.
 
     **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
-    the last quarter of the steps added: a large one says that more steps would find more.
+    the last quarter of the steps added: if it is large, more steps would improve the result.
 
-    **Raises:** `ValueError` for numbers out of range, and an array that does not match the graph;
-    `RuntimeError` where JAX is set to 32 bits.
+    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
 
     One robot in a corridor of five cells, each of which sees its neighbours:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> found = patrol.capture_policies(graph, visible, 1, 4)
+        >>> best = patrol.capture_policies(graph, visible, 1, 4)
         >>> commuting = patrol.distributed_policies(graph, visible, 1, 0.0)
         >>> before = patrol.capture_probabilities(graph, visible, commuting, [4]).min()
-        >>> round(float(before), 3), round(found.value, 2)
+        >>> round(float(before), 3), round(best.value, 2)
         (0.463, 0.67)
     """
     problem = _Problem.of(graph, visible, robots, attack_time, start)
@@ -159,24 +157,24 @@ def capture_frontier(
     start: str = "uniform",
     seed: int = 0,
 ) -> Frontier:
-    """How much capture is lost where steps must be hard to predict.
+    """Compute the trade-off between capture and the unpredictability of steps.
 
     **Arguments:**
 
     - `floors`: the values of `randomness`, in any order.
-    - the others as in [`capture_policies`][].
+    - other arguments as in [`capture_policies`][].
 
-    **Returns:** [`Frontier`][], whose floors rise. A search begins anew and from the patrol of the
-    next higher floor, which the lower one allows too, so that capture does not rise with the floor.
+    **Returns:** [`Frontier`][], with its floors in increasing order. Each search has two starts, a
+    new one and the patrol of the next higher floor, so that capture never rises with the floor.
 
     **Raises:** as [`capture_policies`][]; `ValueError` for no floors.
 
-    A robot in a corridor of five cells that may not be predictable is worse at both ends:
+    A robot in a corridor of five cells captures less if its steps must be unpredictable:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> found = patrol.capture_frontier(graph, visible, 1, 4, [0.6, 0.0])
-        >>> found.floor.tolist(), bool(found.least_capture[0] > found.least_capture[1])
+        >>> curve = patrol.capture_frontier(graph, visible, 1, 4, [0.6, 0.0])
+        >>> curve.floor.tolist(), bool(curve.least_capture[0] > curve.least_capture[1])
         ([0.0, 0.6], True)
     """
     if not len(floors):
@@ -184,7 +182,7 @@ def capture_frontier(
     for floor in floors:
         _check_randomness(floor)
     problem = _Problem.of(graph, visible, robots, attack_time, start)
-    found, warm, above = [], None, 0.0
+    points, warm, above = [], None, 0.0
     for floor in sorted({float(floor) for floor in floors}, reverse=True):
         begins = problem.begins(1, seed)
         if warm is not None:
@@ -192,12 +190,12 @@ def capture_frontier(
         best, warm = problem.search(begins, floor)
         above = max(floor, _LEAST)
         entropy = np.mean([entropy_rate(graph, policy) for policy in best.policies])
-        found.append((floor, best.value, entropy))
-    return Frontier(*np.array(found[::-1]).T)
+        points.append((floor, best.value, entropy))
+    return Frontier(*np.array(points[::-1]).T)
 
 
 def entropy_rate(graph: Graph, policy: Policy) -> float:
-    """The entropy of a robot's step in the long run, in nats; 0 for one that stays."""
+    """Compute the entropy of a robot's step in the long run, in nats; 0 for a robot that stays."""
     share = policy.share_of_time(graph)
     chance = np.asarray(policy.chain.probability)
     surprise = -np.log(np.where(chance > 0, chance, 1.0))
@@ -211,7 +209,7 @@ def _check_randomness(randomness: float) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is searched: the steps on a graph, and the targets where luck decides."""
+    """The problem of a search: steps on a graph, and targets that may be captured or not."""
 
     graph: Graph
     visible: Bool[np.ndarray, "cells cells"]
@@ -244,7 +242,7 @@ class _Problem:
         return cls(graph, visible, robots, steps, start, Steps.of(graph), unseen)
 
     def begins(self, count: int, seed: int) -> list[Float[np.ndarray, "robots branches cells"]]:
-        """Logits from which to search."""
+        """Return logits from which to search."""
         weights = np.ones(len(self.graph.edges))
         if self.graph.vertices <= _COMMUTE:
             weights = minimum_commute(self.graph).weights
@@ -258,9 +256,9 @@ class _Problem:
     def under(
         self, logits: Float[Array, "robots branches cells"], above: float, floor: float
     ) -> Float[np.ndarray, "robots branches cells"]:
-        """Logits of the same walks under a lower floor."""
+        """Return the logits of the same walks for a lower floor."""
         floor = max(floor, _LEAST)
-        chance = np.asarray(self.steps.chances(jax.device_put(logits), above), np.float64)
+        chance = np.asarray(self.steps.chances(logits, above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))
 
@@ -268,7 +266,7 @@ class _Problem:
     def search(
         self, begins: Sequence[Float[np.ndarray, "robots branches cells"]], randomness: float
     ) -> tuple[CaptureSearch, Float[Array, "robots branches cells"]]:
-        """The best of several starts after a trial, improved; and its logits."""
+        """Try several starts and improve the best one. Returns it, and its logits."""
         floor = max(randomness, _LEAST)
         scale = min(1.0, _CELLS / self.graph.vertices)
         trial, steps = (_BLOCK * max(1, round(scale * n / _BLOCK)) for n in (_TRIAL, _STEPS))
@@ -278,7 +276,7 @@ class _Problem:
             self.steps, self.unseen, self.unseen, self.attack_time, self.start, floor, _HARDNESS
         )
         tries = [ascent.climb(begin, np.zeros(trial)) for begin in begins]
-        best, _, state, _ = max(tries, key=lambda one: one[1])
+        best, _, state, _ = max(tries, key=lambda attempt: attempt[1])
         best, _, _, course = ascent.climb(state, np.arange(steps) / max(1, steps), best)
         policies = self.policies(best, floor)
         caught = capture_probabilities(
@@ -286,19 +284,18 @@ class _Problem:
         )[0]
         value = float(caught[self.visible.any(axis=1)].min(initial=1.0))
         certificate = Certificate(trial * len(begins) + steps, late_gain(course), _TOLERANCE)
-        values = np.array([one[1] for one in tries])
-        found = CaptureSearch(
+        values = np.array([attempt[1] for attempt in tries])
+        result = CaptureSearch(
             policies, self.attack_time, randomness, self.start, values, value, certificate
         )
-        return found, best
+        return result, best
 
     def policies(
         self, logits: Float[Array, "robots branches cells"], floor: float
     ) -> tuple[Policy, ...]:
-        """The policy of each robot, with 64 bits."""
+        """Make the policy of each robot, in 64 bits."""
         cells = np.arange(self.graph.vertices, dtype=np.int32)
-        exact = jax.device_put(np.asarray(logits, np.float64))
-        drawn = np.asarray(self.steps.chances(exact, floor))
+        drawn = np.asarray(self.steps.chances(np.asarray(logits, np.float64), floor))
         policies = []
         for robot, chance in enumerate(drawn):
             chain = Chain(self.steps.image, chance / chance.sum(axis=0))
@@ -316,7 +313,7 @@ class _Problem:
                     uncovered=cover.uncovered,
                     contact=None,
                     tour=None,
-                    # Where parts hardly ever meet it is lost in rounding.
+                    # Rounding can lose the time between parts that are almost separate.
                     commute_time=commute if commute > 0 else float("inf"),
                     certificate=None,
                 )

@@ -7,16 +7,16 @@ from ...space import CellSpace, free_steps
 
 
 def cell_graph(cells: CellSpace, neighbours: int = 8) -> Graph:
-    """The graph of the free cells, with an edge where a robot can go straight to a neighbour.
+    """Make the graph of the free cells, with an edge where a robot can go straight to a neighbour.
 
-    Its vertices are the positions of the cell space (Alam 2018, section 4.3.2), at their centres.
+    The vertices are the positions of the cell space (Alam 2018, section 4.3.2), at their centres.
     Neighbours are joined if the segment between their centres stays in the closed free space: it
-    may graze the corner of an obstacle, but not slip between two that meet there.
+    may graze the corner of an obstacle, but not slip between two obstacles that meet at a point.
 
     **Arguments:**
 
     - `cells`: the cell space of a map; its directions do not matter.
-    - `neighbours`: 8, or 4 for those that share a side.
+    - `neighbours`: 8, or 4 for cells that share a side.
 
     **Returns:** [`jaxcell.optimize.Graph`][], which need not be connected.
 
@@ -34,8 +34,7 @@ def cell_graph(cells: CellSpace, neighbours: int = 8) -> Graph:
     if neighbours not in (4, 8):
         raise ValueError(f"neighbours: expected 4 or 8, got {neighbours}")
     plane = CellSpace(cells.workspace, cells.cell, 8, cells.origin, cells.free)
-    # Each edge is found from one of its ends: to the East and North, then to the North East and
-    # North West.
+    # Each edge is listed at one of its ends: to the East and North, then North East and North West.
     steps = [free_steps(plane, 1.0, "swept")[[0, 2]]]
     if neighbours == 8:
         steps.append(free_steps(plane, math.sqrt(2), "swept")[[1, 3]])

@@ -1,4 +1,4 @@
-"""An adversary that attacks one cell of a map again and again while robots patrol it."""
+"""Simulate an adversary that attacks one cell repeatedly while robots patrol the map."""
 
 import dataclasses
 import enum
@@ -10,17 +10,17 @@ from ...markov import sample_walks
 from .patrolled import PatrolledMap
 
 
-# About so many attacks, as far as there are steps.
+# The approximate number of attacks, if the limits of steps allow it.
 _ATTACKS = 30
 _MIN_STEPS, _MAX_STEPS = 600, 1500
-# Over all robots.
+# Steps times robots.
 _MAX_PLACES = 12_000
 # Steps after an attack, and the longest wait for the next.
 _PAUSE, _WAIT = 8, 40
 
 
 class AttackState(enum.IntEnum):
-    """What the adversary does, or how its last attack ended."""
+    """The activity of the adversary, or the result of its last attack."""
 
     WAITING = 0
     ATTACKING = 1
@@ -30,7 +30,7 @@ class AttackState(enum.IntEnum):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Attacks:
-    """Robots on patrol, and what the adversary does meanwhile."""
+    """The places of patrolling robots and the attacks of an adversary."""
 
     place: Int[np.ndarray, "times robots"]
     "The cell of each robot."
@@ -39,20 +39,20 @@ class Attacks:
     since: Int[np.ndarray, "times"]
     "The steps since the last attack began."
     caught: Int[np.ndarray, "times"]
-    "How many attacks have failed by then."
+    "The number of failed attacks by each time."
     succeeded: Int[np.ndarray, "times"]
-    "How many have not."
+    "The number of successful attacks by each time."
 
 
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
-    """Move robots at random; attack the target, for the first attack time, when nobody looks.
+    """Move robots at random while an adversary attacks the target whenever it is out of view.
 
-    An attack fails if a robot has the target in view within the attack time.
+    An attack takes the first attack time, and fails if a robot has the target in view within it.
 
     **Arguments:**
 
     - `patrol`: the patrol.
-    - `seed`: of the robots and the adversary.
+    - `seed`: seed of the robots and the adversary.
     """
     attack_time = int(patrol.attack.attack_times[0])
     steps = int(np.clip(_ATTACKS * (attack_time + _PAUSE + _WAIT // 2), _MIN_STEPS, _MAX_STEPS))

@@ -19,7 +19,7 @@ from .vulnerability import Vulnerability
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PatrolledMap(Result):
-    """How robots patrol a map, and how vulnerable it is then.
+    """Robots that patrol a map, and how vulnerable the map is then.
 
     One robot in a corridor of four cells, each of which sees its neighbours:
 
@@ -32,8 +32,8 @@ class PatrolledMap(Result):
         >>> problem = graph, visible, policies
         >>> attack = patrol.vulnerability(jax.random.key(0), *problem, 0, [2], runs=5)
         >>> capture = patrol.capture_probabilities(*problem, [2])
-        >>> found = patrol.PatrolledMap(cells, 1.6, *problem, attack, capture)
-        >>> found.robots, found.contested.tolist(), found.capture.round(3).tolist()
+        >>> result = patrol.PatrolledMap(cells, 1.6, *problem, attack, capture)
+        >>> result.robots, result.contested.tolist(), result.capture.round(3).tolist()
         (1, [0, 1, 2, 3], [[0.889, 1.0, 1.0, 0.889]])
     """
 
@@ -56,32 +56,32 @@ class PatrolledMap(Result):
     ]
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
-    "How each robot walks."
+    "The walk of each robot."
     attack: Vulnerability
     "An attack on one cell."
     capture: Annotated[
         Float[np.ndarray, "times attacked"],
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
-    "For each attack time of `attack` and each cell attacked."
+    "The rows are attack times of `attack`, the columns attacked cells."
     regions: Regions | None = None
-    "Who patrols where, if there is a base station."
+    "The region of each robot around a base station, or `None` without one."
     reassignment: Reassignment | None = None
-    "What the robots do when one has stopped reporting."
+    "The new regions after a robot has stopped reporting, or `None`."
     start: str = "uniform"
-    "Where robots are as an attack begins."
+    "The places of robots as an attack begins: `uniform`, `stationary` or `worst`."
     search: CaptureSearch | None = None
-    "The search that led to the policies, if they are those that capture most."
+    "The search for the policies, if they maximise capture; else `None`."
     frontier: Frontier | None = None
-    "What is left of capture where robots must be hard to predict."
+    "The trade-off between capture and unpredictability, or `None`."
     shares: Float[np.ndarray, "shares"] | None = None
-    "The emphases on covers that were tried."
+    "The emphases on covers that were compared."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
     smallest_covers: Float[np.ndarray, "robots"] | None = None
-    "The number of cells of the smallest cover of each robot's cells; NaN where it is not known."
+    "The number of cells of the smallest cover of each robot's cells; NaN if unknown."
     chosen_share: Annotated[
         float | None, quantity("", "share of steps on the tours", "1", kind="share")
     ] = None
@@ -92,62 +92,62 @@ class PatrolledMap(Result):
         Float[np.ndarray, "sizes"] | None,
         quantity("size", "capture at the weakest cell, first attack time", "1", kind="share"),
     ] = None
-    "What one robot, two and so on reach, up to those that patrol."
+    "An entry for each team size, from one robot to all."
     seed: int = 0
-    "Of the patrol that a recording shows."
+    "Seed of the patrol that a recording shows."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for parts that are not of the same cells and attack times."""
+        """**Raises:** `ValueError` for parts that have different cells or attack times."""
         positions = self.cells.positions
         sizes = {
             "graph": self.graph.vertices,
             "visible": len(self.visible),
             "attack": self.attack.view.size,
             "capture": self.capture.shape[1],
-            **{f"policies[{i}]": one.chain.cells for i, one in enumerate(self.policies)},
+            **{f"policies[{i}]": policy.chain.cells for i, policy in enumerate(self.policies)},
         }
         if self.regions is not None:
             sizes["regions"] = self.regions.region.size
         for name, size in sizes.items():
             if size != positions:
-                raise ValueError(f"{name}: expected that of {positions} cells, got {size}")
+                raise ValueError(f"{name}: expected {positions} cells, got {size}")
         if self.cells.workspace is None:
-            raise ValueError("cells: expected those of a map, got those of a grid")
+            raise ValueError("cells: expected the cells of a map, got a grid")
         if len(self.capture) != self.attack.attack_times.size:
             raise ValueError(
-                f"capture: expected {self.attack.attack_times.size} rows, one an attack time, got "
+                f"capture: expected {self.attack.attack_times.size} rows, one per attack time, got "
                 f"{len(self.capture)}"
             )
         if self.reassignment is not None and self.regions is None:
-            raise ValueError("reassignment: expected regions too")
+            raise ValueError("reassignment: expected regions with it, got none")
 
     @property
     def contested(self) -> Int[np.ndarray, "targets"]:
-        """The cells that an adversary may choose from, [`jaxcell.patrol.contested`][]."""
+        """The cells among which an adversary chooses, [`jaxcell.patrol.contested`][]."""
         return contested(self.visible, self.policies, self.regions)
 
     @property
     def answered(self) -> bool:
-        """Whether robots reach the capture that is wanted."""
+        """`True` if the robots reach the wanted probability of capture."""
         if self.wanted is None or self.size_capture is None:
             return True
         return float(self.size_capture[-1]) >= self.wanted
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = []
+        remarks = []
         if self.search is not None:
-            found.append(
+            remarks.append(
                 f"the patrol is a local optimum, the best of {self.search.tried.size} starts; "
                 "another may capture more"
             )
             if self.search.certificate.outcome is not Outcome.CONVERGED:
-                found.append(
+                remarks.append(
                     f"the last quarter of the steps still added {self.search.late_gain:.1%} to its "
                     "least probability of capture"
                 )
         if not self.answered and self.size_capture is not None:
-            found.append(
+            remarks.append(
                 f"{self.robots} robots capture with a probability of {self.size_capture[-1]:.3f} "
                 f"at least; {self.wanted:g} is not reached"
             )
@@ -156,11 +156,11 @@ class PatrolledMap(Result):
             plain = float(least[self.share == 0].max(initial=0))
             taken = float(least[self.share == chosen].max(initial=0))
             if chosen is not None and taken < plain:
-                found.append(
+                remarks.append(
                     f"an emphasis of {chosen:g} lowers the least probability of capture from "
                     f"{plain:.3f} to {taken:.3f}"
                 )
-        return tuple(found)
+        return tuple(remarks)
 
     @property
     def xy(self) -> Float[np.ndarray, "cells 2"]:
@@ -247,7 +247,7 @@ class PatrolledMap(Result):
 
     @derived("robot", "duality gap of its weights, relative", kind="residual")
     def duality_gap(self) -> Float[np.ndarray, "robots"] | None:
-        gaps = [one.certificate.residual for one in self.policies if one.certificate is not None]
+        gaps = [each.certificate.residual for each in self.policies if each.certificate is not None]
         return np.array(gaps) if len(gaps) == self.robots else None
 
     @derived("robot", "cell where it reports", kind="place")
@@ -285,7 +285,7 @@ class PatrolledMap(Result):
 
     @derived("phase", "caught in the first attack time by", kind="coordinate")
     def phase(self) -> np.ndarray | None:
-        """The phases of the loss of a robot."""
+        """The names of the phases before and after the loss of a robot."""
         named = ("all robots", "the others in their old regions", "the others in new regions")
         return None if self.reassignment is None else np.array(named)
 
@@ -319,7 +319,7 @@ class PatrolledMap(Result):
 
 
 def _padded(rows: list[np.ndarray], fill: float | int = -1) -> np.ndarray:
-    """Arrays of different lengths as one, with what stands for nothing at their ends."""
+    """Stack arrays of different lengths, with `fill` after their ends."""
     longest = max(map(len, rows))
     shape = (len(rows), longest, *rows[0].shape[1:])
     padded = np.full(shape, fill, rows[0].dtype)

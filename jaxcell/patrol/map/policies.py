@@ -20,14 +20,14 @@ from ..walks.walk import random_walk
 from .regions import Regions, check_visible
 
 
-# The smallest cover of more cells may take too long.
+# Above this number of cells, the search for the smallest cover may take too long.
 _MAX_COVERED = 500
 _COVER_SECONDS = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Policy:
-    """How one robot walks on the cells of a map, or on some of them."""
+    """The walk of one robot on the cells of a map, or on a subset of them."""
 
     cells: Int[np.ndarray, "visited"]
     "The cells that it walks on, in order."
@@ -36,20 +36,20 @@ class Policy:
     chain: Chain
     "The walk; it stays in cells without edges."
     cover: Int[np.ndarray, "stops"]
-    "The cells from which all those that it walks on are seen, in the order of their choice."
+    "The cells from which all `cells` are seen, in the order of their choice."
     uncovered: Int[np.ndarray, "unseen"]
-    "Those that cannot be seen from any of them."
+    "The cells among `cells` that cannot be seen from any of them."
     contact: int | None
-    "The cell where it reports to a base station, if there is one."
+    "The cell where it reports to a base station, or `None`."
     tour: Int[np.ndarray, "steps"] | None
-    "The closed walk through the cover and the contact; none through a single cell."
+    "The closed walk through the cover and the contact; `None` if they are a single cell."
     commute_time: float
-    "The mean over pairs of these cells of the expected number of steps there and back."
+    "The expected number of steps from one of its cells to another and back, mean over pairs."
     certificate: Certificate | None
-    "That of the weights, if they are those of [`jaxcell.optimize.minimum_commute`][]."
+    "The certificate of [`jaxcell.optimize.minimum_commute`][] if it chose the weights."
 
     def share_of_time(self, graph: Graph) -> Float[np.ndarray, "cells"]:
-        """How often the robot is in each cell in the long run; the shares sum to 1."""
+        """Compute the share of time of the robot in each cell in the long run; the sum is 1."""
         if not self.weights.any():
             return np.isin(np.arange(graph.vertices), self.cells) / self.cells.size
         return np.bincount(graph.edges.ravel(), np.repeat(self.weights, 2) / 2, graph.vertices)
@@ -58,26 +58,24 @@ class Policy:
 def distributed_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """A walk for each robot, that sees all cells and needs no other robot (Alam 2018, 4.4.4).
+    """Make a walk for each robot that sees all cells and needs no other robot (Alam 2018, 4.4.4).
 
     Robot `i` has the cover of choice `i`, [`jaxcell.optimize.greedy_cover`][], and walks with the
-    minimum average expected commute time with an emphasis on it,
-    [`jaxcell.optimize.minimum_commute`][]. Where one cell sees all there is no tour to emphasise.
+    minimum average expected commute time with an emphasis on the cover,
+    [`jaxcell.optimize.minimum_commute`][]. A single cell that sees all cells needs no emphasis.
 
     **Arguments:**
 
-    - `graph`: the cells and the ways between them, a connected graph.
-    - `visible`: which cells are seen from each.
-    - `robots`: how many.
+    - `graph`: the cells and the edges between them, a connected graph.
+    - `visible`: which cells are seen from each cell.
+    - `robots`: number of robots.
     - `share`: the least weight of the tour through the cover, 0 to 1.
 
     **Returns:** a [`Policy`][] for each robot.
 
-    **Raises:** `ValueError` for fewer than 1 robot or more than there are cells, for an array that
-    does not match the graph, and what `minimum_commute` refuses; `RuntimeError` where JAX is set
-    to 32 bits.
+    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
 
-    A corridor of five cells, each of which sees its neighbours; all are seen from cells 1 and 3:
+    A corridor of five cells, each of which sees its neighbours; cells 1 and 3 see all cells:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -95,7 +93,7 @@ def distributed_policies(
     walk = minimum_commute(graph) if share == 0 else None
     policies = [_policy(graph, cells, visible, share, choice=i, walk=walk) for i in range(robots)]
     if walk is not None:
-        # What is asked of a chain is computed once for all robots that share it.
+        # A shared chain caches its derived arrays once for all robots.
         chain = policies[0].chain
         policies = [dataclasses.replace(policy, chain=chain) for policy in policies]
     return tuple(policies)
@@ -104,26 +102,25 @@ def distributed_policies(
 def centralized_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """A walk for each region, that sees all of it and reports (Alam 2018, section 4.4.5).
+    """Make a walk for each region that sees all of it and reports (Alam 2018, section 4.4.5).
 
-    A robot stays in its region, and its cover holds the cells of the region. The source leaves the
-    choice of the *contact cell* open: here it is that of the region's cells in view of the base
-    station with the shortest ways to the cells of the cover, summed.
+    A robot stays in its region, and its cover consists of cells of the region. The source leaves
+    the choice of the *contact cell* open: here it is the cell of the region, in view of the base
+    station, with the least sum of path lengths to the cells of the cover.
 
     **Arguments:**
 
-    - `graph`: the cells and the ways between them.
-    - `visible`: which cells are seen from each, by a robot.
-    - `regions`: who patrols where.
+    - `graph`: the cells and the edges between them.
+    - `visible`: which cells a robot sees from each cell.
+    - `regions`: the region of each robot.
     - `share`: the least weight of the tour through the cover and the contact cell, 0 to 1.
 
     **Returns:** a [`Policy`][] for each region, in order.
 
-    **Raises:** as [`distributed_policies`][]; `ValueError` if the regions are those of another
-    graph.
+    **Raises:** as [`distributed_policies`][]; `ValueError` if the regions belong to another graph.
 
     A corridor of five cells with the base station in the middle. Each robot has two cells, sees
-    both from one of them, and reports at 3 or at 1:
+    both from one of them, and reports at cell 3 or 1:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -135,8 +132,8 @@ def centralized_policies(
     check_visible(graph, visible)
     if regions.region.size != graph.vertices:
         raise ValueError(
-            f"regions: expected those of the {graph.vertices} cells of the graph, got those of "
-            f"{regions.region.size}"
+            f"regions: expected regions of the {graph.vertices} cells of the graph, got "
+            f"{regions.region.size} cells"
         )
     return tuple(
         _policy(graph, regions.cells(k), visible, share, view=regions.view)
@@ -147,18 +144,18 @@ def centralized_policies(
 def smallest_covers(
     visible: Bool[np.ndarray, "cells cells"], policies: Sequence[Policy]
 ) -> Float[np.ndarray, "robots"]:
-    """The size of the smallest cover of each robot's cells; NaN where that takes too long."""
-    found: dict[bytes, float] = {}
+    """Find the size of the smallest cover of each robot's cells; NaN if that takes too long."""
+    sizes: dict[bytes, float] = {}
     for policy in policies:
         key = policy.cells.tobytes()
         if policy.cells.size > _MAX_COVERED:
-            found[key] = np.nan
-        elif key not in found:
+            sizes[key] = np.nan
+        elif key not in sizes:
             sets = visible[np.ix_(policy.cells, policy.cells)]
             cover = minimum_cover(sets, time_limit=_COVER_SECONDS, throw=False)
             proven = 0 < cover.bound == cover.chosen.size
-            found[key] = cover.chosen.size if proven else np.nan
-    return np.array([found[policy.cells.tobytes()] for policy in policies], float)
+            sizes[key] = cover.chosen.size if proven else np.nan
+    return np.array([sizes[policy.cells.tobytes()] for policy in policies], float)
 
 
 def _policy(
@@ -171,7 +168,7 @@ def _policy(
     view: Bool[np.ndarray, "cells"] | None = None,
     walk: MinimumCommute | None = None,
 ) -> Policy:
-    """The policy on some cells, with a contact cell if there is a view to report in."""
+    """Make the policy on given cells, with a contact cell if there is a view in which to report."""
     inside = np.isin(graph.edges, cells).all(axis=1)
     part = part_of_graph(graph, cells)
     cover = greedy_cover(visible[np.ix_(cells, cells)], choice)
@@ -202,14 +199,14 @@ def _policy(
 def _contact(
     graph: Graph, stops: Int[np.ndarray, "stops"], view: Bool[np.ndarray, "vertices"]
 ) -> int:
-    """The vertex in view with the shortest ways to the stops; the first of equals."""
+    """Find the vertex in view with the least sum of path lengths to the stops."""
     lengths = graph.matrix(graph.lengths)
-    ways = scipy.sparse.csgraph.dijkstra(lengths, directed=False, indices=stops).sum(axis=0)
-    return int(np.argmin(np.where(view, ways.round(9), np.inf)))
+    totals = scipy.sparse.csgraph.dijkstra(lengths, directed=False, indices=stops).sum(axis=0)
+    return int(np.argmin(np.where(view, totals.round(9), np.inf)))
 
 
 def _among(cells: Int[np.ndarray, "visited"], chain: Chain, count: int) -> Chain:
-    """A chain on some cells as one on all of them, that stays where it is in the others."""
+    """Extend a chain on given cells to all cells; it stays in place in the other cells."""
     image = np.tile(np.arange(count, dtype=np.int32), (len(chain.image), 1))
     probability = np.zeros(image.shape)
     probability[0] = 1

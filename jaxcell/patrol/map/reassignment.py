@@ -13,19 +13,19 @@ from .policies import Policy, centralized_policies
 from .regions import Regions, angular_regions
 
 
-# Steps that are made at once.
+# Number of steps computed at once.
 _CHUNK = 256
 _MAX_STEPS = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reassignment(Result):
-    """Who patrols where when a robot has stopped reporting."""
+    """The new region and walk of each robot after one has stopped reporting."""
 
     title: ClassVar[str] = "Regions without a robot"
 
     after: int
-    "The steps without a report after which the base station may conclude that a robot is lost."
+    "Number of steps without a report after which a robot counts as lost."
     regions: Regions
     robot: Annotated[
         Int[np.ndarray, "regions"],
@@ -52,16 +52,15 @@ class Reassignment(Result):
 
 
 def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
-    """The number of steps without a report that a robot at work hardly ever exceeds.
+    """Compute the number of steps without a report that a working robot hardly ever exceeds.
 
-    That is the least `t` for which the robot, wherever it is in its region, fails to come to its
-    contact cell in the next `t` steps with a probability of at most `alpha`. A robot that is at the
-    contact cell has to come back. The law is exact, by the recursion of
-    [`jaxcell.markov.survival`][].
+    It is the least `t` such that the robot, from any cell of its region, fails to visit its contact
+    cell in the next `t` steps with a probability of at most `alpha`. A robot at the contact cell
+    has to come back. The law is exact, by the recursion of [`jaxcell.markov.survival`][].
 
     **Arguments:**
 
-    - `policy`: that of a robot with a contact cell.
+    - `policy`: the policy of a robot with a contact cell.
     - `alpha`: the probability of a false alarm, more than 0 and less than 1.
 
     **Returns:** the number of steps.
@@ -69,7 +68,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     **Raises:** `ValueError` for a policy without a contact cell, and a probability out of range;
     `RuntimeError` if a million steps are not enough.
 
-    A robot that goes to and fro between two cells reports every other step:
+    A robot that alternates between two cells reports every other step:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -83,10 +82,10 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     if not 0 < alpha < 1:
         raise ValueError(f"alpha: expected a probability, more than 0 and less than 1, got {alpha}")
     there = np.arange(policy.chain.cells) == policy.contact
-    value = jax.device_put((~there).astype(np.float64))
+    there, value = jax.device_put((there, (~there).astype(np.float64)))
     first = policy.chain.to_scipy()[[policy.contact]]
     for steps in range(0, _MAX_STEPS, _CHUNK):
-        values, value = survivals(policy.chain, jax.device_put(there), value, _CHUNK)
+        values, value = survivals(policy.chain, there, value, _CHUNK)
         before = np.asarray(values)
         after = np.concatenate([before[1:], np.asarray(value)[None]])
         back = before[:, first.indices] @ first.data
@@ -94,7 +93,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
         if late[-1] <= alpha:
             return steps + int(np.argmax(late <= alpha)) + 1
     raise RuntimeError(
-        f"silence_limit: after {_MAX_STEPS} steps the robot has still not come to cell "
+        f"silence_limit: after {_MAX_STEPS} steps the robot has still not visited cell "
         f"{policy.contact} with probability {late[-1]:.3g}; expected at most {alpha}"
     )
 
@@ -109,29 +108,28 @@ def reassign(
     share: float = 0.8,
     alpha: float = 0.01,
 ) -> Reassignment:
-    """New regions and policies for the robots that are left when one stops reporting.
+    """Make new regions and policies for the remaining robots when one stops reporting.
 
-    This is what Alam 2018, section 6.3, leaves to the future. The base station stays where it is,
-    and divides the map among one robot less. Robots take regions so that together they keep as many
-    of their cells as possible; each learns of it when it next reports.
+    Alam 2018, section 6.3, leaves this to future work. The base station keeps its place and divides
+    the map among the remaining robots. They take the regions that let them keep as many of their
+    cells as possible in total; each is informed when it next reports.
 
     **Arguments:**
 
-    - `graph`: the cells and the ways between them.
-    - `visible`: which cells are seen from each, by a robot.
-    - `regions`, `policies`: who patrolled where, and how: robot `i` in region `i`.
+    - `graph`: the cells and the edges between them.
+    - `visible`: which cells a robot sees from each cell.
+    - `regions`, `policies`: the old region and policy of each robot.
     - `lost`: the robot that has stopped reporting.
     - `share`: as in [`centralized_policies`][].
     - `alpha`: as in [`silence_limit`][].
 
     **Returns:** [`Reassignment`][].
 
-    **Raises:** `ValueError` for a robot that does not exist, if it is the only one, if the policies
-    are not one for each region, and as [`angular_regions`][], [`centralized_policies`][] and
-    [`silence_limit`][].
+    **Raises:** `ValueError` for a wrong robot or policies; also as [`angular_regions`][],
+    [`centralized_policies`][] and [`silence_limit`][].
 
-    Two robots around a base station at cell 2 of a room of 5 x 2 cells; robot 1 falls silent, and
-    robot 0 gets the only region that is left:
+    Two robots around a base station at cell 2 of a room of 5 x 2 cells. Robot 1 falls silent, and
+    robot 0 gets the only remaining region:
 
         >>> from jaxcell import patrol, space
         >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (0, 2)])
@@ -144,11 +142,11 @@ def reassign(
         (2, 1, [0])
     """
     if len(policies) != regions.count:
-        raise ValueError(f"policies: expected {regions.count}, one a region, got {len(policies)}")
+        raise ValueError(f"policies: expected {regions.count}, one per region, got {len(policies)}")
     if not 0 <= lost < regions.count:
         raise ValueError(f"lost: robot {lost} does not exist; robots are 0 to {regions.count - 1}")
     if regions.count == 1:
-        raise ValueError("lost: robot 0 is the only one; none is left to patrol")
+        raise ValueError("lost: robot 0 is the only robot; expected another to patrol")
     after = silence_limit(policies[lost], alpha)
     left = np.delete(np.arange(regions.count), lost)
     new = angular_regions(graph, regions.base, regions.view, left.size, regions.sectors)

@@ -12,7 +12,7 @@ from ...optimize import Graph
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Regions(Result):
-    """Who patrols where, around a base station."""
+    """The regions that robots patrol around a base station."""
 
     title: ClassVar[str] = "Regions around a base station"
 
@@ -27,7 +27,7 @@ class Regions(Result):
     ]
     count: Annotated[int, quantity("", "regions", kind="count")]
     sectors: str
-    'How the cells were divided, `"equal"` or `"balanced"`.'
+    'The rule that divided the cells, `"equal"` or `"balanced"`.'
 
     @derived("", "cells that the base station sees", kind="count")
     def cells_in_view(self) -> int:
@@ -38,29 +38,28 @@ class Regions(Result):
         return int((self.region < 0).sum())
 
     def cells(self, region: int) -> Int[np.ndarray, "vertices"]:
-        """The cells of one region, in order."""
+        """Return the cells of one region, in order."""
         return np.flatnonzero(self.region == region).astype(np.int32)
 
 
 def base_station(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], central: float = 0.1
 ) -> int:
-    """The cell for a base station: of the most central ones, that which sees most cells.
+    """Choose the cell for a base station: the central cell that sees most cells.
 
-    The source asks for a place near the middle that sees much (Alam 2018, section 4.4.5) and does
-    not say how near. Here a cell is the more central the shorter its mean way to all others, which
-    is its closeness in the graph; of equals, the first of the most central is chosen.
+    The source asks for a place near the middle that sees much (Alam 2018, section 4.4.5), without a
+    distance. Here a cell is the more central the shorter its mean path to all others, its closeness
+    in the graph. Among equals, the most central cell is chosen.
 
     **Arguments:**
 
-    - `graph`: the cells and the ways between them, a connected graph.
-    - `visible`: which cells are seen from each, within the range of the base station.
+    - `graph`: the cells and the edges between them, a connected graph.
+    - `visible`: which cells are seen from each cell, within the range of the base station.
     - `central`: the share of the cells that count as central, more than 0 and at most 1.
 
     **Returns:** the number of the cell.
 
-    **Raises:** `ValueError` for a share out of range, for an array that does not match the graph,
-    for a graph that is not connected, and if no central cell sees another.
+    **Raises:** `ValueError` for wrong arguments, and if no central cell sees another cell.
 
     A corridor of five cells, each of which sees its neighbours:
 
@@ -75,7 +74,7 @@ def base_station(
     check_connected(graph.vertices, graph.edges)
     near = graph.matrix(graph.lengths)
     far = scipy.sparse.csgraph.dijkstra(near, directed=False).sum(axis=1)
-    # Rounded, so that cells that are alike by symmetry are in the order of their numbers.
+    # Distances are rounded, so that cells equal by symmetry are in the order of their numbers.
     order = np.argsort(far.round(9), stable=True)[: max(1, round(central * graph.vertices))]
     base = int(order[np.argmax(visible[order].sum(axis=1))])
     _check_sees(base, visible[base])
@@ -91,33 +90,31 @@ def angular_regions(
 ) -> Regions:
     """Divide the cells that a base station does not see among robots (Alam 2018, section 4.4.5).
 
-    The cells outside the view belong to a region, and with them its *rim*, the cells in view that
-    are next to one outside: there, robots report. The rest of the view is patrolled by nobody, and
-    no robot enters the cell of the base station. Regions are sectors of the angle around it,
+    Regions contain the cells outside the view and the *rim*, the cells in view that are next to a
+    cell outside it: robots report from the rim. The rest of the view belongs to no region, and no
+    robot enters the cell of the base station. Regions are sectors of the angle around it,
     counter-clockwise from the x axis.
 
-    Where obstacles cut a sector into pieces, its largest with a part of the rim is the region, and
-    the others go to the region that they touch along most edges. A piece that touches none is
-    joined to the nearest along the shortest way through the view, which is then patrolled too.
+    If obstacles cut a sector into pieces, the region is its largest piece that contains part of the
+    rim, and every other piece joins the region with which it shares most edges. A piece next to no
+    region joins the nearest one, together with the shortest path through the view to it.
 
     **Arguments:**
 
-    - `graph`: the cells, with their positions, and the ways between them.
+    - `graph`: the cells, with their positions, and the edges between them.
     - `base`: the cell of the base station.
-    - `view`: the cells that it sees.
-    - `robots`: how many regions there are.
-    - `sectors`: `"equal"` angles as in the source, or `"balanced"` so that each has as many cells
-        outside the view.
+    - `view`: the cells that the base station sees.
+    - `robots`: number of regions.
+    - `sectors`: `"equal"` angles as in the source, or `"balanced"`, with equally many cells out of
+        view.
 
-    **Returns:** [`Regions`][], each of them connected.
+    **Returns:** [`Regions`][], each connected.
 
-    **Raises:** `ValueError` for a base that does not exist, sees no other cell or sees all of them,
-    for fewer than 1 robot or more than there are cells out of view, for unknown sectors, for a
-    graph without positions, and if no regions can be made: the message names the region, or the
-    cells, and the reason.
+    **Raises:** `ValueError` for arguments that do not match, and if no regions are possible, with
+    the region or the cells and the reason.
 
-    A corridor of five cells, each of which sees its neighbours. Robots report at 1 and 3, which the
-    base station in the middle sees:
+    A corridor of five cells, each of which sees its neighbours. Robots report at cells 1 and 3,
+    which the base station in the middle sees:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -131,7 +128,7 @@ def angular_regions(
     outside[base] = False
     if not outside.any():
         raise ValueError(
-            f"view: the base station at cell {base} sees all cells; none are patrolled"
+            f"view: the base station at cell {base} sees all cells; expected some to patrol"
         )
     patrolled = outside.copy()
     patrolled[graph.edges[outside[graph.edges[:, ::-1]]]] = True
@@ -144,7 +141,7 @@ def angular_regions(
     if graph.xy is None:
         raise ValueError("graph: expected positions of its vertices, for their angles")
     across, up = (graph.xy - graph.xy[base]).T
-    # Of a full turn, rounded so that a cell on a border belongs to the sector that it opens.
+    # Angles are parts of a full turn, rounded so that a cell on a border is in the sector it opens.
     angle = np.round(np.arctan2(up, across) / (2 * np.pi), 12) % 1
     if sectors == "equal":
         sector = np.floor(np.round(robots * angle, 9)).astype(np.int64) % robots
@@ -168,7 +165,7 @@ def _connected(
     robots: int,
     base: int,
 ) -> Int[np.ndarray, "cells"]:
-    """The regions with their pieces brought together."""
+    """Move loose pieces of regions to the regions that they touch."""
     settled = np.full_like(region, -1)
     loose = []
     for k in range(robots):
@@ -190,34 +187,34 @@ def _connected(
         if touched.size:
             settled[piece] = np.bincount(touched).argmax()
             continue
-        way = _way(near, piece, settled >= 0, inner & (settled < 0))
-        if way is None:
+        path = _shortest_path(near, piece, settled >= 0, inner & (settled < 0))
+        if path is None:
             raise ValueError(
-                f"regions: {_some(piece)} would be in region {region[piece[0]]} of {robots}, but "
+                f"regions: {_listed(piece)} would be in region {region[piece[0]]} of {robots}, but "
                 "touch no other region and cannot be reached from one through the view of the "
                 f"base station at cell {base}"
             )
-        settled[way] = settled[piece] = settled[way[-1]]
+        settled[path] = settled[piece] = settled[path[-1]]
     return settled
 
 
 def _pieces(
     near: scipy.sparse.csr_array, cells: Int[np.ndarray, "some"]
 ) -> list[Int[np.ndarray, "..."]]:
-    """The connected parts of some cells, the largest first."""
+    """Return the connected parts of a set of cells, the largest first."""
     if cells.size == 0:
         return []
     parts, part = scipy.sparse.csgraph.connected_components(near[cells][:, cells], directed=False)
     return sorted((cells[part == p] for p in range(parts)), key=len, reverse=True)
 
 
-def _way(
+def _shortest_path(
     near: scipy.sparse.csr_array,
     piece: Int[np.ndarray, "some"],
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """The shortest way from a piece to a goal, from the first cell after the piece to the goal."""
+    """Find the shortest path from a piece, without its end there, to a goal."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)
@@ -231,21 +228,21 @@ def _way(
     here = int(np.argmin(distance))
     if np.isinf(distance[here]):
         return None
-    way = []
+    path = []
     while before[here] >= 0:
-        way.append(int(cells[here]))
+        path.append(int(cells[here]))
         here = int(before[here])
-    return way[::-1]
+    return path[::-1]
 
 
 def check_visible(graph: Graph, visible: Bool[np.ndarray, "cells others"]) -> None:
-    """Whether visibility is that of the cells of a graph.
+    """Check that visibility is an array over the cells of a graph.
 
-    **Raises:** `ValueError` with the shapes if it is not.
+    **Raises:** `ValueError` with the shapes otherwise.
     """
     if visible.shape != (graph.vertices, graph.vertices):
         raise ValueError(
-            f"visible: expected an array [{graph.vertices}, {graph.vertices}], one row a cell of "
+            f"visible: expected an array [{graph.vertices}, {graph.vertices}], one row per cell of "
             f"the graph, got {list(visible.shape)}"
         )
 
@@ -255,7 +252,7 @@ def _check_base(graph: Graph, base: int, view: Bool[np.ndarray, "cells"]) -> Non
         raise ValueError(f"base: cell {base} does not exist; cells are 0 to {graph.vertices - 1}")
     if view.shape != (graph.vertices,):
         raise ValueError(
-            f"view: expected an array [{graph.vertices}], one entry a cell of the graph, got "
+            f"view: expected an array [{graph.vertices}], one entry per cell of the graph, got "
             f"{list(view.shape)}"
         )
     _check_sees(base, view)
@@ -264,7 +261,7 @@ def _check_base(graph: Graph, base: int, view: Bool[np.ndarray, "cells"]) -> Non
 def _check_sees(base: int, view: Bool[np.ndarray, "cells"]) -> None:
     if not np.delete(view, base).any():
         raise ValueError(
-            f"view: the base station at cell {base} sees no other cell, so that no robot could "
+            f"view: the base station at cell {base} sees no other cell, so no robot could "
             "report to it"
         )
 
@@ -276,6 +273,6 @@ def _refusal(region: int, robots: int, reason: str) -> str:
     )
 
 
-def _some(cells: Int[np.ndarray, "some"]) -> str:
+def _listed(cells: Int[np.ndarray, "some"]) -> str:
     shown = ", ".join(str(z) for z in cells[:8])
     return f"cells {shown}" + (f", ... ({cells.size})" if cells.size > 8 else "")

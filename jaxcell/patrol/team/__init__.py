@@ -1,1 +1,1 @@
-"""Several robots on a graph: idleness, news, travel times, and who walks where."""
+"""Teams of robots on a graph: idleness, news, travel times, charging, and division."""

@@ -12,13 +12,13 @@ from ..walks.arrival import captured_by_any
 from .idleness import idleness_over_vertices, steps_between_visits
 
 
-# Of steps of a robot by those since the charge, which take 8 bytes each.
+# Number of step probabilities per robot, by steps since the charge, at 8 bytes each.
 _MAX_CHANCES = 50_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Charged(Result):
-    """Walks that are back at a charger every so many steps, and what they achieve."""
+    """Walks that return to a charger at least every `every` steps, and what they achieve."""
 
     title: ClassVar[str] = "Walks that return to a charger"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
@@ -41,7 +41,7 @@ class Charged(Result):
         Float[np.ndarray, "intervals"],
         quantity("interval", "probability of this time between charges", "1", kind="share"),
     ]
-    "The mean over robots."
+    "Mean over robots."
     least_capture: Annotated[
         float | None,
         quantity("", "least capture within the attack time, robots where worst", "1", kind="share"),
@@ -50,12 +50,12 @@ class Charged(Result):
         float | None,
         quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
     ] = None
-    "Of that which was found without regard to it."
+    "Capture by walks that were optimised without a charger and then return to it as [`charged`][]."
     late_gain: Annotated[
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
     ] = None
-    "Of the gradient steps that sought it."
+    "The relative gain by the last gradient steps of the search, or `None` without a search."
 
     @classmethod
     def of(
@@ -66,12 +66,12 @@ class Charged(Result):
         attack_time: Any = None,
         name: str = "",
     ) -> "Charged":
-        """Find the law of steps that depend on those since the charge.
+        """Compute the law of walks whose steps depend on the number of steps since the charge.
 
         **Arguments:**
 
-        - `chance`: their probabilities, 0 where a robot never is.
-        - the others as in [`charged`][].
+        - `chance`: the probabilities of steps, 0 in states that never occur.
+        - other arguments as in [`charged`][].
         """
         robots, every, vertices, _ = chance.shape
         often, interval = np.zeros((robots, every, vertices)), np.zeros((robots, every))
@@ -85,8 +85,8 @@ class Charged(Result):
         if attack_time is not None:
             attack = np.broadcast_to(np.asarray(attack_time, np.int64), vertices)
             each = [
-                _captured(one, visited, charger, attack)
-                for one, visited in zip(chance, often > 0, strict=True)
+                _captured(steps, visited, charger, attack)
+                for steps, visited in zip(chance, often > 0, strict=True)
             ]
             least = float(captured_by_any(np.array(each)[:, None]).min())
         shares = often.sum(axis=1) / often.sum(axis=(1, 2))[:, None]
@@ -125,35 +125,34 @@ def charged(
     attack_time: Any = None,
     name: str = "",
 ) -> Charged:
-    """Walks kept near enough to a charger, and their law, exactly.
+    """Keep walks near enough to a charger, and compute their law exactly.
 
-    From each vertex a robot draws among those steps of the walk after which it can still be at
-    the charger in time; where the walk has none, it goes to any neighbour that leads there. Where
-    it goes depends on the steps since the charge: the vertices times these are the states of a
-    Markov chain, from which all numbers come. Robots are independent.
+    A robot draws among the steps of its walk after which it can still be at the charger in time; if
+    there are none, it goes to any neighbour from which it can. Its steps therefore depend on the
+    number of steps since the charge: pairs of a vertex and that number are the states of a Markov
+    chain, from which all results are computed. Robots are independent.
 
     **Arguments:**
 
     - `graph`: a connected graph.
     - `matrices`: the transition matrix of each robot.
-    - `charger`: the vertex of the charger; being there is enough.
-    - `every`: the most steps from one time there to the next.
-    - `attack_time`: how many steps an attack takes, one number or array `[vertices]`.
-    - `name`: of the charger.
+    - `charger`: the vertex of the charger; a visit charges the robot.
+    - `every`: the largest number of steps from one charge to the next.
+    - `attack_time`: number of steps that an attack takes, one number or array `[vertices]`.
+    - `name`: name of the charger.
 
     **Returns:** [`Charged`][].
 
-    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time, and for
-    more steps than there is memory for.
+    **Raises:** `ValueError` if a vertex is too far from the charger, or `every` exceeds the memory.
 
-    A robot on a line of three is at one end every fourth step, at least:
+    A robot on a line of three is at one end at least every fourth step:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
         >>> line = patrol.Graph([[0, 1], [1, 2]])
         >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
-        >>> found = patrol.charged(line, walk, 0, 4)
-        >>> found.interval.round(3).tolist(), found.share.round(3).tolist()
+        >>> result = patrol.charged(line, walk, 0, 4)
+        >>> result.interval.round(3).tolist(), result.share.round(3).tolist()
         ([0.0, 0.5, 0.0, 0.5], [0.333, 0.5, 0.167])
     """
     beside = graph.matrix(np.ones(len(graph.edges))).toarray()
@@ -162,16 +161,16 @@ def charged(
     stuck = drawn.sum(axis=3, keepdims=True) <= 0
     drawn = np.where(stuck, np.where(in_time, beside, 0.0), drawn)
     total = drawn.sum(axis=3, keepdims=True)
-    # From where it is too late the robot never is.
+    # States from which the charger is too far never occur.
     chance = np.divide(drawn, total, out=np.zeros_like(drawn), where=total > 0)
     return Charged.of(chance, charger, attack_time=attack_time, name=name)
 
 
 def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
-    """Where a step may lead for a robot to be at the charger in time, by those since it was there.
+    """Return a mask of the vertices to which a robot may step and still reach the charger in time,
+    by the number of steps since the charge.
 
-    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time, and for
-    more steps than there is memory for.
+    **Raises:** as [`charged`][].
     """
     beside = graph.matrix(np.ones(len(graph.edges)))
     hops = scipy.sparse.csgraph.shortest_path(beside, unweighted=True, indices=charger)
@@ -194,7 +193,7 @@ def _captured(
     charger: int,
     attack: Int[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices"]:
-    """The least probability to come to each vertex in time, from any state that occurs."""
+    """Compute the least probability of visiting each vertex in time, from any state that occurs."""
     away, least = 1 - np.eye(attack.size), np.ones(attack.size)
     late = np.broadcast_to(away, chance.shape)
     for time in range(1, int(attack.max()) + 1):

@@ -12,7 +12,7 @@ from ...optimize import Graph
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Division(Result):
-    """Robots that share a graph, and robots that have a part of it each."""
+    """Robots that share a graph, compared with robots that each have a part of it."""
 
     title: ClassVar[str] = "Sharing a graph against dividing it"
     tables: ClassVar[Mapping[str, str]] = {"division": "divisions"}
@@ -39,18 +39,16 @@ class Division(Result):
 def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
     """Divide a graph into connected parts of nearly equally many vertices.
 
-    Parts grow from vertices that are far apart: the smallest one takes the nearest vertex next to
-    it that is free.
+    Parts grow from vertices far apart: the smallest part takes the nearest free vertex next to it.
 
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `parts`: how many, at most half as many as vertices.
+    - `parts`: number of parts, at most half the number of vertices.
 
     **Returns:** the part of each vertex.
 
-    **Raises:** `ValueError` for too many parts, and where one is left with a single vertex, from
-    which a robot could not move.
+    **Raises:** `ValueError` for too many parts, and if a part would be a single vertex.
 
     A line of six vertices:
 
@@ -64,7 +62,7 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
             f"expected 1 to {graph.vertices // 2} parts of {graph.vertices} vertices, got {parts}"
         )
     apart = scipy.sparse.csgraph.dijkstra(graph.matrix(graph.lengths), directed=False)
-    # One end of the longest way, and then what is farthest from all seeds.
+    # The first seed is an end of the longest path; each next one is farthest from all seeds.
     seeds = [int(apart.max(axis=1).argmax())]
     while len(seeds) < parts:
         seeds.append(int(apart[seeds].min(axis=0).argmax()))
@@ -87,14 +85,14 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
 
 
 def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
-    """The graph of some vertices and the edges between them, which are numbered anew in order.
+    """Return the subgraph of given vertices, which are numbered from 0 in their order.
 
     **Arguments:**
 
     - `graph`: the graph.
-    - `vertices`: their numbers in it.
+    - `vertices`: the numbers of the vertices in the graph.
 
-    **Returns:** the part.
+    **Returns:** the subgraph.
 
     The last three of a line of four vertices:
 
@@ -116,15 +114,15 @@ def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
 def walk_in_part(
     graph: Graph, vertices: Int[np.ndarray, "some"], matrix: Float[np.ndarray, "some some"]
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """A walk in a part of a graph as one on all of it, that goes there on a shortest way.
+    """Extend a walk in a part of a graph to all vertices, by shortest paths to the part.
 
     **Arguments:**
 
     - `graph`: the graph.
-    - `vertices`: those of the part.
+    - `vertices`: the vertices of the part.
     - `matrix`: the transition matrix of the walk between them.
 
-    **Returns:** array `[vertices, vertices]`, the transition matrix between all.
+    **Returns:** array `[vertices, vertices]`, the transition matrix between all vertices.
 
     To and fro at one end of a line of four vertices:
 

@@ -13,7 +13,7 @@ from .times import hitting_check, move_times
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timed(Result):
-    """A walk in seconds: its steps take the times of edges."""
+    """A walk in seconds: each step takes the travel time of its edge."""
 
     title: ClassVar[str] = "Random walk with travel times"
     tables: ClassVar[Mapping[str, str]] = {"edge": "edges"}
@@ -49,8 +49,8 @@ class Timed(Result):
     mean_idleness, worst_idleness = idleness_over_vertices("s")
 
     def checks(self) -> Checks:
-        found = hitting_check(self.transition, self.step, self.hitting_time)
-        return {"timed_hitting_time_residual": found}
+        residual = hitting_check(self.transition, self.step, self.hitting_time)
+        return {"timed_hitting_time_residual": residual}
 
 
 def timed(
@@ -60,18 +60,18 @@ def timed(
     durations: Any,
     wait: float,
 ) -> Timed:
-    """The times of a walk whose steps take as long as their edges, a semi-Markov process.
+    """Compute the times of walks whose steps take the travel times of edges, a semi-Markov process.
 
-    With `s` the mean times of steps, the hitting times are those of `h = s + P h`, and a vertex is
-    left once in `pi s / pi_j`, by each robot.
+    With `s` the mean times of steps, the hitting times solve `h = s + P h`, and each robot leaves
+    vertex `j` once per `pi s / pi_j`.
 
     **Arguments:**
 
     - `graph`: the graph.
-    - `matrices`: the transition matrix of each robot; the times are those of the first.
+    - `matrices`: the transition matrix of each robot; hitting times are those of the first.
     - `shares`: the share of its steps that each robot begins at each vertex.
-    - `durations`: array `[edges]`, how long each edge takes, in seconds.
-    - `wait`: how long a step takes that stays.
+    - `durations`: array `[edges]`, the travel time of each edge in seconds.
+    - `wait`: the time in seconds of a step that stays.
 
     **Returns:** [`Timed`][].
 
@@ -81,8 +81,8 @@ def timed(
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
         >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
-        >>> found = patrol.timed(graph, walk, np.array([[0.25, 0.5, 0.25]]), [1, 10], 1.0)
-        >>> found.hitting_time.round(6).tolist()
+        >>> times = patrol.timed(graph, walk, np.array([[0.25, 0.5, 0.25]]), [1, 10], 1.0)
+        >>> times.hitting_time.round(6).tolist()
         [[0.0, 1.0, 13.0], [21.0, 0.0, 12.0], [31.0, 10.0, 0.0]]
     """
     durations = np.array(durations, np.float64)
@@ -107,9 +107,10 @@ def _hitting(
     share: Float[np.ndarray, "vertices"],
     step: Float[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """The mean times, by the fundamental matrix; infinite to what is not visited in the long run.
+    """Compute the mean hitting times, infinite to vertices that are not visited in the long run.
 
-    With `Z = (I - P + 1 pi)^-1` they are `(Z s)_i - (Z s)_j + pi s (z_jj - z_ij) / pi_j`.
+    With the fundamental matrix `Z = (I - P + 1 pi)^-1` they are `(Z s)_i - (Z s)_j + pi s (z_jj -
+    z_ij) / pi_j`.
     """
     inverse = np.linalg.inv(np.eye(share.size) - matrix + share)
     ahead, visited = inverse @ step, share > 0

@@ -15,18 +15,18 @@ from ...optimize import Graph, shortest_tour
 from .times import move_times
 
 
-# Moves of a simulation, at least and for each vertex.
+# Number of moves of a simulation: at least the first, and the second per vertex.
 _MOVES, _VISITS = 20_000, 50
-# Of the time, before idleness is counted: vertices are not visited as the robots start.
+# Share of the time before idleness is counted, because at the start no vertex is visited.
 _BEFORE = 0.1
 
-# Where a robot goes next: its number, its vertex, and when each vertex was last visited.
+# The next vertex of a robot, from its number, its vertex, and the time of the last visit to each.
 _Next = Callable[[int, int, Float[np.ndarray, "vertices"]], int]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Idleness(Result):
-    """How long vertices wait for visits, in one simulation of each of some patrols."""
+    """The times between visits to vertices, by one simulation per patrol."""
 
     title: ClassVar[str] = "Idleness of patrols"
     tables: ClassVar[Mapping[str, str]] = {"patrol": "patrols"}
@@ -48,19 +48,19 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"] | None,
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
-    "The attack does not wait for the robots to be far away."
+    "The attack does not wait until the robots are far away."
 
 
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
-    """The share of its time that each robot spends at each vertex, wherever it starts.
+    """Compute the share of time of each robot at each vertex in the long run, wherever it starts.
 
     **Arguments:**
 
-    - `matrices`: the transition matrix of each, dense or sparse.
+    - `matrices`: the transition matrix of each robot, dense or sparse.
 
     **Returns:** array `[robots, vertices]`.
 
-    A robot that goes to and fro at one end of a line of three vertices:
+    A robot that alternates between two vertices at one end of a line of three:
 
         >>> from jaxcell import patrol
         >>> patrol.long_run([[[0, 1, 0], [1, 0, 0], [0, 1, 0]]]).tolist()
@@ -74,12 +74,12 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
 def idleness_over_vertices(
     units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
 ) -> tuple[derived, derived]:
-    """The mean and the longest time between visits over the vertices, as quantities of a result.
+    """Make quantities of a result: mean and longest time between visits over the vertices.
 
     **Arguments:**
 
-    - `units`: of the times.
-    - `idleness`: the times of a result, by vertex.
+    - `units`: unit of the times.
+    - `idleness`: a function that returns the times of a result, by vertex.
     """
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
@@ -91,15 +91,15 @@ def idleness_over_vertices(
 def steps_between_visits(
     shares: Float[np.ndarray, "robots vertices"],
 ) -> Float[np.ndarray, "vertices"]:
-    """The mean time between steps at which a robot is at a vertex, by their shares of time.
+    """Compute the mean time between steps at which a robot is at a vertex.
 
-    Robots are independent, and some are there at once; such visits count as one.
+    Robots are independent; simultaneous visits of several robots count as one.
 
     **Arguments:**
 
-    - `shares`: how often each robot is at each vertex, [`long_run`][].
+    - `shares`: the share of time of each robot at each vertex, [`long_run`][].
 
-    **Returns:** the times, in steps; infinite where nobody comes.
+    **Returns:** the times, in steps; infinite at a vertex that no robot visits.
 
     Two robots that are each at the first of two vertices half of the time:
 
@@ -120,23 +120,22 @@ def simulate_idleness(
     attack_time: Any = None,
     seed: int = 0,
 ) -> Idleness:
-    """Simulate how long vertices wait for a visit, by robots that walk and by three others.
+    """Simulate the times between visits to vertices, for given walks and for three other patrols.
 
-    These are patrols with which patrolling_sim (Portugal and Rocha) compares: robots one behind the
-    other on a short closed tour through all vertices (*tour*); those that go to any neighbour alike
-    (*random*); and those that go to the neighbour whose last visit, by any robot, is longest ago
-    (*reactive*, "conscientious reactive" of Machado et al. 2003). The *walk* is that of the
-    matrices. All start on the tour.
+    The other patrols are baselines of patrolling_sim (Portugal and Rocha): robots one behind the
+    other on a short closed tour through all vertices (*tour*); robots that go to a uniformly random
+    neighbour (*random*); and robots that go to the neighbour whose last visit, by any robot, is
+    longest ago (*reactive*, "conscientious reactive" of Machado et al. 2003). The *walk* is given
+    by the matrices. All robots start on the tour.
 
     **Arguments:**
 
     - `graph`: a connected graph.
     - `matrices`: the transition matrix of each robot.
-    - `times`: array `[edges]`, how long each edge takes; by default 1. Waiting takes as long as the
-        shortest.
-    - `attack_time`: how long an attack takes, one number or array `[vertices]`; by default capture
-        is not counted.
-    - `seed`: of the simulation.
+    - `times`: array `[edges]`, the travel time of each edge; by default 1. Waiting takes the least
+        of them.
+    - `attack_time`: duration of an attack, one number or array `[vertices]`, to compute capture.
+    - `seed`: seed of the simulation.
 
     **Returns:** [`Idleness`][], in the unit of `times`.
 
@@ -146,8 +145,8 @@ def simulate_idleness(
         >>> from jaxcell import patrol
         >>> ring = patrol.Graph([(i, (i + 1) % 8) for i in range(8)])
         >>> walk = patrol.random_walk(ring, np.ones(8)).to_scipy().toarray()
-        >>> found = patrol.simulate_idleness(ring, np.stack([walk, walk]))
-        >>> found.patrol[1], found.mean[1].item(), found.longest[1].item()
+        >>> result = patrol.simulate_idleness(ring, np.stack([walk, walk]))
+        >>> result.patrol[1], result.mean[1].item(), result.longest[1].item()
         ('tour', 4.0, 4.0)
     """
     robots, vertices = matrices.shape[:2]
@@ -185,16 +184,16 @@ def simulate_idleness(
     starts = tour[spaced]
     moves = max(_MOVES, _VISITS * vertices)
     gaps = [_gaps(rule, durations, starts, moves) for rule in rules.values()]
-    means = [np.array([one.mean() for one in found]) for found in gaps]
+    means = [np.array([times.mean() for times in patrol]) for patrol in gaps]
     caught = None
     if attack_time is not None:
         attack = np.broadcast_to(np.asarray(attack_time, float), vertices)
-        caught = np.array([_least_capture(found, attack) for found in gaps])
+        caught = np.array([_least_capture(patrol, attack) for patrol in gaps])
     return Idleness(
         patrol=list(rules),
-        mean=np.array([one.mean() for one in means]),
-        worst=np.array([one.max() for one in means]),
-        longest=np.array([max(float(one.max()) for one in found) for found in gaps]),
+        mean=np.array([mean.mean() for mean in means]),
+        worst=np.array([mean.max() for mean in means]),
+        longest=np.array([max(float(times.max()) for times in patrol) for patrol in gaps]),
         least_capture=caught,
     )
 
@@ -202,10 +201,10 @@ def simulate_idleness(
 def _least_capture(
     gaps: Sequence[Float[np.ndarray, "_"]], attack: Float[np.ndarray, "vertices"]
 ) -> float:
-    """The least share of the time from which on the next visit comes within the attack."""
+    """Compute the least share of start times of attacks that the next visit interrupts."""
     shares = [
-        float(np.minimum(one, time).sum() / one.sum()) if np.isfinite(one).all() else 0.0
-        for one, time in zip(gaps, attack, strict=True)
+        float(np.minimum(times, time).sum() / times.sum()) if np.isfinite(times).all() else 0.0
+        for times, time in zip(gaps, attack, strict=True)
     ]
     return min(shares)
 
@@ -213,7 +212,7 @@ def _least_capture(
 def _spaced(
     tour: Int[np.ndarray, "steps"], durations: Float[np.ndarray, "vertices vertices"], robots: int
 ) -> list[int]:
-    """Places on a tour that robots reach equally long after each other, as far as that goes."""
+    """Choose places on a tour such that robots follow each other at nearly equal times."""
     reached = np.concatenate([[0.0], durations[tour, np.roll(tour, -1)].cumsum()])
     aims = np.arange(robots) * reached[-1] / robots
     return [int(np.abs(reached[:-1] - aim).argmin()) for aim in aims]
@@ -225,7 +224,7 @@ def _gaps(
     starts: Int[np.ndarray, "robots"],
     moves: int,
 ) -> list[Float[np.ndarray, "_"]]:
-    """The times between visits of each vertex; infinite where it has fewer than two."""
+    """Simulate the times between visits to each vertex; infinite with fewer than two visits."""
     last = np.full(len(durations), -1.0)
     visits: list[list[float]] = [[] for _ in range(len(durations))]
     moving = [(0.0, robot, int(start)) for robot, start in enumerate(starts)]
@@ -239,8 +238,8 @@ def _gaps(
         there = rule(robot, here, last)
         heapq.heappush(moving, (now + float(durations[here, there]), robot, there))
     begin = _BEFORE * now
-    found = []
+    gaps = []
     for times in visits:
         counted = np.array([time for time in times if time >= begin])
-        found.append(np.diff(counted) if counted.size > 1 else np.array([np.inf]))
-    return found
+        gaps.append(np.diff(counted) if counted.size > 1 else np.array([np.inf]))
+    return gaps

@@ -12,22 +12,22 @@ from .idleness import long_run
 from .times import move_times
 
 
-# What is left of the law where it ends, and the longest age that is followed.
+# Probability of greater ages at which the law may end, and the greatest age computed.
 _REST, _LONGEST = 1e-9, 20_000
-# Of the news.
+# The quantile of the late age.
 _LATE = 0.95
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class News(Result):
-    """How old, at any time, what a base knows is: robots tell it what they saw as they pass."""
+    """The age of the news at a base, to which robots report what they saw as they pass."""
 
     title: ClassVar[str] = "Age of news at a base"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
 
     base: Annotated[str, quantity("", "vertex of the base", kind="text")]
     unit: Annotated[float, quantity("", "unit of ages", kind="time")]
-    "Seconds; 1 where a step takes no time."
+    "The unit of ages in seconds; 1 if ages are numbers of steps."
     passed: Annotated[
         Float[np.ndarray, "ages"],
         quantity("age", "probability that a robot passed the base this time ago or later", "1"),
@@ -60,7 +60,7 @@ class News(Result):
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
     def _mean(self, law: Float[np.ndarray, "ages some"]) -> Float[np.ndarray, "some"]:
-        """The sum of the tails; infinite where the law does not end."""
+        """Compute the sum of the tails; infinite for a law that has not ended."""
         tails = 1 - law
         return np.where(tails[-1] < 1e-6, self.unit * tails.sum(axis=0), np.inf)
 
@@ -74,33 +74,33 @@ def age_of_news(
     unit: float = 1.0,
     name: str = "",
 ) -> News:
-    """The law of the age of news at a base, exactly.
+    """Compute the law of the age of news at a base, exactly.
 
-    A robot sees a vertex when it is there, and tells the base when it is there. At any time in the
-    long run, the newest news of a vertex is that of the robot that was there last of those that
-    have passed the base since. Back in time a robot is a Markov chain too, with `pi_j p_ji / pi_i`
-    in place of `p_ij`: its news are as old as it takes, back in time, to come to the base and from
-    there to the vertex. Robots are independent. Where edges take time, there are vertices for each
-    unit of it on the way.
+    A robot sees a vertex when it is at the vertex, and reports when it is at the base. At any time
+    in the long run, the news of a vertex come from the robot that was there last, among those that
+    have since visited the base. Backward in time a robot is a Markov chain too, with `pi_j p_ji /
+    pi_i` in place of `p_ij`: the age of its news is the backward time to the base and from there to
+    the vertex. Robots are independent. An edge that takes several units of time gets additional
+    vertices, one per unit.
 
     **Arguments:**
 
     - `graph`: the graph.
     - `matrices`: the transition matrix of each robot.
     - `base`: the vertex of the base.
-    - `times`: integer array `[edges]`, the units of time that an edge takes; by default 1.
-    - `unit`: what a unit is, in seconds.
-    - `name`: of the base.
+    - `times`: integer array `[edges]`, units of time that an edge takes; by default 1.
+    - `unit`: length of a unit, in seconds.
+    - `name`: name of the base.
 
-    **Returns:** [`News`][]. Ages go as far as the law has not ended, up to 20,000 units.
+    **Returns:** [`News`][]. Ages end where the law does, or at 20,000 units.
 
-    A robot that goes round a triangle passes the base every third step:
+    A robot that goes round a triangle is at the base every third step:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
         >>> ring = patrol.Graph([[0, 1], [1, 2], [2, 0]])
-        >>> found = patrol.age_of_news(ring, np.roll(np.eye(3), 1, axis=1)[None], 0)
-        >>> found.told.round(3).tolist()[:3], found.mean_age.round(3).tolist()
+        >>> news = patrol.age_of_news(ring, np.roll(np.eye(3), 1, axis=1)[None], 0)
+        >>> news.told.round(3).tolist()[:3], news.mean_age.round(3).tolist()
         ([[0.333, 0.0, 0.0], [0.667, 0.0, 0.333], [1.0, 0.333, 0.667]], [1.0, 3.0, 2.0])
     """
     delays = move_times(graph, times).astype(np.int64)
@@ -120,18 +120,18 @@ def age_of_news(
 
 @dataclasses.dataclass
 class _Backward:
-    """A robot followed back in time, until the base and from there to each vertex."""
+    """A robot followed backward in time, to the base and from there to each vertex."""
 
     back: scipy.sparse.csr_array
-    "The transpose of its transition matrix back in time."
+    "The transpose of its transition matrix backward in time."
     base: int
     vertices: int
     before: Float[np.ndarray, "places"]
-    "Probability of each place before the base."
+    "Probability of each place, the base not yet visited."
     since: Float[np.ndarray, "places vertices"]
-    "Probability of each place since the base, and not yet at each vertex."
+    "Probability of each place, the base visited and then each vertex not yet."
     heard: Bool[np.ndarray, "vertices"]
-    "Which vertices it brings news of, sooner or later."
+    "The vertices of which it brings news in the long run."
 
     @classmethod
     def of(
@@ -175,25 +175,25 @@ class _Backward:
 def with_vertices_on_the_way(
     matrix: Float[np.ndarray, "vertices vertices"], delays: Int[np.ndarray, "vertices vertices"]
 ) -> scipy.sparse.csr_array:
-    """A chain whose steps take one unit each, for one whose steps take several.
+    """Replace steps that take several units of time by chains of steps of one unit.
 
     **Arguments:**
 
     - `matrix`: the transition matrix.
-    - `delays`: how many units each step takes, at least 1 where it is possible.
+    - `delays`: number of units that each step takes, at least 1 if it is possible.
 
-    **Returns:** the matrix of the places: the vertices, and then those on the way.
+    **Returns:** the matrix between the vertices, followed by the places along steps.
     """
     tails, heads = np.nonzero(matrix)
     more = delays[tails, heads] - 1
     places = len(matrix) + int(more.sum())
     ends = len(matrix) + np.cumsum(more)
-    direct, way = more == 0, more > 0
+    direct, slow = more == 0, more > 0
     chance = matrix[tails, heads]
-    first, last = (ends - more)[way], (ends - 1)[way]
+    first, last = (ends - more)[slow], (ends - 1)[slow]
     between = np.setdiff1d(np.arange(len(matrix), places), last)
-    here = np.concatenate([tails[direct], tails[way], last, between])
-    there = np.concatenate([heads[direct], first, heads[way], between + 1])
+    here = np.concatenate([tails[direct], tails[slow], last, between])
+    there = np.concatenate([heads[direct], first, heads[slow], between + 1])
     sure = np.ones(last.size + between.size)
-    numbers = np.concatenate([chance[direct], chance[way], sure])
+    numbers = np.concatenate([chance[direct], chance[slow], sure])
     return scipy.sparse.csr_array((numbers, (here, there)), shape=(places, places))

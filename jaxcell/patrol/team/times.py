@@ -1,4 +1,4 @@
-"""How long moves on a graph take, and a walk until it comes to a vertex."""
+"""Travel times of moves on a graph, and a check of hitting times."""
 
 from typing import Any
 
@@ -8,33 +8,33 @@ from jaxtyping import Float, Int
 from ...optimize import Graph
 
 
-# Of a time, relative to the longest.
+# Tolerance of a time, relative to the longest.
 _TIME = 1e-6
 
 
 def move_times(
     graph: Graph, times: Any = None, wait: float = 1
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """How long the move from one vertex to another takes; 0 where there is none.
+    """Compute the time of the move from each vertex to each other; 0 if there is no edge.
 
     **Arguments:**
 
     - `graph`: the graph.
-    - `times`: array `[edges]`, how long each edge takes; by default 1.
-    - `wait`: how long a move takes that stays.
+    - `times`: array `[edges]`, the travel time of each edge; by default 1.
+    - `wait`: time of a move that stays.
     """
     each = np.ones(len(graph.edges)) if times is None else np.asarray(times, np.float64)
     return graph.matrix(each).toarray() + wait * np.eye(graph.vertices)
 
 
 def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edges"]:
-    """How long each edge takes, in whole units of time of at least 1.
+    """Compute the travel time of each edge in whole units of time, at least 1.
 
     **Arguments:**
 
     - `graph`: the graph, whose edges have lengths in metres.
-    - `speed`: in metres per second.
-    - `unit`: in seconds.
+    - `speed`: speed in metres per second.
+    - `unit`: unit of time in seconds.
 
     **Returns:** the times, rounded.
 
@@ -53,7 +53,7 @@ def hitting_check(
     step: Float[np.ndarray, "vertices"],
     times: Float[np.ndarray, "vertices vertices"],
 ) -> tuple[float, float]:
-    """By how much hitting times miss `h = s + P h`, relative to the longest; and how much may be.
+    """Compute the residual of hitting times in `h = s + P h`, relative, and its tolerance.
 
     Times to vertices that are not visited in the long run are infinite, and do not count.
     """

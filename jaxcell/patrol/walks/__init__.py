@@ -1,1 +1,1 @@
-"""Random walks on a graph: what they measure, the best of them, and the game between them."""
+"""Random walks on a graph: their measures, optimal walks, and the game between walks."""

@@ -1,4 +1,4 @@
-"""The exact law of capture: how likely robots on a graph come to a target in time."""
+"""Exact law of capture: the probability that robots on a graph reach a target in time."""
 
 from typing import Any
 
@@ -15,23 +15,21 @@ from ..team.times import move_times
 def walk_capture_probabilities(
     graph: Graph, matrix: Any, attack_time: Any, travel_times: Any = None
 ) -> Float[np.ndarray, "starts targets"]:
-    """The probability that a robot comes to a target within the attack time.
+    """Compute the probability that a robot reaches a target within the attack time.
 
-    The attack begins as the robot leaves its start. It comes to the start itself when it is first
-    back there; a patroller that stays is back after a time of 1.
+    The attack begins as the robot leaves its start. It reaches the start itself when it is first
+    back; a patroller that stays is back after a time of 1.
 
     **Arguments:**
 
     - `graph`: the graph.
     - `matrix`: array `[vertices, vertices]`, the transition matrix of the robot.
-    - `attack_time`: how long an attack takes, a whole number, or array `[vertices]` of one for each
-        target.
-    - `travel_times`: array `[edges]`, how long each edge takes, whole numbers; by default 1.
+    - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
+    - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
 
     **Returns:** array `[vertices, vertices]`, the start first.
 
-    **Raises:** `ValueError` for times that are not whole numbers of at least 1, and for a matrix
-    whose rows are not probabilities, or that has a move that is no edge.
+    **Raises:** `ValueError` for times or a matrix that do not fit the graph.
 
     A random walk on a line of three vertices, against attacks of two steps:
 
@@ -49,7 +47,7 @@ def walk_capture_probabilities(
         raise ValueError("matrix: expected rows of numbers of at least 0 that sum to 1")
     wrong = np.argwhere((given > 0) & (delays == 0))
     if wrong.size:
-        raise ValueError(f"matrix{wrong[0].tolist()} is positive, but no edge of the graph")
+        raise ValueError(f"matrix{wrong[0].tolist()} is positive, but not an edge of the graph")
     require_x64("walk_capture_probabilities")
     return np.asarray(first_passage(given, *on_device(delays, attack)))
 
@@ -57,7 +55,7 @@ def walk_capture_probabilities(
 def captured_by_any(
     probability: Float[np.ndarray, "robots starts targets"],
 ) -> Float[np.ndarray, "targets"]:
-    """The least probability that one of some robots comes in time, each from where it is worst."""
+    """Compute the least probability that any robot arrives in time, each from its worst start."""
     return 1 - (1 - probability.min(axis=1)).prod(axis=0)
 
 
@@ -69,10 +67,11 @@ def first_passage(
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
 ) -> Float[Array, "vertices vertices"]:
-    """The first passage `F_k(i, j) = sum_l p_il (t_il = k and l = j, or else F_(k - t_il)(l, j))`.
+    """Compute the first passage `F_k(i, j) = sum_l p_il (t_il = k and l = j, or else F_(k -
+    t_il)(l, j))`.
 
-    The sum goes over the `l != j`. The last arguments have the sizes of the loops, because the
-    shapes are what is compiled for.
+    The sum is over `l != j`. The lengths of the last two arguments are the lengths of the loops:
+    they are passed as shapes because JAX compiles once per shape.
     """
     n, slots = P.shape[0], longest.size
     each = jnp.arange(1, slots + 1, dtype=delays.dtype)
@@ -93,7 +92,7 @@ def first_passage(
 def whole_numbers(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
-    """How long moves take, 0 where there is none, and attacks on each vertex.
+    """Check times and return those of moves, 0 without an edge, and of attacks on each vertex.
 
     **Raises:** `ValueError` for times that are not whole numbers of at least 1.
     """
@@ -106,7 +105,7 @@ def whole_numbers(
 def on_device(
     delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
 ) -> tuple[Array, Array, Array, Array]:
-    """What [`first_passage`][] takes beside a matrix."""
+    """Return the arguments of [`first_passage`][] after the matrix."""
     slots = np.zeros(delays.max()), np.zeros(attack.max())
     return jax.device_put((delays, attack, *slots))
 
@@ -115,7 +114,7 @@ def _whole(name: str, given: Any, count: int, what: str) -> Int[np.ndarray, "cou
     numbers = np.asarray(given)
     if numbers.shape not in ((), (count,)) or not np.issubdtype(numbers.dtype, np.integer):
         raise ValueError(
-            f"{name}: expected a whole number, or {count}, one a {what}, got an array of "
+            f"{name}: expected a whole number, or {count}, one per {what}, got an array of "
             f"{numbers.dtype} with shape {list(numbers.shape)}"
         )
     numbers = np.broadcast_to(numbers, count)

@@ -12,21 +12,21 @@ from .paths import toward
 from .walk import edge_shares, walk_hitting_times
 
 
-# Of the longest time: vertices that are as close by symmetry differ by rounding.
+# Tolerance relative to the longest time: the times of symmetric vertices differ by rounding.
 _SAME = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StrategyGame(Result):
-    """A patroller that mixes walks against an adversary that attacks a vertex."""
+    """A game of a patroller that mixes walks against an adversary that attacks a vertex."""
 
     title: ClassVar[str] = "Game between walks on a graph and an adversary"
     tables: ClassVar[Mapping[str, str]] = {"strategy": "strategies"}
 
     names: Sequence[str]
-    "Of the vertices."
+    "The names of the vertices."
     preferred: tuple[tuple[int, ...], ...]
-    "For each strategy the vertices it is for: one, all, or those with an emphasis."
+    "The preferred vertices of each strategy: one, all, or the emphasised ones."
     weight: Annotated[
         Float[np.ndarray, "strategies edges"],
         quantity("strategy edge", "share of steps along the edge", "1", kind="distribution"),
@@ -75,7 +75,7 @@ class StrategyGame(Result):
 
     @derived("", "what the best strategy alone pays the patroller")
     def alone(self) -> float:
-        # Of vertices that are alike to the adversary it attacks the one that the patroller likes.
+        # Among vertices with equal payoffs the adversary attacks the patroller's favourite.
         most = self.adversary_payoff.max(axis=1, keepdims=True)
         answers = np.isclose(self.adversary_payoff, most, rtol=0, atol=1e-9)
         return float(self.patroller_payoff.max(where=answers, initial=-np.inf, axis=1).max())
@@ -104,21 +104,21 @@ def strategy_game(
 ) -> StrategyGame:
     """Solve the game between walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
 
-    The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk that
-    commutes fastest, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the one
-    that does so with it. In each, vertices are closer if their mean hitting time is less: the time
-    from a vertex to the preferred ones, and in the strategy for all vertices, the time to a vertex
-    from the others. Vertices that are as close are in the order of their numbers.
+    The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk with the
+    least commute time, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the
+    walk with the least commute time under that emphasis. In each strategy, vertices are in order of
+    their mean hitting time: the time from a vertex to the preferred vertices, and in the strategy
+    for all vertices, the time to a vertex from the others. Vertices at equal times are in the order
+    of their numbers.
 
     **Arguments:**
 
     - `graph`: a connected graph whose vertices have positions.
     - `emphasis`: the vertices of the last strategy, two or more.
-    - `share`: the least sum of the weights on the shortest closed tour through them.
-    - `paths`: how many shortest paths lead from each vertex to the one that a walk is toward.
-    - `names`: of the vertices; by default their numbers.
-    - `stakes`: what there is to win and to lose at each vertex, as in
-        [`jaxcell.optimize.payoffs`][].
+    - `share`: the least sum of the weights on the shortest closed tour through the emphasis.
+    - `paths`: number of shortest paths from each vertex to the one that a walk heads for.
+    - `names`: names of the vertices; by default their numbers.
+    - `stakes`: the stakes of the game at each vertex, as in [`jaxcell.optimize.payoffs`][].
 
     **Returns:** [`StrategyGame`][].
 
@@ -146,7 +146,7 @@ def strategy_game(
     if emphasis is not None:
         preferred.append(tuple(emphasis))
         weights.append(minimum_commute(graph, emphasis, share).weights)
-    times += [walk_hitting_times(graph, one) for one in weights[graph.vertices :]]
+    times += [walk_hitting_times(graph, weight) for weight in weights[graph.vertices :]]
     order = []
     for prefers, time in zip(preferred, times, strict=True):
         mean = time.mean(axis=0) if len(prefers) == graph.vertices else time[:, prefers].mean(1)

@@ -27,69 +27,69 @@ from .measures import Measures, measure
 from .optimal.constraints import MetConstraints
 
 
-# What a solver or a scaling leaves of a probability that is 0.
+# Solvers and scaling may leave this much of a probability that is 0.
 _NOTHING = 1e-9
-# Of all steps: less is what a solver leaves of an edge that is not used.
+# Share of all steps: a solver may leave this much on an edge that is not used.
 _USED = 1e-6
-# Nats a step: with less, the next step is known.
+# Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
-# Vertices to which the first arrivals of several robots are found, each by itself, in 10 s.
+# Number of vertices at which the first arrivals of several robots are computed in 10 s.
 _MAX_ARRIVALS = 256
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class GraphPatrol(Measures):
-    """The random walk with which robots patrol a graph, each by itself, and what it achieves."""
+    """The random walks of independent robots that patrol a graph, and what they achieve."""
 
     title: ClassVar[str] = "Random walk of a patroller on a graph"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices", "edge": "edges"}
 
     graph: Graph
     names: Sequence[str]
-    "Of the vertices."
+    "The names of the vertices."
     goal: Annotated[str | None, quantity("", "what the walk makes large")] = None
     value: Annotated[float | None, quantity("", "how large that is")] = None
     certificate: Certificate | None = None
-    "How good the walk is at what it is for, as far as that is known."
+    "The accuracy of the optimum, or `None` if the walk is not an optimum."
     local: bool = False
-    "Whether it is only a local optimum, because the problem is not convex."
+    "`True` if the walk is only a local optimum, because the problem is not convex."
     bounds: MetConstraints | None = None
-    "How it meets the constraints on it."
+    "The constraints on the walk and how it meets them, or `None`."
     game: StrategyGame | None = None
     shares: Annotated[
         Float[np.ndarray, "robots vertices"],
         quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
     ]
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
-    "The transition matrix of each robot, where they differ; the measures are those of the first."
+    "The transition matrix of each robot, if they differ; the measures are those of robot 0."
     timed: Timed | None = None
     "The walk in seconds, if edges have travel times."
     by_steps: bool = False
-    "Whether the walk was chosen by steps although they take times that differ."
+    "`True` if the walk was chosen by numbers of steps although travel times of edges differ."
     division: Division | None = None
-    "What robots achieve that share the graph, and that divide it."
+    "A comparison of robots that share the graph with robots that divide it, or `None`."
     news: News | None = None
-    "How old news are at a base."
+    "The age of news at a base, or `None`."
     charged: Charged | None = None
-    "The walks, kept near enough to a charger."
+    "The walks that return to a charger in time, or `None`."
     idleness: Idleness | None = None
-    "How long vertices wait for visits, beside three other patrols."
+    "The times between visits, by these walks and by three other patrols, or `None`."
     weights_unused: bool = False
-    "Whether the file of the graph has weights on edges, which a walk has of its own."
+    "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1
-    "How many walk, each by itself."
+    "Number of independent robots."
     first_arrival: Annotated[
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "mean steps until one patroller is there", "steps", kind="time"),
     ] = None
-    "From places drawn from the shares of time; for one patroller its own mean time says as much."
+    "Robots start at places drawn from the shares of time; `None` for one robot."
     captured: Annotated[
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "least chance of capture there", "1", kind="share"),
     ] = None
-    "That one patroller comes there in time, wherever all are as the attack begins."
+    "The probability that any robot arrives in time, from the worst places as the attack begins."
     seed: int = 0
-    "Of the walks that are recorded."
+    "Seed of the recorded walks."
 
     @classmethod
     def of(
@@ -102,38 +102,37 @@ class GraphPatrol(Measures):
         attack_time: Any = None,
         **more: Any,
     ) -> "GraphPatrol":
-        """Measure the chain of a patroller, or of several that each walk by themselves.
+        """Measure the chain of one or several independent patrollers.
 
         **Arguments:**
 
         - `graph`: a connected graph.
-        - `chain`: a chain that moves along its edges, or stays.
-        - `names`: of the vertices; by default their numbers.
-        - `robots`: how many walk.
-        - `attack_time`: the steps that an attack takes, a whole number, or array `[vertices]`.
+        - `chain`: a chain that moves along edges of the graph, or stays.
+        - `names`: names of the vertices; by default their numbers.
+        - `robots`: number of robots.
+        - `attack_time`: number of steps of an attack, a whole number, or array `[vertices]`.
         - further keywords: the other fields of [`GraphPatrol`][].
 
-        **Raises:** `ValueError` if the chain or the names are not those of the vertices, if the
-        chain moves where there is no edge, if the game is one of another graph, or for no robots.
+        **Raises:** `ValueError` if the chain, the names or the game do not match the graph.
 
         Two random walks on a line of three vertices:
 
             >>> from jaxcell import patrol, record
             >>> graph = patrol.Graph([[0, 1], [1, 2]])
             >>> walk = patrol.random_walk(graph, [1, 1])
-            >>> found = patrol.GraphPatrol.of(graph, walk, names="abc", robots=2, attack_time=2)
-            >>> round(record.dataset(found).hitting_time.sel(start="a", target="c").item(), 6)
+            >>> team = patrol.GraphPatrol.of(graph, walk, names="abc", robots=2, attack_time=2)
+            >>> record.dataset(team).hitting_time.sel(start="a", target="c").round(6).item()
             4.0
-            >>> found.captured.tolist()
+            >>> team.captured.tolist()
             [0.75, 1.0, 0.75]
         """
         if robots < 1:
             raise ValueError(f"robots: expected at least 1, got {robots}")
         names = [str(vertex) for vertex in range(graph.vertices)] if names is None else names
-        found = measure(chain)
+        measures = measure(chain)
         team = more.get("team")
         if robots > 1 and team is None and graph.vertices <= _MAX_ARRIVALS:
-            start = [found.stationary] * robots
+            start = [measures.stationary] * robots
             arrivals = [
                 mean_first_arrival([chain] * robots, start, vertex, throw=False).value
                 for vertex in range(graph.vertices)
@@ -143,21 +142,21 @@ class GraphPatrol(Measures):
             each = np.stack(
                 [
                     walk_capture_probabilities(graph, matrix, attack_time)
-                    for matrix in ([found.transition] if team is None else team)
+                    for matrix in ([measures.transition] if team is None else team)
                 ]
             )
             whole = np.broadcast_to(each, (robots, *each.shape[1:]))
             more["captured"] = captured_by_any(whole)
-        alike = np.broadcast_to(found.stationary, (robots, found.stationary.size))
+        alike = np.broadcast_to(measures.stationary, (robots, measures.stationary.size))
         more["shares"] = alike if team is None else long_run(team)
-        return cls(**vars(found), graph=graph, names=list(names), robots=robots, **more)
+        return cls(**vars(measures), graph=graph, names=list(names), robots=robots, **more)
 
     def __post_init__(self) -> None:
         graph, vertices = self.graph, self.stationary.size
         if vertices != graph.vertices:
             raise ValueError(f"chain: expected one of {graph.vertices} vertices, got {vertices}")
         if len(self.names) != vertices:
-            raise ValueError(f"names: expected {vertices}, one a vertex, got {len(self.names)}")
+            raise ValueError(f"names: expected {vertices}, one per vertex, got {len(self.names)}")
         wrong = np.argwhere((move_times(graph) == 0) & (self.transition > _NOTHING))
         if len(wrong):
             raise ValueError(
@@ -180,39 +179,41 @@ class GraphPatrol(Measures):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = []
+        remarks = []
         if self.team is not None:
-            found.append("robots walk differently; times and entropy are those of robot 0")
+            remarks.append("robots walk differently; times and entropy are those of robot 0")
         if self.weights_unused:
-            found.append("the weights of edges in the file are not used; the walk has its own")
+            remarks.append("the weights of edges in the file are not used; the walk has its own")
         if self.by_steps:
-            found.append("the walk is chosen by steps; the times in seconds are those it then has")
+            remarks.append(
+                "the walk is chosen by steps; the times in seconds are those it then has"
+            )
         if self.timed is not None and self.game is not None:
-            found.append("the game counts steps, not seconds")
+            remarks.append("the game counts steps, not seconds")
         if self.local:
-            found.append(
+            remarks.append(
                 "the walk is a local optimum, the best that several starts lead to; another may be "
                 "better"
             )
         if self.certificate is not None and self.certificate.outcome is not Outcome.CONVERGED:
-            found.append(
+            remarks.append(
                 f"{self.certificate.outcome.value} (residual {self.certificate.residual:.3g}, "
                 f"tolerance {self.certificate.tolerance:.3g})"
             )
         if self.robots > 1 and self.team is None and self.first_arrival is None:
-            found.append(
-                f"when the first patroller comes is found on graphs of up to {_MAX_ARRIVALS} "
-                "vertices; other times are of one patroller"
+            remarks.append(
+                "the first arrival of any patroller is computed on graphs of up to "
+                f"{_MAX_ARRIVALS} vertices; other times are of one patroller"
             )
         left_out = int((self.stationary <= 0).sum())
         if left_out:
-            found.append(f"in the long run the walk leaves out {left_out:,} of the vertices")
+            remarks.append(f"in the long run the walk leaves out {left_out:,} of the vertices")
         if self.entropy_rate_nats < _FORESEEN:
-            found.append(
+            remarks.append(
                 f"the walk is deterministic but for {self.entropy_rate_nats:.1g} nats a step: who "
                 "watches it knows where the patroller goes"
             )
-        return tuple(found)
+        return tuple(remarks)
 
     @derived("", "mean steps until the first patroller is at a vertex", "steps", kind="time")
     def mean_first_arrival(self) -> float | None:

@@ -19,7 +19,7 @@ from ..team.times import hitting_check
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Measures(Result):
-    """What there is to know of a patroller's chain, on the host."""
+    """Quantities of the Markov chain of a patroller, on the host."""
 
     title: ClassVar[str] = "Random walk of a patroller"
 
@@ -78,10 +78,10 @@ def measure(chain: Chain) -> Measures:
 
     **Arguments:**
 
-    - `chain`: a chain that comes to the same vertices in the long run, wherever it starts.
+    - `chain`: a chain that visits the same vertices in the long run, wherever it starts.
 
-    **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats a step. The times to
-    vertices that it leaves out in the long run are infinite.
+    **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats per step. Times to
+    vertices that are not visited in the long run are infinite.
 
     **Raises:** as [`jaxcell.markov.hitting_matrix`][] and [`jaxcell.markov.mixing_time`][].
 
@@ -89,8 +89,8 @@ def measure(chain: Chain) -> Measures:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
-        >>> found = patrol.measure(patrol.random_walk(graph, [1, 1, 1]))
-        >>> round(found.mean_commute_time, 6), round(found.kemeny_constant, 6), round(found.slem, 6)
+        >>> walk = patrol.measure(patrol.random_walk(graph, [1, 1, 1]))
+        >>> round(walk.mean_commute_time, 6), round(walk.kemeny_constant, 6), round(walk.slem, 6)
         (4.0, 1.333333, 0.5)
     """
     groups = persistent_groups(chain)

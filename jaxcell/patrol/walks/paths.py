@@ -12,39 +12,39 @@ from ...mapping import Chain
 from ...optimize import Graph
 
 
-# Edges are as long as so many parts of a line at most, if they are so to rounding.
+# An edge up to rounding as long as a whole part of a line, of at most this number, is made exact.
 _PARTS, _ROUNDING = 16, 1e-9
-# Vertices times edges times paths: more of Yen's searches take minutes.
+# Vertices times edges times paths, above which Yen's searches take minutes.
 _MAX_SEARCHES = 500_000
 
 
 def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) -> Chain:
-    """A walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
+    """Make a walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
 
-    A step counts once for each of the shortest simple paths to the vertex, from every other, that
-    goes along it (Yen 1971), and each step away from the vertex counts once; a step is taken in
-    proportion to its count. As printed, only the direction of the path counts. Then one path from
-    each vertex makes the time to come there the number of edges, as in all rows of Table 4.2; and
-    in the long run the walk may leave out vertices that no path from a neighbour of the vertex
-    comes through. Where both directions count, the walk is reversible, and far slower.
+    From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). A step
+    counts once for each of these paths that contains it, and each step away from the vertex counts
+    once; a step has a probability in proportion to its count. As printed, only the direction of the
+    path counts. Then, with one path from each vertex, the time to arrive is the number of edges, as
+    in all rows of Table 4.2; and in the long run the walk may leave out vertices that are on no
+    path from a neighbour of the vertex. With both directions, the walk is reversible, and far
+    slower.
 
-    Paths are in order of their Euclidean lengths. Of equally long ones, as along a line and along
-    pieces of it, one with fewer edges comes first, and then the one without the last edge, in the
-    order of the graph, of those in which they differ.
+    Paths are in order of their Euclidean lengths. Among equal lengths, as for a line and its
+    pieces, the path with fewer edges is first. Among those, the last edge, in the order of the
+    graph, in which two paths differ decides: the path without it is first.
 
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `vertex`: where the walk heads for.
-    - `paths`: how many paths from each other vertex; all its simple paths, if there are fewer.
-    - `directed`: whether only the direction of a path counts, or both.
+    - `vertex`: the vertex for which the walk heads.
+    - `paths`: number of paths from each other vertex; all simple paths, if there are fewer.
+    - `directed`: whether only the direction of a path counts, or both directions.
 
     **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
-    **Raises:** `ValueError` for a vertex that does not exist, no paths, a vertex from which no path
-    leads there, and several paths on a graph on which they take minutes to find.
+    **Raises:** `ValueError` for wrong arguments, and if a vertex has no path to the given one.
 
-    A square with a diagonal from 1 to 3. The path from 2 is by 1, and from 0 both ways are open:
+    A square with a diagonal from 1 to 3; the path from 2 goes by 1:
 
         >>> from jaxcell import patrol
         >>> edges = [[0, 1], [1, 2], [2, 3], [3, 0], [1, 3]]
@@ -64,7 +64,7 @@ def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) 
 
 
 def path_counts(graph: Graph, vertex: int, paths: int) -> Int[np.ndarray, "2 edges"]:
-    """How often each edge counts in Alg. 4.1, in its own direction and in the other.
+    """Count each edge in Alg. 4.1, in its own direction and in the other.
 
     **Arguments and raises:** as [`toward`][].
     """
@@ -96,33 +96,33 @@ def path_counts(graph: Graph, vertex: int, paths: int) -> Int[np.ndarray, "2 edg
     for start in network.nodes - {vertex}:
         if start not in shortest:
             raise ValueError(f"vertex {vertex} cannot be reached from vertex {start}")
-        found = [shortest[start][::-1]]
+        chosen = [shortest[start][::-1]]
         if paths > 1:
             simple = networkx.shortest_simple_paths(network, start, vertex, weight="length")
-            found = list(itertools.islice(simple, paths))
-        for path in found:
+            chosen = list(itertools.islice(simple, paths))
+        for path in chosen:
             for step in itertools.pairwise(path):
                 count(*step)
     return counts
 
 
 def _lengths(graph: Graph) -> list[int]:
-    """Lengths by which no two paths are equally long: whole numbers of many digits.
+    """Return lengths for which no two paths are equally long: whole numbers of many digits.
 
-    Lowest is a bit for each edge, so that sums show which edges are in them; then, the number of
-    edges; then, the length in units.
+    The lowest digits are one bit per edge, so that sums show their edges; the next are the number
+    of edges; the highest are the length in units.
     """
     exact = _exact(graph.lengths)
-    units = math.lcm(*(one.denominator for one in exact))
+    units = math.lcm(*(length.denominator for length in exact))
     edges, digits = len(exact), graph.vertices.bit_length()
     return [
-        (((int(one * units) << digits) + 1) << edges) + (1 << edge)
-        for edge, one in enumerate(exact)
+        (((int(length * units) << digits) + 1) << edges) + (1 << edge)
+        for edge, length in enumerate(exact)
     ]
 
 
 def _exact(lengths: Float[np.ndarray, "edges"]) -> list[Fraction]:
-    """Lengths such that pieces of a line are together as long as the line, without rounding."""
+    """Return exact fractions for lengths: pieces of a line sum to the length of the line."""
     exact = [Fraction(0)] * lengths.size
     parts = np.arange(1, _PARTS + 1)[:, None]
     left = np.flatnonzero(lengths)
@@ -133,7 +133,7 @@ def _exact(lengths: Float[np.ndarray, "edges"]) -> list[Fraction]:
         alike = whole.any(axis=0)
         of = whole[:, alike].argmax(axis=0)
         pieces = np.rint(share[:, alike][of, np.arange(of.size)]).astype(int)
-        for edge, some, all_ in zip(left[alike], pieces.tolist(), (of + 1).tolist(), strict=True):
-            exact[edge] = Fraction(longest) * Fraction(some, all_)
+        for edge, piece, all_ in zip(left[alike], pieces.tolist(), (of + 1).tolist(), strict=True):
+            exact[edge] = Fraction(longest) * Fraction(piece, all_)
         left = left[~alike]
     return exact

@@ -11,7 +11,7 @@ from ...markov import dense
 from ...optimize import Graph
 
 
-# Of a step where a search begins: a gradient hardly moves logits of less likely ones.
+# Least probability of a step at a start, because a gradient hardly moves logits of rarer steps.
 _LIKELY = 1e-3
 
 
@@ -19,11 +19,11 @@ class Steps(NamedTuple):
     """The steps from each cell to its neighbours, slot by slot."""
 
     image: Int[Array, "branches cells"]
-    "Where each leads; to the cell itself where there are fewer neighbours than slots."
+    "The cell to which each step leads; in slots without a neighbour, the cell itself."
     even: Float[Array, "branches cells"]
-    "The chance of each if all are alike; 0 where there is none."
+    "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
-    "The slot of the neighbour that leads back."
+    "The slot of the neighbour whose step leads back."
 
     @classmethod
     def of(cls, graph: Graph) -> "Steps":
@@ -42,25 +42,25 @@ class Steps(NamedTuple):
     def logits(
         self, matrices: Float[np.ndarray, "*some cells cells"]
     ) -> Float[np.ndarray, "*some branches cells"]:
-        """Logits of the steps of transition matrices, whose probability counts as 0.001 or more."""
+        """Compute logits of transition matrices, whose probabilities count as 0.001 or more."""
         here, image = np.arange(self.image.shape[1]), np.asarray(self.image)
         return np.log(np.maximum(matrices[..., here, image], _LIKELY))
 
     def matrices(
         self, chance: Float[np.ndarray, "*some branches cells"]
     ) -> Float[np.ndarray, "*some cells cells"]:
-        """The transition matrices of steps with such probabilities."""
+        """Make transition matrices from the probabilities of steps."""
         cells = chance.shape[-1]
-        found = np.zeros((*chance.shape[:-2], cells, cells))
+        matrices = np.zeros((*chance.shape[:-2], cells, cells))
         places: Any = (..., np.arange(cells), np.asarray(self.image))
-        np.add.at(found, places, chance)
-        return found
+        np.add.at(matrices, places, chance)
+        return matrices
 
     @jax.jit
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:
-        """The probability of each step, of which the floor is shared evenly."""
+        """Compute the probability of each step, which is at least an even share of the floor."""
         even = self.even.astype(logits.dtype)
         even = (even / even.sum(axis=0, keepdims=True))[None]
         own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)
@@ -69,15 +69,15 @@ class Steps(NamedTuple):
     def pull(
         self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
     ) -> Float[Array, "cells targets"]:
-        """`P v` for several `v`."""
+        """Compute `P v` for several `v`."""
         return _pull(chance, value, self)
 
     def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """How much each cell counts as one where a robot may be: all alike."""
+        """Return the weights of cells as starts of a robot, which are all equal."""
         return jnp.ones(chance.shape[1], chance.dtype)
 
     def share_of_time(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """The share of its time that a robot spends in each cell in the long run."""
+        """Compute the share of time of a robot in each cell in the long run."""
         cells = chance.shape[1]
         matrix = jnp.zeros((cells, cells))
         here = jnp.broadcast_to(jnp.arange(cells), chance.shape)
@@ -85,26 +85,25 @@ class Steps(NamedTuple):
 
 
 class ChargedSteps(NamedTuple):
-    """The steps of a robot that must be at a charger every so many steps.
+    """The steps of a robot that must return to a charger within a given number of steps.
 
-    Its cells are the vertices once for each number of steps since the charge, so that where it goes
-    may depend on that.
+    Its cells are pairs of a vertex and the number of steps since the charge.
     """
 
     near: Steps
     allowed: Bool[Array, "ages branches vertices"]
-    "Which steps leave time to come to the charger."
+    "The steps that leave time to return to the charger."
     charger: Int[Array, ""]
     rare: Float[Array, ""]
-    "Of the likeliest step: what is less likely is never made."
+    "A step that is less likely, relative to the likeliest one, is never made."
 
     @jax.jit
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:
-        """The probability of each step, without rare ones; there is no floor.
+        """Compute the probability of each step, without rare steps; there is no floor.
 
-        Gradients are those with the rare ones, which may come back.
+        Gradients include the rare steps, so that these may return.
         """
         may = self.allowed.swapaxes(0, 1).reshape(1, *logits.shape[1:])
         own = jax.nn.softmax(jnp.where(may, logits, jnp.finfo(logits.dtype).min), axis=1)
@@ -117,25 +116,25 @@ class ChargedSteps(NamedTuple):
     def pull(
         self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
     ) -> Float[Array, "cells targets"]:
-        """`P v` for several `v`."""
+        """Compute `P v` for several `v`."""
         by_age = value.reshape(*self.allowed.shape[::2], -1)
         after = jnp.roll(by_age, -1, axis=0).at[:, self.charger].set(by_age[0, self.charger])
-        return jax.vmap(lambda one, v: _pull(one, v, self.near))(
+        return jax.vmap(lambda steps, v: _pull(steps, v, self.near))(
             self._by_age(chance), after
         ).reshape(value.shape)
 
     def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """How often a robot is in each cell between two charges."""
+        """Compute the expected visits of a robot to each cell between two charges."""
         begin = jnp.zeros(self.allowed.shape[2], chance.dtype).at[self.charger].set(1)
 
-        def step(here, one):  # type: ignore[no-untyped-def]
-            there = jnp.zeros_like(here).at[self.near.image].add(one * here[None])
+        def step(here, chance):  # type: ignore[no-untyped-def]
+            there = jnp.zeros_like(here).at[self.near.image].add(chance * here[None])
             return there.at[self.charger].set(0), here
 
         return jax.lax.scan(step, begin, self._by_age(chance))[1].ravel()
 
     def share_of_time(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """The share of its time that a robot spends in each cell in the long run."""
+        """Compute the share of time of a robot in each cell in the long run."""
         often = self.often(chance)
         return often / often.sum()
 
@@ -150,9 +149,9 @@ class ChargedSteps(NamedTuple):
 def _pull(
     chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"], steps: Steps
 ) -> Float[Array, "cells targets"]:
-    """`P v` for several `v`. Every step has one back, so that its derivative gathers too.
+    """Compute `P v` for several `v`. Its derivative gathers, because every step has a step back.
 
-    The transpose that JAX finds by itself scatters, which takes several times as long.
+    The transpose that JAX derives scatters, which takes several times as long.
     """
     return sum(p[:, None] * value[to] for p, to in zip(chance, steps.image, strict=True))
 

@@ -11,9 +11,9 @@ from ...optimize.checked import one_each
 
 
 def random_walk(graph: Graph, weights: Any) -> Chain:
-    """The chain of a patroller that takes an edge with a probability in proportion to its weight.
+    """Make the chain of a patroller that takes edges with probabilities in proportion to weights.
 
-    That is `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), and no vertex is left waiting.
+    That is `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1); the patroller never waits.
 
     **Arguments:**
 
@@ -22,8 +22,8 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 
     **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
-    **Raises:** `ValueError` that names the edge for a weight that is negative or not finite, and
-    the vertex whose weights are all 0; `RuntimeError` where JAX is set to 32 bits.
+    **Raises:** `ValueError` for a weight that is negative or not finite, with the edge, and for a
+    vertex whose weights are all 0; `RuntimeError` where JAX is set to 32 bits.
 
     From the middle of a line of three, whose second edge weighs three times the first:
 
@@ -40,19 +40,19 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 
 
 def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts targets"]:
-    """The expected number of steps of the walk from each vertex until it is first at each other.
+    """Compute the expected number of steps of the walk from each vertex to each other vertex.
 
-    All come from one inverse, because the walk is reversible. With `X` the pseudo-inverse of the
+    One inverse gives all times, because the walk is reversible. With `X` the pseudo-inverse of the
     Laplacian and `d` the total weights of the vertices, `h_ij = sum_k d_k (X_ik - X_ij - X_jk +
-    X_jj)`. For one target, or another chain, there is [`jaxcell.markov.hitting_times`][].
+    X_jj)`. For one target, or another chain, use [`jaxcell.markov.hitting_times`][].
 
     **Arguments:**
 
     - `graph`: the graph.
     - `weights`: array `[edges]`, the weight of each edge, at least 0.
 
-    **Returns:** array `[vertices, vertices]`, the start first; 0 on its diagonal. Commute times are
-    its sum with its transpose.
+    **Returns:** array `[vertices, vertices]`, the start first; 0 on its diagonal. Its sum with its
+    transpose is the commute times.
 
     **Raises:** as [`random_walk`][]; `ValueError` if edges with weight 0 separate two vertices.
 
@@ -69,7 +69,7 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     check_connected(
         graph.vertices,
         graph.edges[weights > 0],
-        "weights: expected positive ones that connect all vertices, but",
+        "weights: expected positive weights that connect all vertices, but",
     )
     shift = total.mean() / graph.vertices
     inverse = np.linalg.inv(np.diag(total) - matrix.toarray() + shift)
@@ -82,16 +82,16 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
 
 
 def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
-    """The share of its steps that a chain makes along each edge in the long run, either way.
+    """Compute the share of steps of a chain along each edge, in both directions, in the long run.
 
     **Arguments:**
 
     - `graph`: the graph.
-    - `chain`: one that moves along its edges.
+    - `chain`: a chain that moves along edges of the graph.
 
     **Returns:** array `[edges]`; it sums to 1 for a chain that never stays.
 
-    A walk to and fro at one end of a line of three:
+    A walk that alternates between two vertices at one end of a line of three:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
@@ -105,10 +105,10 @@ def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
 
 
 def _checked(graph: Graph, weights: Any) -> Float[np.ndarray, "edges"]:
-    given = one_each("weights", weights, len(graph.edges), "an edge", zero=True)
+    given = one_each("weights", weights, len(graph.edges), "per edge", zero=True)
     total = np.bincount(graph.edges.ravel(), np.repeat(given, 2), graph.vertices)
     if not total.all():
         raise ValueError(
-            f"weights: all those at vertex {np.flatnonzero(total == 0)[0]} are 0; expected a way on"
+            f"weights: vertex {np.flatnonzero(total == 0)[0]} has only weights of 0; expected more"
         )
     return given

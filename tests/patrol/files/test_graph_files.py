@@ -240,7 +240,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
 def test_what_could_not_be_read_is_not_written(tmp_path):
     for graph, names, message in (
         (Graph([[0, 1]]), None, "the vertices have no positions"),
-        (square(), NAMES[:3], "names: expected 4, one a vertex, got 3"),
+        (square(), NAMES[:3], "names: expected 4, one per vertex, got 3"),
         (square(), ("a", "b", "a", "c"), r"names\[2\]: the vertex 'a' comes twice"),
         (square(), ("a", "b", "\0", "c"), r"names\[2\]: expected a name"),
         (Graph([[0, 1]], xy=[[0, 0], [1e12, 0]]), None, r"names\[1\].x: .* at most 1e\+09 m"),
@@ -248,7 +248,7 @@ def test_what_could_not_be_read_is_not_written(tmp_path):
         with pytest.raises(ValueError, match=message):
             save_graph(graph, tmp_path / "bad.json", names)
     for name in ("a b", "a ", "#a"):
-        with pytest.raises(ValueError, match="no place for spaces or # in a name"):
+        with pytest.raises(ValueError, match="cannot store spaces or # in a name"):
             save_graph(square(), tmp_path / "bad.edges", ("x", "y", "z", name))
     with pytest.raises(ValueError, match="unknown format"):
         save_graph(square(), tmp_path / "bad.gml")
@@ -268,7 +268,7 @@ def test_the_karate_club_has_no_positions_and_weights_that_are_not_used(tmp_path
         assert found == {frozenset(map(str, edge)) for edge in club.edges}
         assert has_weights(tmp_path / f"club.{suffix}") == (suffix != "adjlist")
     with pytest.raises(
-        ValueError, match=r"nodes\[1\]: it has no position, x and y, as others have"
+        ValueError, match=r"nodes\[1\]: it has no position x, y; expected one, as others"
     ):
         load_text(
             tmp_path,
@@ -368,9 +368,9 @@ def test_graphs_of_patrolling_sim(tmp_path):
     [
         (CORRIDOR[:-3], "it ends after 29 words"),
         (CORRIDOR + "7", "word 31: '7' comes after the last of 3 vertices"),
-        (CORRIDOR.replace("0.5", "0"), "word 4: expected more than 0 metres a pixel"),
-        (CORRIDOR.replace("E 30", "E far"), "word 13: expected the length of a way"),
-        (CORRIDOR.replace("E 30", "E 31"), "15.5 m back; expected edges that are alike both ways"),
+        (CORRIDOR.replace("0.5", "0"), "word 4: expected more than 0 metres per pixel"),
+        (CORRIDOR.replace("E 30", "E far"), "word 13: expected the length of a path"),
+        (CORRIDOR.replace("E 30", "E 31"), "15.5 m back; expected equal lengths in both"),
         (CORRIDOR.replace("1 E 30", "0 E 30"), "it is a loop"),
     ],
 )
@@ -400,5 +400,5 @@ def test_lengths_that_are_none_are_refused(tmp_path):
         edges = [one | more for one, more in zip(ends, lengths, strict=True)]
         with pytest.raises(ValueError, match=message):
             load_text(tmp_path, json.dumps(lines | {"edges": edges}))
-    with pytest.raises(ValueError, match="an edge list has no place for lengths"):
+    with pytest.raises(ValueError, match="an edge list cannot store lengths"):
         save_graph(Graph([[0, 1]], xy=[[0, 0], [1, 0]], ways=[2]), tmp_path / "a.edges")

@@ -115,5 +115,5 @@ def test_refuses_what_is_of_another_graph():
         distributed_policies(graph, VISIBLE, 1)
     with pytest.raises(ValueError, match=message):
         centralized_policies(graph, VISIBLE, REGIONS)
-    with pytest.raises(ValueError, match="regions: expected those of the 3 cells of the graph"):
+    with pytest.raises(ValueError, match="regions: expected regions of the 3 cells of the graph"):
         centralized_policies(graph, np.ones((3, 3), bool), REGIONS)

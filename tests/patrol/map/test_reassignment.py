@@ -77,10 +77,10 @@ def test_reassign(lost):
 def test_refuses():
     with pytest.raises(ValueError, match="lost: robot 4 does not exist; robots are 0 to 3"):
         reassign(GRAPH, VISIBLE, REGIONS, POLICIES, 4)
-    with pytest.raises(ValueError, match="policies: expected 4, one a region, got 3"):
+    with pytest.raises(ValueError, match="policies: expected 4, one per region, got 3"):
         reassign(GRAPH, VISIBLE, REGIONS, POLICIES[:3], 0)
     alone = angular_regions(GRAPH, BASE, VISIBLE[BASE], 1)
-    with pytest.raises(ValueError, match="lost: robot 0 is the only one"):
+    with pytest.raises(ValueError, match="lost: robot 0 is the only robot"):
         reassign(GRAPH, VISIBLE, alone, POLICIES[:1], 0)
     for alpha in (0.0, 1.0):
         with pytest.raises(ValueError, match="alpha: expected a probability"):

@@ -155,7 +155,7 @@ def test_the_soft_minimum_is_nearly_the_least():
     [
         ({"attack_time": 0}, "attack_time: expected at least 1, got 0 for vertex 0"),
         ({"attack_time": [3, 3, 0, 3]}, "attack_time: expected at least 1, got 0 for vertex 2"),
-        ({"attack_time": 2.5}, "attack_time: expected a whole number, or 4, one a vertex, got an"),
+        ({"attack_time": 2.5}, "attack_time: expected a whole number, or 4, one per vertex"),
         ({"attack_time": 1}, "vertex 0 needs 2 to come to vertex 3, where an attack takes 1"),
         ({"attack_time": 9, "travel_times": [1, 1]}, "travel_times: expected a whole number, or 4"),
         ({"attack_time": 4, "travel_times": [1, 1, 1, 5]}, "needs 6 to come to vertex 3"),
@@ -173,7 +173,7 @@ def test_matrices_that_are_refused():
         walk_capture_probabilities(KITE, np.eye(2), 3)
     with pytest.raises(ValueError, match="rows of numbers of at least 0 that sum to 1"):
         walk_capture_probabilities(KITE, np.ones((4, 4)), 3)
-    with pytest.raises(ValueError, match=r"matrix\[0, 3\] is positive, but no edge"):
+    with pytest.raises(ValueError, match=r"matrix\[0, 3\] is positive, but not an edge"):
         walk_capture_probabilities(KITE, np.tile([0, 0, 0, 1.0], (4, 1)), 3)
 
 

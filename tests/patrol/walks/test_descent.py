@@ -54,7 +54,7 @@ def test_moves_are_those_that_the_distribution_allows(graph, stay, seed):
             assert "of the time, but" in str(error)
         else:
             # Flows that balance come back, so that parts without a way have none back either.
-            assert "no chain comes round" in str(error)
+            assert "no chain with it visits all" in str(error)
             part = np.arange(graph.vertices)
             for _ in range(graph.vertices):
                 for (a, b), flow in zip(moves, flows, strict=True):
@@ -159,10 +159,10 @@ def test_starts_differ_and_the_first_is_not_random():
     [
         (Graph([[0, 1], [2, 3]]), {}, r"vertices 2, 3 \(2 of 4\) cannot be reached from vertex 0"),
         (PATH, {"reversible": True}, "reversible: expected a stationary distribution"),
-        (PATH, {"stationary": [0.5, 0.5]}, r"expected 4 numbers, one a vertex, got \[2\]"),
+        (PATH, {"stationary": [0.5, 0.5]}, r"expected 4 numbers, one per vertex, got \[2\]"),
         (PATH, {"stationary": [0.5, 0.5, 0.0, 0.0]}, r"stationary\[2\] is 0.0; expected a pos"),
         (PATH, {"stationary": [0.5, 0.5, 0.5, 0.5]}, "sum to 1, got 2.0"),
-        (PATH, {"stationary": [0.25] * 4}, "no chain comes round, because vertices 2, 3 .* cannot"),
+        (PATH, {"stationary": [0.25] * 4}, "visits all vertices, because vertices 2, 3 .* cannot"),
         (
             PATH,
             {"stationary": [0.4, 0.2, 0.2, 0.2]},

@@ -65,7 +65,7 @@ def test_given_entropy_rate_against_cvxpy(seed):
 
 def test_entropy_rate_where_some_moves_are_ruled_out():
     # All that is at 0 must come from 1 and go there, which leaves nothing for the edge from 1 to 2.
-    with pytest.raises(ValueError, match="no chain comes round"):
+    with pytest.raises(ValueError, match="no chain with it visits all"):
         maximum_entropy_rate(Graph([[0, 1], [1, 2], [2, 3], [3, 4], [4, 2]]), [0.2] * 5)
     share = np.array([0.25, 0.375, 0.25, 0.125])
     path = Graph([[0, 1], [1, 2], [2, 3]])
@@ -122,6 +122,8 @@ def test_the_most_entropy_there_can_be():
     np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
 
 
+# SLSQP of SciPy before 1.16 leaves its bounds by rounding.
+@pytest.mark.filterwarnings("ignore:Values in x were outside bounds:RuntimeWarning")
 def test_no_chain_of_another_solver_is_better():
     found = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
     entropy = jax.jit(return_time_entropy, static_argnums=1)

@@ -1,1 +1,1 @@
-"""Random walks that are best, and how they are searched for."""
+"""Optimal random walks, and the searches for them."""

@@ -1,4 +1,4 @@
-"""The gradient of the least probability of capture, in the logits of the steps of all robots."""
+"""Gradient ascent of the least probability of capture, in the logits of the steps of all robots."""
 
 import dataclasses
 import functools
@@ -13,32 +13,32 @@ from jaxtyping import Array, Float
 from ..steps import ChargedSteps, Steps
 
 
-# Steps between two looks at all targets; in between, only those that are caught least count.
+# Number of steps between evaluations of all targets; in between, the least captured ones count.
 _BLOCK, _ACTIVE = 25, 80
-# Numbers that one step keeps for its gradient.
+# Number of values that one step keeps for its gradient.
 _KEPT = 5e7
-# Of the steps on the logits.
+# Learning rate of the logits.
 _RATE = 0.1
-# Of a probability whose logarithm is taken.
+# Least probability whose logarithm is taken.
 _TINY = 1e-12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ascent:
-    """What is climbed: robots come from where they may be into view of a target, in time."""
+    """The ascent of the probability that robots from `begin` come into view of a target in time."""
 
     steps: Steps | ChargedSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 where a target is out of view, else 0."
     begin: Float[np.ndarray, "cells targets"]
-    "1 where a robot may be as it sets out, else 0."
+    "1 where a robot may be as the attack begins, else 0."
     attack_time: int
     start: str
-    "Where robots are then: `uniform`, `stationary` or `worst`."
+    "The places of robots at that time: `uniform`, `stationary` or `worst`."
     floor: float
-    "The least share of a step that goes to any neighbour alike."
+    "The least share of a step that goes to any neighbour with equal probability."
     hardness: tuple[float, float]
-    "Of the soft minimum of the logarithms of capture, at first and at the end."
+    "Hardness of the soft minimum of the logarithms of capture, at first and at the end."
 
     def climb(
         self, begin: Any, progress: Float[np.ndarray, "steps"], best: Any = None
@@ -48,12 +48,11 @@ class Ascent:
         **Arguments:**
 
         - `begin`: logits, array `[robots, branches, cells]`, or a state of the optimiser.
-        - `progress`: what part of the way each step is at, from 0 to 1; steps get shorter and the
-            minimum harder.
+        - `progress`: the progress of each step, 0 to 1; the steps get shorter and the minimum
+            harder.
         - `best`: the best logits so far.
 
-        **Returns:** the best logits, their value, the last state, and the best value from block of
-        steps to block.
+        **Returns:** the best logits, their value, the last state, and the best value by block.
         """
         fixed = self.attack_time, self.start
         if not isinstance(begin, tuple):
@@ -75,8 +74,8 @@ class Ascent:
             weak = np.argsort(-np.asarray(missed))[:active]
             block = slice(first, first + _BLOCK)
             schedule = rate[block].astype("f4"), hardness[block].astype("f4")
-            some = self.unseen[:, weak], self.begin[:, weak]
-            begin = _follow(*begin, self.steps, *some, self.floor, schedule, *fixed)
+            targeted = self.unseen[:, weak], self.begin[:, weak]
+            begin = _follow(*begin, self.steps, *targeted, self.floor, schedule, *fixed)
             now, missed = _least(begin[0], self.steps, *all_targets, self.floor, *fixed)
             if float(now) > value:
                 best, value = begin[0], float(now)
@@ -85,7 +84,7 @@ class Ascent:
 
 
 def late_gain(course: list[float]) -> float:
-    """The share of the value that the last quarter of the blocks added."""
+    """Compute the share of the value that the last quarter of the blocks added."""
     if not course:
         return 0.0
     return max(0.0, 1 - course[-max(1, len(course) // 4)] / max(course[-1], _TINY))
@@ -101,10 +100,10 @@ def _log_missed(
     attack_time: int,
     start: str,
 ) -> Float[Array, "targets"]:
-    """The logarithm of the probability that no robot captures.
+    """Compute the logarithm of the probability that no robot captures.
 
-    With a hardness, the worst start is a soft minimum of logarithms of capture: on logarithms,
-    because a probability that is a product of many would leave a gradient of almost 0.
+    With a hardness, the worst start is a soft minimum of logarithms, because a probability that is
+    a product of many would leave a gradient of almost 0.
     """
     total = jnp.zeros(unseen.shape[1], unseen.dtype)
     for chance in steps.chances(logits, floor):
@@ -122,7 +121,7 @@ def _log_missed(
             else:
                 soft = -hardness * jnp.log(caught)
                 worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0, b=weight) / hardness)
-            # Of a small probability, nothing is lost.
+            # This form is exact for small probabilities.
             total += jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
         else:
             share = begin
@@ -135,14 +134,14 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))
 def _least(logits, steps, unseen, begin, floor, attack_time, start):  # type: ignore[no-untyped-def]
-    """The least probability of capture, and the logarithm of that of none at each target."""
+    """Compute the least probability of capture, and the log-probability of none at each target."""
     missed = _log_missed(logits, steps, unseen, begin, floor, None, attack_time, start)
     return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
 
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))
 def _follow(logits, moments, steps, unseen, begin, floor, schedule, attack_time, start):  # type: ignore[no-untyped-def]
-    """Some steps of Adam on the logits, for the soft minimum over some targets."""
+    """Make steps of Adam on the logits, for the soft minimum over the given targets."""
     adam = optax.scale_by_adam()
 
     def loss(logits, hardness):  # type: ignore[no-untyped-def]

@@ -17,10 +17,10 @@ from .ascent import Ascent, late_gain
 
 # Gradient steps from each start, and the hardness of the minimum at first and at their end.
 _STEPS, _ANNEALED = 800, (1.0, 300.0)
-# Of the likeliest step from where a robot is: less likely ones are not made; at the end more may be
-# left out.
+# Steps that are less likely, relative to the likeliest one, are not made; the result may leave out
+# more steps than the search.
 _RARE = (1e-3, 1e-2, 0.05, 0.2, 0.5)
-# Products that one gradient step may take, and in how many all starts are tried.
+# Number of products that a gradient step may take, and up to which all starts are tried.
 _MAX_PRODUCTS, _QUICK = 10_000_000, 1_000_000
 
 
@@ -36,31 +36,30 @@ def charged_capture(
     seed: int = 0,
     name: str = "",
 ) -> Charged:
-    """Walks that make the least probability of capture great and are at a charger in time.
+    """Find walks that maximise the least probability of capture and return to a charger in time.
 
-    Where a robot goes depends on the steps since its charge, and steps after which it could not be
-    back in time are never made. The adversary knows the walks, and sees the robots and how long ago
-    each was charged. Adam follows the gradient of a soft minimum of the logarithms of capture over
-    the vertices and, weighted by how often they occur, over where a robot is and since when. Robots
-    are independent, and all are where they are worst, as in [`maximin_capture`][]. The problem is
-    not convex: the answer is a local optimum, the best that several starts lead to.
+    The steps of a robot depend on the number of steps since its charge, and steps that would
+    prevent a timely return are never made. The adversary knows the walks, and sees the robots and
+    the time since each charge. Adam follows the gradient of a soft minimum of the logarithms of
+    capture over the vertices and, weighted by their frequency, over the states of the robots.
+    Robots are independent, and all are at their worst places, as in [`maximin_capture`][]. The
+    problem is not convex: the result is a local optimum, the best of several starts.
 
     **Arguments:**
 
     - `graph`, `charger`, `every`, `name`: as in [`charged`][].
-    - `matrices`: the transition matrices of walks that are one of the starts, led back in time;
-        another goes along a short tour from charge to charge, one takes all edges alike, and the
-        rest are random.
-    - `attack_time`: how many steps an attack takes.
-    - `starts`: how many are tried, fewer where that takes long.
-    - `seed`: of the random ones.
+    - `matrices`: the transition matrices of walks that are one of the starts, made to return in
+        time; another start goes along a short tour from charge to charge, one takes all edges with
+        equal probability, and the rest are random.
+    - `attack_time`: number of steps that an attack takes.
+    - `starts`: number of starts, fewer if they take long.
+    - `seed`: seed of the random starts.
 
-    **Returns:** [`Charged`][], with what the walks of the matrices capture, only led back.
+    **Returns:** [`Charged`][]; `led_back` is the capture by the given walks.
 
-    **Raises:** `ValueError` as [`charged`][], and for what would take too long; `RuntimeError`
-    where JAX is set to 32 bits.
+    **Raises:** as [`charged`][], and `RuntimeError` where JAX is set to 32 bits.
 
-    To the other end of a line of three and back it takes 4 steps:
+    On a line of three it takes 4 steps to the other end and back:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -107,21 +106,21 @@ def charged_capture(
     ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", 0.0, _ANNEALED)
     progress = np.arange(_STEPS) / _STEPS
     tries = [ascent.climb(begin, progress) for begin in begins[:count]]
-    best, _, _, course = max(tries, key=lambda one: one[1])
-    found = [led]
+    best, _, _, course = max(tries, key=lambda attempt: attempt[1])
+    walks = [led]
     for rare in _RARE:
         made = steps._replace(rare=jax.device_put(rare)).chances(np.asarray(best, np.float64), 0.0)
         drawn = np.asarray(made).reshape(robots, -1, every, graph.vertices).swapaxes(1, 2)
-        found.append(Charged.of(near.matrices(drawn), charger, **given))
-    walk = max(found, key=lambda one: one.least_capture or 0.0)
+        walks.append(Charged.of(near.matrices(drawn), charger, **given))
+    walk = max(walks, key=lambda each: each.least_capture or 0.0)
     return dataclasses.replace(walk, led_back=led.least_capture, late_gain=late_gain(course))
 
 
 def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
-    """How often a short tour of all vertices takes each step, by those since it was at the charger;
-    steps too late for the next charge are left out."""
+    """Count the steps of a short tour of all vertices, by the number of steps since the charger.
+    Steps that are too late for the next charge are left out."""
     others = np.delete(np.arange(graph.vertices), charger).tolist()
-    # Of edges of one length each, as a robot takes them here.
+    # All edges have the same length here, because each takes one step.
     tour = shortest_tour(Graph(graph.edges, graph.vertices), [charger, *others])
     since, taken = 0, np.zeros((every, graph.vertices, graph.vertices))
     for tail, head in itertools.pairwise([*tour, charger]):

@@ -15,42 +15,42 @@ from ....optimize import Graph, Linear
 
 
 _FIELDS = ("label", "edges", "vertices", "same", "each", "factors", "least", "most")
-# Of the bound: as near as the solver brings a weight to it.
+# Tolerance of a weight at a bound, as accurate as the solver.
 _AT = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MetConstraints(Result):
-    """How a walk meets linear constraints on its weights."""
+    """Linear constraints on the weights of a walk, and how the walk meets them."""
 
     title: ClassVar[str] = "Constraints on a walk"
     tables: ClassVar[Mapping[str, str]] = {"constraint": "constraints"}
 
     constraints: Sequence[Linear]
     weights: Float[np.ndarray, "edges"]
-    "Of the walk; they sum to 1."
+    "The weights of the walk, with sum 1."
     prices: Float[np.ndarray, "constraints"]
-    "By how much the mean commute time falls for each if it yields by 1, to first order."
+    "The decrease of the mean commute time per unit by which a constraint yields, to first order."
 
     @derived("constraint", "constraint", kind="coordinate")
     def constraint(self) -> list[str]:
-        return [one.label for one in self.constraints]
+        return [each.label for each in self.constraints]
 
     @derived("constraint", "at least")
     def least(self) -> Float[np.ndarray, "constraints"]:
-        return np.array([one.lower for one in self.constraints])
+        return np.array([each.lower for each in self.constraints])
 
     @derived("constraint", "value")
     def value(self) -> Float[np.ndarray, "constraints"]:
-        return np.array([one.coefficients @ self.weights for one in self.constraints])
+        return np.array([each.coefficients @ self.weights for each in self.constraints])
 
     @derived("constraint", "at most")
     def most(self) -> Float[np.ndarray, "constraints"]:
-        return np.array([one.upper for one in self.constraints])
+        return np.array([each.upper for each in self.constraints])
 
     @derived("constraint", "whether it is at a bound", kind="flag")
     def active(self) -> Bool[np.ndarray, "constraints"]:
-        unit = np.array([np.abs(one.coefficients).max() for one in self.constraints])
+        unit = np.array([np.abs(each.coefficients).max() for each in self.constraints])
         room = np.minimum(self.value - self.least, self.most - self.value)
         return room <= _AT * unit
 
@@ -62,17 +62,17 @@ class MetConstraints(Result):
 def load_constraints(
     path: str | os.PathLike[str], graph: Graph, names: Sequence[str]
 ) -> list[Linear]:
-    """Read constraints on the shares of steps along edges, and of time at vertices.
+    """Read constraints on the shares of steps along edges, and on the shares of time at vertices.
 
     **Arguments:**
 
-    - `path`: a JSON file, an object with the list `constraints`. Each of them has `edges`, a list
-        of pairs of vertices, or `vertices`, a list of names, or one of these as `"all"`; and
-        `least`, `most` or both, of the sum of their shares. With `"each": true` the bounds are for
-        each by itself; `factors` are numbers by which the shares are multiplied in the sum. Or it
-        has `same`, a list of edges with equal shares. A `label` is its name.
+    - `path`: a JSON file, an object with the list `constraints`. Each constraint has `edges`, a
+        list of pairs of vertices, or `vertices`, a list of names, or `"all"` for either; and
+        `least`, `most` or both, the bounds of the sum of their shares. With `"each": true` the
+        bounds are for each share separately; `factors` multiply the shares in the sum. Instead, a
+        constraint may have `same`, a list of edges with equal shares. A `label` is its name.
     - `graph`: the graph.
-    - `names`: of the vertices.
+    - `names`: names of the vertices.
 
     **Returns:** the constraints, on weights that sum to 1.
 
@@ -98,13 +98,13 @@ def load_constraints(
             raise ValueError("expected an object with the list 'constraints' alone")
         parts = Fields(document).parts("constraints")
         reader = _Reader(graph, names)
-        return [one for part in parts for one in reader.read(part)]
+        return [constraint for part in parts for constraint in reader.read(part)]
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 class _Reader:
-    """The constraints that the fields of a document stand for."""
+    """Reads constraints from the fields of a document."""
 
     def __init__(self, graph: Graph, names: Sequence[str]) -> None:
         self.names = list(names)
@@ -137,7 +137,7 @@ class _Reader:
         if not math.isfinite(lower) and not math.isfinite(upper):
             raise ValueError(f"{fields.where[:-1]}: expected least, most or both")
         if lower > upper:
-            raise refused(f"{fields.where}most", f"at least {lower:g}, as least is", upper)
+            raise refused(f"{fields.where}most", f"at least {lower:g}, the value of least", upper)
         factors = np.ones(len(rows))
         if "factors" in fields.values:
             factors = fields.numbers("factors", (len(rows),), whole=False)
@@ -148,11 +148,11 @@ class _Reader:
         if each:
             before = "" if label is None else f"{label}, "
             named = zip(rows, labels, strict=True)
-            return [Linear(f"{before}{one}", row, lower, upper) for row, one in named]
+            return [Linear(f"{before}{name}", row, lower, upper) for row, name in named]
         return [Linear(label or ", ".join(labels), rows.sum(axis=0), lower, upper)]
 
     def _rows(self, fields: Fields, kind: str) -> tuple[Float[np.ndarray, "some edges"], list[str]]:
-        """What each edge or vertex of a constraint is of the weights, and what it is called."""
+        """Return a row of coefficients and a label for each edge or vertex of a constraint."""
         given, where = fields.get(kind), f"{fields.where}{kind}"
         on_vertices = kind == "vertices"
         rows, labels = (self.shares, self.labels)
@@ -161,11 +161,11 @@ class _Reader:
         if given == "all":
             return rows, labels
         chosen = []
-        for i, one in enumerate(checked_list(where, given)):
-            place = self._vertex(one) if on_vertices else self._edge(one)
+        for i, entry in enumerate(checked_list(where, given)):
+            place = self._vertex(entry) if on_vertices else self._edge(entry)
             if place is None:
                 what = "a vertex" if on_vertices else "two vertices with an edge between them"
-                raise refused(f"{where}[{i}]", what, one)
+                raise refused(f"{where}[{i}]", what, entry)
             chosen.append(place)
         if not chosen or len(set(chosen)) < len(chosen):
             raise refused(where, "one or more, each once", json.dumps(given))

@@ -17,27 +17,27 @@ from ....mapping import Chain
 from .polytope import ChainPolytope
 
 
-# The pressures of the barrier, for all moves together and relative to the value. They fall slowly
-# enough that a few quasi-Newton steps are enough for each.
+# Pressures of the barrier, for all moves together and relative to the value. They fall so slowly
+# that a few quasi-Newton steps are enough for each.
 _PRESSURES = 10 ** -np.arange(3, 9.1, 0.5)
 _STEPS = 60
-# Of steps and gradients; fewer do not see how much the curvatures of the barrier differ.
+# Number of stored steps and gradients: fewer cannot model the different curvatures of the barrier.
 _MEMORY = 30
 
-# A number to be made small, of the transition matrices of the robots and further arguments.
+# A function of the transition matrices of the robots, and further arguments, to minimise.
 Measure = Callable[..., Float[Array, ""]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OptimizedWalk:
-    """A chain for a patroller, and how good it is."""
+    """An optimised chain of a patroller."""
 
     matrix: Float[np.ndarray, "vertices vertices"]
     "The transition matrix."
     value: float
-    "What was to be made small or great."
+    "The value of the minimised or maximised quantity."
     start: int
-    "The start that led to it; 0 is the default one, which is not random."
+    "The start that led to the chain; 0 is the default start, which is not random."
     certificate: Certificate
 
     @property
@@ -57,23 +57,22 @@ def minimize(
     tolerance: float,
     throw: bool,
 ) -> OptimizedWalk:
-    """The best chain that the starts lead to.
+    """Find the best chain to which the starts lead.
 
     **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap
-    relative to the value, or to 1 if that is more: to first order, no chain makes the value better
-    by a larger share. If the problem is convex, no chain does at all. The iterations are those from
+    relative to the value, or to 1 if that is more: to first order, no chain improves the value by a
+    larger share. If the problem is convex, no chain does at all. The iterations are the total over
     all starts.
 
-    **Raises:** `ValueError` for fewer than 1 start, `RuntimeError` if the gap stays above the
-    tolerance.
+    **Raises:** `ValueError` for no starts; `RuntimeError` if the gap stays above the tolerance.
     """
     require_x64(what)
     if starts < 1:
         raise ValueError(f"starts: expected at least 1, got {starts}")
     begin = polytope.starts(starts, 1, seed)
-    found, values, steps = descend(measure, polytope, begin, arguments)
+    chains, values, steps = descend(measure, polytope, begin, arguments)
     best = int(np.nanargmin(values))
-    moves = found[best, 0]
+    moves = chains[best, 0]
     matrix = polytope.matrix(moves)
     gradient = np.asarray(_gradient(measure, matrix[None], arguments))[0]
     gap = polytope.gap(moves, -gradient[polytope.tails, polytope.heads])
@@ -97,28 +96,28 @@ def descend(
     """Follow the gradient within the polytope of the chains, from several starts.
 
     A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
-    pressure, L-BFGS looks for the minimum in steps that are relative to the probabilities, and that
-    keep the equalities because they are projected on them. This affine scaling is what finds optima
-    with many probabilities of 0, as here: on logits, Adam and L-BFGS slow down before them. One
-    start comes after the other; side by side under `vmap`, their line searches wait for each other,
-    which takes twice as long.
+    pressure, L-BFGS minimises in coordinates that are relative to the probabilities and projected
+    on the equalities, so that each step preserves them. This affine scaling finds optima with many
+    probabilities of 0, as here; on logits, Adam and L-BFGS slow down near them. Starts run one
+    after the other, because side by side under `vmap` their line searches would wait for each
+    other, which takes twice as long.
 
     **Arguments:**
 
     - `measure`: a function of the transition matrices `[robots, vertices, vertices]` and the
-        arguments. It is compiled once for each shape, if it is the same object.
+        arguments. It is compiled once per shape, as long as it is the same object.
     - `polytope`: the chains that each robot may have.
     - `starts`: chains inside the polytope.
     - `arguments`: arrays.
 
-    **Returns:** the chains, what they measure, and the number of steps taken.
+    **Returns:** the chains, their values, and the number of steps taken.
     """
     fixed = polytope.tails, polytope.heads, polytope.equalities()[0]
-    # Inside of optax, integers of 32 and 64 bits meet.
+    # optax mixes integers of 32 and 64 bits.
     with jax.numpy_dtype_promotion("standard"):
         paths = [_path(measure, polytope.vertices, *fixed, start, arguments) for start in starts]
-    found, values, steps = (np.array(part) for part in zip(*paths, strict=True))
-    return found, values, int(steps.sum())
+    chains, values, steps = (np.array(part) for part in zip(*paths, strict=True))
+    return chains, values, int(steps.sum())
 
 
 @functools.partial(jax.jit, static_argnames=("measure", "vertices"))
@@ -139,7 +138,7 @@ def _path(
         return measure(matrix.at[:, tails, heads].set(p), *arguments)
 
     def along(p):  # type: ignore[no-untyped-def]
-        """The projections on relative changes of the probabilities that keep the equalities."""
+        """Return projections on relative changes of probabilities that preserve the equalities."""
         scaled = equalities[None] * p[:, None, :]
         return jnp.eye(moves)[None] - jnp.linalg.pinv(scaled, rtol=1e-12) @ scaled
 
@@ -169,7 +168,7 @@ def _path(
 
         def goes_on(state):  # type: ignore[no-untyped-def]
             _, _, steps, slope = state
-            # In these coordinates, that of the barrier is its pressure on a move.
+            # In these coordinates, the slope of the barrier is its pressure on a move.
             return (steps < _STEPS) & (slope > 1e-2 * pressure / moves)
 
         x = jnp.zeros_like(p)

@@ -19,38 +19,35 @@ def minimum_kemeny(
     tolerance: float = 1e-5,
     throw: bool = True,
 ) -> OptimizedWalk:
-    """A chain with a small Kemeny constant: the mean number of steps to a vertex drawn from `pi`.
+    """Find a chain with a small Kemeny constant: the mean number of steps to a random vertex.
 
     Among reversible chains with a given stationary distribution the problem is convex, and the
-    answer is the optimum (Patel, Agharkar and Bullo 2015). Chains that are not reversible can be
-    faster; the problem is then not convex, and the answer a local optimum, the best of those that
-    several starts lead to.
+    result is the optimum (Patel, Agharkar and Bullo 2015). Chains that are not reversible can be
+    faster; the problem is then not convex, and the result a local optimum of several starts.
 
     Without a stationary distribution the least constant is `(2 n - k - 1) / 2`, with `k` the length
-    of the longest cycle (Kirkland 2010): a chain that goes round a Hamiltonian cycle has `(n - 1) /
-    2`, but in a graph without one the best chains come to leave out the vertices that are not on
-    the cycle. To guard all of them, prescribe the distribution.
+    of the longest cycle (Kirkland 2010). A chain that follows a Hamiltonian cycle has `(n - 1) /
+    2`, but in a graph without one the best chains in the limit leave out the vertices that are not
+    on the longest cycle. To guard all vertices, prescribe the distribution.
 
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `stationary`: array `[vertices]`, the share of the time to be spent at each vertex, positive.
-    - `stay`: whether the patroller may wait at a vertex. That only helps to spend the time as
-        prescribed.
-    - `reversible`: whether each edge must be taken as often in one direction as in the other; only
-        with a stationary distribution.
-    - `starts`: how many chains to start from. The first goes along a short closed tour.
-    - `seed`: of the other starts, which are random.
-    - `tolerance`: of the residual.
+    - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive.
+    - `stay`: whether the patroller may wait at a vertex, which only helps to meet `stationary`.
+    - `reversible`: whether each edge must be taken equally often in both directions; needs
+        `stationary`.
+    - `starts`: number of starts. The first goes along a short closed tour.
+    - `seed`: seed of the other starts, which are random.
+    - `tolerance`: tolerance of the residual.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk]. The residual of its certificate is
-    the Frank-Wolfe gap relative to the value, or to 1 if that is more: for reversible chains, no
-    chain is better by a larger share; for others, that is so to first order.
+    the Frank-Wolfe gap relative to the value, or to 1 if that is more: no reversible chain is
+    better by a larger share; for other chains this holds to first order.
 
-    **Raises:** `ValueError` for a graph that is not connected, and a stationary distribution that
-    no chain on the graph has, naming the vertices at which too much time would be spent;
-    `RuntimeError` if the residual stays above the tolerance, or where JAX is set to 32 bits.
+    **Raises:** `ValueError` for a graph that is not connected, and for a stationary distribution
+    that no chain on the graph has; `RuntimeError` if the residual stays above the tolerance.
 
     A patroller that must move cannot be at one vertex for more than half of the time:
 

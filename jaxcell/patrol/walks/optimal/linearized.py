@@ -1,4 +1,4 @@
-"""Probabilities of capture near some chains: their values, and their derivatives as needed."""
+"""Probabilities of capture near given chains: their values, and selected derivatives."""
 
 import numpy as np
 import scipy.sparse
@@ -8,19 +8,20 @@ from .polytope import ChainPolytope
 
 
 class LinearizedCapture:
-    """The probabilities near some chains, in sparse products on the host.
+    """The probabilities of capture near given chains, by sparse products on the host.
 
-    With `S_r` the probability that a robot has not come to each target within a time `r`, from each
-    start, and `P_t` the moves that take a time `t`, `S_r = sum_t P_t S_(r-t)`, where `S` counts as
-    0 at the target itself, and as 1 everywhere after the attack. A move changes what a robot makes
-    of it each time before it comes to the target. So few attacks take few numbers, where
-    derivatives of all of them, by all moves, would take thousands of millions.
+    Let `S_r` be the probability that a robot has not reached each target within a time `r`, from
+    each start, and `P_t` the moves that take a time `t`. Then `S_r = sum_t P_t S_(r-t)`, where `S`
+    counts as 0 at the target itself, and as 1 everywhere after the attack. A move changes the
+    probability at each time at which the robot makes it before it reaches the target. The
+    derivatives of selected attacks therefore need few values, while those of all attacks by all
+    moves would need thousands of millions.
 
     **Arguments:**
 
     - `polytope`, `moves`: the chains of the robots.
-    - `attack`: how long an attack takes, a whole number, or array `[vertices]`.
-    - `delays`: how long moves take, a whole number, or array `[vertices, vertices]`.
+    - `attack`: duration of an attack, a whole number, or array `[vertices]`.
+    - `delays`: durations of moves, a whole number, or array `[vertices, vertices]`.
     """
 
     def __init__(
@@ -40,7 +41,7 @@ class LinearizedCapture:
         self._late = []
         self.probability = np.empty((len(moves), n, n))
         for steps, probability in zip(self._steps, self.probability, strict=True):
-            # At `r + slowest`, what is missed with a time `r` left.
+            # Entry `r + slowest` is the probability of a miss with a time `r` left.
             late = np.ones((self._slowest + self._longest, n, n))
             late[self._slowest] = self._away
             for left in range(1, self._longest + 1):
@@ -52,55 +53,55 @@ class LinearizedCapture:
     def slopes(
         self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
     ) -> Float[np.ndarray, "attacks moves"]:
-        """The derivatives of the probabilities of some attacks by the moves of a robot."""
+        """Compute the derivatives of the probabilities of given attacks by the moves of a robot."""
         n, tails, heads = self._polytope.vertices, self._polytope.tails, self._polytope.heads
         late, left = self._late[robot], self._attack[targets][:, None]
-        # Where `late` has what is missed after each move, made first.
+        # The places in `late` of the probabilities of a miss after each first move.
         place = ((left - self._times + self._slowest) * n + heads) * n + targets[:, None]
         back = [(t, step.T.tocsr()) for t, step in self._steps[robot]]
-        away, found = self._away[targets], np.zeros(place.shape)
+        away, slopes = self._away[targets], np.zeros(place.shape)
         coming = [np.eye(n)[starts], *[np.zeros(away.shape)] * self._slowest]
         for time in range(self._longest):
             at = np.where(left > time, coming.pop(0), 0.0)
-            found -= at[:, tails] * late.take(place - time * n**2, mode="clip")
+            slopes -= at[:, tails] * late.take(place - time * n**2, mode="clip")
             for t, step in back:
                 coming[t - 1] = coming[t - 1] + away * (step @ at.T).T
             coming.append(np.zeros(away.shape))
-        return found
+        return slopes
 
     def along(
         self, robot: int, change: Float[np.ndarray, "moves"]
     ) -> Float[np.ndarray, "starts targets"]:
-        """By how much all probabilities change with the moves of a robot, to first order."""
+        """Compute the first-order change of all probabilities with a change of a robot's moves."""
         late, moved = self._late[robot], np.zeros_like(self._late[robot])
-        found = np.empty_like(self._away)
+        change_missed = np.empty_like(self._away)
         both = list(zip(self._steps[robot], self._by_time(change), strict=True))
         for left in range(1, self._longest + 1):
             at = left + self._slowest
             missed = sum(new @ late[at - t] + step @ moved[at - t] for (t, step), (_, new) in both)
-            self._pass_on(left, missed, moved, found)
-        return -found
+            self._pass_on(left, missed, moved, change_missed)
+        return -change_missed
 
     def _by_time(
         self, moves: Float[np.ndarray, "moves"]
     ) -> list[tuple[int, scipy.sparse.csr_array]]:
-        """The matrices of the moves that take each time."""
-        found, shape = [], (self._polytope.vertices,) * 2
+        """Split moves into one matrix for each travel time."""
+        matrices, shape = [], (self._polytope.vertices,) * 2
         for time in np.unique(self._times).tolist():
-            some = self._times == time
-            places = self._polytope.tails[some], self._polytope.heads[some]
-            found.append((time, scipy.sparse.csr_array((moves[some], places), shape)))
-        return found
+            equal = self._times == time
+            places = self._polytope.tails[equal], self._polytope.heads[equal]
+            matrices.append((time, scipy.sparse.csr_array((moves[equal], places), shape)))
+        return matrices
 
     def _pass_on(
         self,
         left: int,
         missed: Float[np.ndarray, "starts targets"],
         late: Float[np.ndarray, "times starts targets"],
-        found: Float[np.ndarray, "starts targets"],
+        probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Keep what is missed with a time left: for moves to come, and where all of it is left."""
+        """Store the misses with a time left, for earlier moves and for attacks of that duration."""
         due = self._attack == left
-        found[:, due] = missed[:, due]
+        probability[:, due] = missed[:, due]
         if left < self._longest:
             late[left + self._slowest] = self._away * missed

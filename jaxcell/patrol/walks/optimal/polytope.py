@@ -12,51 +12,50 @@ from ....optimize.checked import shares_of_time
 from .sinkhorn import scale_to_stationary
 
 
-# Of all the time: what a linear program leaves of a flow that is 0.
+# A linear program may leave this much, as a share of the time, of a flow that is 0.
 _NOTHING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ChainPolytope:
-    """The chains on a graph among which the best is sought: a convex polytope.
+    """The convex polytope of the chains on a graph among which the best is sought.
 
     A chain in it is the vector of the probabilities of its *moves*, the two directions of each edge
-    and, if the patroller may stay, the loops. A move that the stationary distribution rules out is
-    left out. The rest is `A p = b` and `p >= 0`, so that a prescribed distribution is met exactly,
-    by reversible chains and others.
+    and, if the patroller may stay, the loops. Moves that the stationary distribution rules out are
+    omitted. The constraints are `A p = b` and `p >= 0`, so that a prescribed distribution is met
+    exactly, by reversible chains and others.
     """
 
     vertices: int
-    "How many."
+    "Number of vertices."
     tails: Int[np.ndarray, "moves"]
-    "Where each move begins."
+    "The vertex at which each move begins."
     heads: Int[np.ndarray, "moves"]
-    "Where it ends."
+    "The vertex at which each move ends."
     stationary: Float[np.ndarray, "vertices"] | None
-    "The stationary distribution, if it is prescribed."
+    "The prescribed stationary distribution, or `None`."
     reversible: bool
-    "Whether each edge is taken as often in one direction as in the other."
+    "`True` if each edge is taken equally often in both directions."
 
     @classmethod
     def on(
         cls, graph: Graph, stationary: Any = None, *, stay: bool = False, reversible: bool = False
     ) -> "ChainPolytope":
-        """All chains that move along the edges of a graph.
+        """Make the polytope of all chains that move along the edges of a graph.
 
         **Arguments:**
 
         - `graph`: a connected graph.
-        - `stationary`: array `[vertices]`, the share of the time to be spent at each vertex.
+        - `stationary`: array `[vertices]`, the share of the time to spend at each vertex.
         - `stay`: whether the patroller may wait at a vertex.
-        - `reversible`: whether each edge must be taken as often in one direction as in the other;
-            only with a stationary distribution, where such chains make a polytope.
+        - `reversible`: whether each edge must be taken equally often in both directions; only with
+            a stationary distribution, for which such chains form a polytope.
 
         **Raises:** `ValueError` for a graph that is not connected; for a stationary distribution
-        that is none, or that no chain on the graph has, naming the vertices at which too much time
-        would be spent; for reversible chains without one.
+        that no chain on the graph has; for reversible chains without one.
         """
         if reversible and stationary is None:
-            raise ValueError("reversible: expected a stationary distribution with it")
+            raise ValueError("reversible: expected a stationary distribution with it, got none")
         moves = np.concatenate([graph.edges, graph.edges[:, ::-1]])
         if stay:
             loops = np.repeat(np.arange(graph.vertices, dtype=np.int32)[:, None], 2, axis=1)
@@ -65,23 +64,23 @@ class ChainPolytope:
         if stationary is not None:
             stationary = shares_of_time(stationary, graph.vertices)
             moves = moves[_possible(moves, stationary, stay)]
-            # A move that some chain makes is on a cycle: where it leads to, it can be reached from.
+            # A move that any chain makes is on a cycle, so connected vertices can reach each other.
             check_connected(
-                graph.vertices, moves, "stationary: with it, no chain comes round, because"
+                graph.vertices, moves, "stationary: no chain with it visits all vertices, because"
             )
         tails, heads = moves.T
         return cls(graph.vertices, tails, heads, stationary, reversible)
 
     def matrix(self, moves: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "vertices vertices"]:
-        """The matrix with one number a move, such as the transition matrix."""
+        """Make the matrix with one number per move, such as the transition matrix."""
         matrix = np.zeros((self.vertices, self.vertices))
         matrix[self.tails, self.heads] = moves
         return matrix
 
     def inside(self, weights: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "moves"]:
-        """A chain that makes all moves: probabilities in proportion to weights, as far as can be.
+        """Make a chain that uses all moves, with probabilities nearly in proportion to weights.
 
-        With a stationary distribution, rows and columns of the weights are scaled to meet it.
+        With a stationary distribution, the rows and columns of the weights are scaled to meet it.
         """
         matrix = self.matrix(weights)
         if self.stationary is None:
@@ -93,12 +92,12 @@ class ChainPolytope:
     def starts(
         self, count: int, robots: int, seed: int
     ) -> Float[np.ndarray, "starts robots moves"]:
-        """Chains from which to search: along a short closed tour of all vertices, and random ones.
+        """Make chains from which to search: a short closed tour of all vertices, and random chains.
 
-        The tour has a direction: where the best chain goes round one way, a start without any would
-        be flat, because turning a chain round changes neither its speed nor its entropy. A robot
-        strays from it with probability 1/11 and more, and differs from the robot before, because
-        equal robots would stay equal.
+        The tour has a direction: if the best chain goes round in one direction, the value would be
+        flat at a start without direction, because reversing a chain changes neither its speed nor
+        its entropy. A robot leaves the tour with probability 1/11 or more, and differs from the
+        robot before, because equal robots would stay equal.
         """
         random = np.random.default_rng(seed)
         edges = np.unique(np.sort(np.stack([self.tails, self.heads], axis=1), axis=1), axis=0)
@@ -115,7 +114,7 @@ class ChainPolytope:
     def equalities(
         self,
     ) -> tuple[Float[np.ndarray, "equalities moves"], Float[np.ndarray, "equalities"]]:
-        """`A` and `b`: first the sums of the rows, then what keeps the distribution."""
+        """Return `A` and `b`: row sums, then the equations of the stationary distribution."""
         move = np.arange(self.tails.size)
         rows = np.zeros((self.vertices, move.size))
         rows[self.tails, move] = 1
@@ -136,18 +135,18 @@ class ChainPolytope:
         return np.concatenate(blocks), np.concatenate(sides)
 
     def gap(self, moves: Float[np.ndarray, "moves"], gains: Float[np.ndarray, "moves"]) -> float:
-        """By how much a linear function of the chain is greater at its greatest than here.
+        """Compute how much a linear function of the chain is below its maximum over all chains.
 
-        With the gradient of a function that is the Frank-Wolfe gap: 0 where nothing is gained to
-        first order, and a bound on how far a concave function is below its maximum. It is an upper
-        bound, whatever the tolerance of the linear program: that finds only the prices of the
-        equalities, with which the best end for each start is exact.
+        For the gradient of a function it is the Frank-Wolfe gap: 0 at a stationary point, and for a
+        concave function a bound on its distance from the maximum. It is an upper bound whatever the
+        tolerance of the linear program, which finds only the prices of the equalities; given
+        prices, the best end for each start is exact.
         """
         if self.stationary is not None:
             sums, sides = self.equalities()
             unit = max(float(np.abs(gains).max()), np.finfo(float).tiny)
-            found = scipy.optimize.linprog(-gains / unit, A_eq=sums, b_eq=sides)
-            prices = -unit * found.eqlin.marginals[self.vertices :]
+            program = scipy.optimize.linprog(-gains / unit, A_eq=sums, b_eq=sides)
+            prices = -unit * program.eqlin.marginals[self.vertices :]
             gains = gains - prices @ sums[self.vertices :]
         best = np.full(self.vertices, -np.inf)
         np.maximum.at(best, self.tails, gains)
@@ -157,10 +156,10 @@ class ChainPolytope:
 def _possible(
     moves: Int[np.ndarray, "moves 2"], share: Float[np.ndarray, "vertices"], stay: bool
 ) -> Bool[np.ndarray, "moves"]:
-    """Which moves a chain with the distribution can ever make.
+    """Find the moves that a chain with the distribution can make.
 
-    One linear program finds as much flow as there is room for. The graph in which a move leads from
-    its start to its end, and back if it is made, then shows what the flow can be changed to.
+    One linear program finds the largest flow within the shares of time. The flow can then change
+    along cycles of the graph in which a move leads from its start to its end, and, if made, back.
     """
     tails, heads = moves.T
     n, move = share.size, np.arange(len(moves))

@@ -10,19 +10,19 @@ from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
 
 
-# Programs, and numbers of all derivatives from which on there are fewer.
+# Number of programs, number of derivatives above which it is reduced, and its least value.
 _STEPS, _MANY, _FEW = 300, 100_000, 10
-# Of a probability: how far the first step may go.
+# Largest change of a probability in the first step.
 _FIRST = 0.1
-# Steps that are shorter are lost in rounding.
+# Shorter steps are lost in rounding.
 _SHORTEST = 1e-9
-# Of what was predicted: less is no step, and from there on the next may be longer.
+# Share of the predicted gain that accepts a step, and share above which the next may be longer.
 _ENOUGH, _GOOD = 0.1, 0.75
 
-# Of the value: what is further above the least is left out of a program, and so is what is beyond
-# so many times as many attacks as moves.
+# A program includes attacks that exceed the least by this share of the value, and at most this
+# multiple of the number of moves.
 _NEAR, _MOST = 0.5, 6
-# What a program left out, and now breaks, is added so many times.
+# Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
 _BROKEN = 1e-7
 
@@ -35,12 +35,12 @@ def maximize_least_capture(
 ) -> tuple[Float[np.ndarray, "robots moves"], float, float, int]:
     """Maximize the least probability of capture by linear programs, within a trusted distance.
 
-    Near a maximum of a least of smooth functions, several are least at the same time, and often so
-    many that they determine it. Linear programs then find it as fast as Newton's method, where
-    gradients of a soft minimum creep. A program knows only of attacks that are nearly the best.
+    Near a maximum of the least of smooth functions, several of them are equal, and often enough to
+    determine the maximum. Linear programs then converge as fast as Newton's method, while gradients
+    of a soft minimum are slow. A program contains only attacks that are nearly the best.
 
-    **Returns:** the chains of the robots, the probability, the share of itself by which the linear
-    program without a distance would raise it, and the number of programs.
+    **Returns:** the chains of the robots, the probability, the relative gain that the linear
+    program without a trusted distance predicts, and the number of programs.
     """
     here = law(moves)
     value = captured_by_any(here.probability).min().item()
@@ -48,7 +48,7 @@ def maximize_least_capture(
     most = max(_FEW, min(_STEPS, _STEPS * _MANY // (here.probability.size * moves.shape[1])))
     for programs in range(1, most):
         trial, predicted = _program(polytope, moves, here, distance)
-        # No gain without a distance is less than one within it.
+        # The gain without a distance is at least the gain within it.
         if predicted <= tolerance / 10 or distance < _SHORTEST:
             gain = _program(polytope, moves, here, 1.0)[1]
             if gain <= tolerance / 4 or distance < _SHORTEST:
@@ -70,14 +70,14 @@ def _program(
     here: LinearizedCapture,
     distance: float,
 ) -> tuple[Float[np.ndarray, "robots moves"], float]:
-    """The best chains if all probabilities changed as they do at first.
+    """Find the best chains for probabilities that are linear in the moves.
 
-    The variables are the probabilities of the moves of each robot, how much its least probability
-    of capture changes for each target, and the share by which the value does. Capture is in units
-    of the value. Without a distance, attacks that are left out at first are added where they are
-    better than the program knows, for the gain to be a close bound; it is a bound in any case.
+    The variables are the probabilities of the moves of each robot, the change of its least
+    probability of capture for each target, and the relative change of the value. Capture is in
+    units of the value. Without a distance, omitted attacks that beat the solution are added, to
+    make the bound on the gain tight; it is a bound in any case.
 
-    **Returns:** the chains and that share, which is not negative.
+    **Returns:** the chains and the predicted relative gain, which is not negative.
     """
     worst = here.probability.min(axis=1)
     value = captured_by_any(here.probability).min()
@@ -86,7 +86,7 @@ def _program(
     for robot, order in enumerate(np.argsort(above.reshape(len(moves), -1), axis=1)):
         nearest = order[: _MOST * moves.shape[1]]
         known[robot].flat[nearest] = above[robot].flat[nearest] <= _NEAR
-        # For each target the best attack at least, for the program to have a solution.
+        # The program has a solution only with the best attack on each target.
         known[robot, above[robot].argmin(axis=0), np.arange(above.shape[2])] = True
     for _ in range(_CUTS):
         trial, least, gain = _solved(polytope, moves, here, distance, known)
@@ -107,10 +107,10 @@ def _solved(
     distance: float,
     known: Bool[np.ndarray, "robots starts targets"],
 ) -> tuple[Float[np.ndarray, "robots moves"], Float[np.ndarray, "robots targets"], float]:
-    """Solve a program that knows some attacks.
+    """Solve a program that contains the known attacks.
 
-    **Returns:** the chains, by how much the least probability of each robot rises for each target,
-    and the share by which the value does.
+    **Returns:** the chains, the increase of the least probability of each robot for each target,
+    and the relative gain of the value.
     """
     probability = here.probability
     robots, count = moves.shape
@@ -145,7 +145,7 @@ def _solved(
     low = np.maximum(0, moves - distance).ravel()
     high = np.minimum(1, moves + distance).ravel()
     free = np.full(robots * targets + 1, np.inf)
-    found = scipy.optimize.linprog(
+    program = scipy.optimize.linprog(
         -np.append(np.zeros(robots * (count + targets)), 1.0),
         A_ub=np.concatenate(lines),
         b_ub=np.concatenate(sides),
@@ -154,10 +154,10 @@ def _solved(
         bounds=np.stack([np.append(low, -free), np.append(high, free)], axis=1),
         options={"primal_feasibility_tolerance": 1e-10},
     )
-    if found.x is None:
+    if program.x is None:
         return moves, np.zeros((robots, targets)), 0.0
-    trial = np.maximum(0, found.x[: robots * count].reshape(robots, count))
+    trial = np.maximum(0, program.x[: robots * count].reshape(robots, count))
     for robot in trial:
         robot /= np.bincount(polytope.tails, robot, polytope.vertices)[polytope.tails]
-    least = found.x[robots * count : -1].reshape(robots, targets)
-    return trial, least, max(0.0, float(found.x[-1]))
+    least = program.x[robots * count : -1].reshape(robots, targets)
+    return trial, least, max(0.0, float(program.x[-1]))

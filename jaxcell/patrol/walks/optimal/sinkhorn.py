@@ -4,25 +4,25 @@ from jaxtyping import Float
 
 
 _STEPS = 500
-# Of all flow: sums that differ by no more are the same.
+# Sums of flows that differ by at most this share of the total are equal.
 _ROUNDING = 1e-15
-# From here on, what does not get better is rounding.
+# Below this error, the lack of improvement is rounding.
 _CLOSE = 1e-9
 
 
 def scale_to_stationary(
     weights: Float[np.ndarray, "vertices vertices"], share: Float[np.ndarray, "vertices"]
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """The chain `p_ij = a_i w_ij b_j` with a given stationary distribution.
+    """Compute the chain `p_ij = a_i w_ij b_j` with a given stationary distribution.
 
-    That is Sinkhorn's problem for the flows `share_i p_ij`, whose rows and columns both sum to
-    `share`. Sinkhorn's own steps come near, and slowly where some flows almost vanish; Newton's, on
-    the same dual problem, then take over.
+    It is Sinkhorn's problem for the flows `share_i p_ij`, whose rows and columns both sum to
+    `share`. Steps of Sinkhorn come near the solution, but slowly if some flows almost vanish; steps
+    of Newton on the same dual problem then take over.
 
     **Arguments:**
 
-    - `weights`: at least 0. Each positive one must be positive in some matrix of flows with these
-        sums, else its limit is only 0.
+    - `weights`: at least 0. Each positive weight must be positive in some matrix of flows with
+        these sums, or its limit is 0.
     - `share`: the distribution, positive.
 
     **Returns:** the transition matrix, whose rows sum to 1.
@@ -47,7 +47,7 @@ def scale_to_stationary(
     for _ in range(_STEPS):
         rows = flow.sum(axis=1)
         hessian = np.diag(rows) - (flow / share) @ flow.T
-        # Where starts share ends with no other start, adding one number to `a` changes nothing.
+        # If starts share no end with other starts, adding a constant to their `a` has no effect.
         newton = a + np.linalg.lstsq(hessian, share - rows, rcond=1e-13)[0]
         with np.errstate(over="ignore", invalid="ignore"):
             candidates = [(to, flows(to)) for to in (newton, a - np.log(rows / share))]
