@@ -113,6 +113,20 @@ def arena() -> Workspace:
     )
 
 
+def slanted() -> Workspace:
+    return Workspace(
+        [(0.4, 0), (5.8, 0.7), (7, 3.1), (5.9, 5.6), (3.6, 4.7), (1.9, 5.9), (0, 3.2)],
+        [
+            [(1.6, 1.3), (2.9, 1.6), (2.1, 2.9)],
+            [(4.1, 1.7), (5.3, 2.4), (4.8, 3.3), (3.7, 2.8)],
+            [(1.3, 3.8), (2.2, 3.6), (2.4, 4.4)],
+        ],
+        name="Room with slanted walls",
+        cell=0.5,
+        directions=16,
+    )
+
+
 def complex_room() -> Workspace:
     return Workspace(
         box(0, 0, 16, 13),
@@ -230,7 +244,7 @@ free_thresh: 0.196
 
 
 def main(folder: Path) -> None:
-    for make in (lab_a, lab_b, cafe, room_200x125, arena, depot, harbour):
+    for make in (lab_a, lab_b, cafe, room_200x125, arena, slanted, depot, harbour):
         make().save(folder / f"{make.__name__}.json")
     complex_room().save(folder / "complex.json")
     (folder / "maze.txt").write_bytes(MAZE.encode())

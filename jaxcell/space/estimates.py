@@ -19,12 +19,16 @@ from .segments import STEPS_AT_ONCE
 Need: TypeAlias = Callable[[Extent], float | int]
 
 # Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a choice of angles
-# to localize with; a branch of a chain with its matrix; a limiting distribution, and its solve in a
-# persistent cell.
-IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 40, 250, 34, 30, 560
+# to localize with.
+IMAGE, ROADMAP, CHOICE = 30, 40, 250
 
-# Bytes of compiling what finds groups on a section, what drives a team, and what patrols a map.
-SECTION, TEAM, PATROL = 80_000_000, 150_000_000, 350_000_000
+# Bytes of a cell for coverage: a policy; a branch of a chain with its matrix; the groups and the
+# limiting distribution of an angle; in a persistent cell the solve, and its part for each branch.
+POLICY, CHAIN, KEPT, SOLVE, SOLVED = 30, 16, 45, 620, 9
+
+# Bytes of compiling what finds groups on a section, what covers, what drives a team, and what
+# patrols a map.
+SECTION, COVER, TEAM, PATROL = 80_000_000, 70_000_000, 150_000_000, 350_000_000
 
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
@@ -113,8 +117,9 @@ def coverage(
     spread less, as many fewer.
     """
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
-    bytes_of_cell = CHAIN * branches + KEPT * angles + SOLVE * persistent
-    return moves(extent, step, collision) + extent.size * bytes_of_cell
+    solve = persistent * (SOLVE + SOLVED * branches)
+    bytes_of_cell = POLICY + CHAIN * branches + KEPT * angles + solve
+    return COVER + moves(extent, step, collision) + extent.size * bytes_of_cell
 
 
 def team(extent: Extent, step: float | None, collision: str) -> float | int:
@@ -179,10 +184,7 @@ def check(
     fit.
     """
     needed = need(extent)
-    if needed > memory.NEGLIGIBLE:
-        available = memory.free()
-        if available is not None and needed > available:
-            memory.check(needed, doing, also + _instead(extent, need, available, step))
+    memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))
     return needed
 
 

@@ -16,6 +16,8 @@ TURNING = 7
 "Which of them is that of the turn after a bump."
 MISSED = 1e-3
 "How probable it is that a particle's observation is not the robot's, whatever the cause."
+# Metres between the two rays that tell the slope of a wall.
+_BESIDE = 1e-4
 # A wall is longer by this share at either end, so that nothing gets out through a corner.
 _CORNER = 1e-9
 
@@ -29,7 +31,7 @@ class Slip:
 
         >>> from jaxcell import space
         >>> space.Slip.of(0.02)
-        Slip(step=0.02, turn=0.02, heading=0.02, bumper=0.0, give=0.0)
+        Slip(step=0.02, turn=0.02, heading=0.02, bumper=0.0, give=0.0, bump_turn=0.0)
     """
 
     step: float = 0.0
@@ -43,12 +45,20 @@ class Slip:
     soon, or behind it, so that one is missed at the end of a step."""
     give: float = 0.0
     "How far the bumper goes in before it is felt, in metres."
+    bump_turn: float = 0.0
+    """Turn toward the wall by a bump at 45 degrees of incidence, in radians, -1 to 1. It is the
+    same at each bump, and the wheels do not show it; at an incidence i it is `sin(2 i)` times as
+    much, so that a bump head-on turns the robot to neither side."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):
             value = getattr(self, name)
             if not 0 <= value <= 1:
                 raise ValueError(f"slip: {name}: expected a number from 0 to 1, got {value:g}")
+        if not abs(self.bump_turn) <= 1:
+            raise ValueError(
+                f"slip: bump_turn: expected -1 to 1 radians, got {self.bump_turn:g} radians"
+            )
         for name in ("bumper", "give"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
@@ -133,6 +143,42 @@ def to_wall(
     return xp.where(meets, distance, xp.inf)
 
 
+def turned_by_bump(
+    place: Float[Any, "*batch 2"],
+    heading: Float[Any, "*batch"],
+    ahead: Float[Any, "*batch"],
+    ahead_of: Callable[[Any, Any], Any],
+) -> Float[Any, "*batch"]:
+    """Compute the sine of twice the incidence at the wall ahead, by a second ray beside the first.
+
+    It is positive where a bump turns the robot counterclockwise, toward a wall on its left.
+
+    **Arguments:**
+
+    - `place`, `heading`: where the robot comes from, in metres and radians.
+    - `ahead`: how far it is to the wall, in metres.
+    - `ahead_of`: gives how far it is from places with these headings.
+
+    At a wall that the robot meets at 45 degrees, on its right:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import examples, space
+        >>> from jaxcell.space.slip import turned_by_bump
+        >>> walls = space.felt_walls(examples.corridor().workspace, 0.0)
+        >>> ahead_of = lambda place, heading: space.free_ahead(walls, place, heading)
+        >>> here = np.array([0.5, 0.5]), np.array(-math.pi / 4)
+        >>> round(float(turned_by_bump(*here, ahead_of(*here), ahead_of)), 6)
+        -1.0
+    """
+    xp = place.__array_namespace__()
+    left = place + _BESIDE * _unit(xp, heading + math.pi / 2)
+    beside = ahead_of(left, heading)
+    met = xp.isfinite(ahead) & xp.isfinite(beside)
+    slope = (xp.where(met, ahead, 0.0) - xp.where(met, beside, 0.0)) / _BESIDE
+    return 2 * slope / (1 + slope**2)
+
+
 def slipping_step(
     pose: Float[Any, "*batch 3"],
     legs: Float[Any, "*batch 3"],
@@ -188,12 +234,16 @@ def slipping_step(
         chord = heading + drift / 2 + slip.heading * xp.sqrt(xp.abs(told) / 12) * sways
         ahead = ahead_of(walls, place, chord)
         end = place + length[..., None] * _unit(xp, chord)
-        return end, heading + drift, chord, xp.where(ahead < length + felt, ahead, xp.inf)
+        gain = 0.0
+        if slip.bump_turn:
+            share = turned_by_bump(place, chord, ahead, lambda p, h: ahead_of(walls, p, h))
+            gain = slip.bump_turn * share
+        return end, heading + drift, chord, xp.where(ahead < length + felt, ahead, xp.inf), gain
 
     first, turn, second = legs[..., 0], legs[..., 1], legs[..., 2]
-    middle, drifted, chord, ahead = stretch(place, heading, first, e[0], e[1], e[2])
+    middle, drifted, chord, ahead, gain = stretch(place, heading, first, e[0], e[1], e[2])
     turned = drifted + turn * (1 + slip.turn * e[3])
-    end, last, _, beyond = stretch(middle, turned, second, e[4], e[5], e[6])
+    end, last, _, beyond, later = stretch(middle, turned, second, e[4], e[5], e[6])
     straight = second == 0
     beyond = xp.where(second > 0, beyond, xp.inf)
     bumped = xp.isfinite(ahead) | xp.isfinite(beyond)
@@ -204,10 +254,14 @@ def slipping_step(
     way = xp.where(xp.isfinite(ahead), ahead, first + xp.where(xp.isfinite(beyond), beyond, 0.0))
     along = slip.step * math.sqrt(2) * way * e[4]
     across = slip.heading * math.sqrt(2 / 3) * way**1.5 * e[5]
+    if slip.bump_turn:
+        # The robot backs along the heading that the bump has left it with.
+        gain = xp.where(xp.isfinite(ahead), gain, later)
+        across = across - way * xp.sin(gain)
     back = place + along[..., None] * _unit(xp, chord)
     back = back + across[..., None] * _unit(xp, chord + math.pi / 2)
     aside = xp.where(xp.isfinite(ahead), 0.0, math.sqrt(2) * turn * slip.turn * e[6])
-    veered = heading + slip.heading * xp.sqrt(2 * way) * e[1] + aside
+    veered = heading + slip.heading * xp.sqrt(2 * way) * e[1] + aside + gain
     faces = veered + math.remainder(bounce, 2 * math.pi) * (1 + slip.turn * e[TURNING])
 
     there = xp.where(bumped[..., None], back, xp.where(straight[..., None], middle, end))

@@ -128,3 +128,31 @@ def test_refuses_angles_that_are_no_turns():
     policy = localization_policy(cells, np.radians([45, 135]))
     with pytest.raises(ValueError, match="start: cell 152 does not exist; cells are 0 to 151"):
         policy.drive(152)
+
+
+def test_a_sequence_that_must_be_stopped_at_one_place_says_so():
+    # An angle of two corridors: the last turns lead robots of one place to two places.
+    cells = CellSpace.of_grid(np.array([[1, 1, 1], [0, 0, 1], [0, 0, 1]], bool), 4)
+    bounces = np.array([1, 2]) * math.pi / 2
+    found = localization_policy(cells, bounces, "position")
+    assert found.answered
+    mapped = bounce_map(cells, bounces)
+    images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)
+    seen = {}
+    for start in range(cells.size):
+        cell, observed, places = start, [], []
+        for angle in (*found.fixed.inputs.tolist(), None):
+            while not bumped[0, cell]:
+                cell, observed = images[0, cell], [*observed, 0]
+            observed = [*observed, 1]
+            places.append((tuple(observed), cell % cells.positions))
+            cell = cell if angle is None else images[angle, cell]
+        for word, place in places:
+            seen.setdefault(word, set()).add(place)
+        seen.setdefault("ends", []).append([word for word, _ in places])
+    ends = seen.pop("ends")
+    # There is one place at some bump, and two at the end.
+    assert all(min(len(seen[word]) for word in words) == 1 for words in ends)
+    assert max(len(seen[words[-1]]) for words in ends) == 2
+    assert "has to stop as soon as one place is left: at the end" in found.remarks[-1]
+    assert not any("has to stop" in one for one in localization_policy(cells, bounces).remarks)

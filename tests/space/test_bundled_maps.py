@@ -89,6 +89,15 @@ def test_arena_has_a_curved_wall():
     assert room.area == pytest.approx(4 * 3 + np.pi * 1.5**2 / 2, rel=1e-3)
 
 
+def test_no_two_walls_of_the_slanted_room_are_parallel():
+    room = load("slanted.json")
+    along = np.concatenate(
+        [np.roll(ring, -1, 0) - ring for ring in (room.boundary, *room.obstacles)]
+    )
+    angles = np.sort(np.append(np.arctan2(*along.T) % np.pi, [0, np.pi / 2, np.pi]))
+    assert np.diff(angles).min() > np.radians(1)
+
+
 def test_office_keeps_what_was_seen():
     office = load("office.yaml")
     assert office.boundary.min(axis=0).tolist() == [-1.5, -2.0]

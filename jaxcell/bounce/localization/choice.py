@@ -10,8 +10,9 @@ from ...automata import Decisions, Homing, Policy, adaptive_choice, homing_seque
 from ...automata.adaptive import Aim, levels
 from ...base.quantities import Checks, derived, quantity
 from ...space import CellSpace
-from ..dynamics import Collision
+from ..dynamics import Collision, bounce_shift
 from ..plans.roadmap import Roadmap
+from .off_centre import Shares, policy_shares
 from .result import RunOnMap, States
 from .run import Localization
 
@@ -59,7 +60,8 @@ class LocalizationPolicy(States):
         quantity("direction position", "state where it is localized, by its start", kind="index"),
     ]
     fixed: Homing
-    "One sequence of angles for all starts, whatever is observed; without the first bump."
+    """One sequence of angles for all starts, whatever is observed; without the first bump. With the
+    goal `"position"` one place is left after some bump of it, which need not be the last."""
 
     @property
     def automaton(self) -> Policy:
@@ -90,7 +92,24 @@ class LocalizationPolicy(States):
                 f"The search ended at its limit after {self.searched:,} sets of cells: this policy "
                 f"needs {needs:.4g} bumps {how}, and none needs less than {self.least:.4g}."
             )
+        if self.goal == "position" and self.answered and (places := self._fixed_places) > 1:
+            found.append(
+                f"A robot that turns by the one sequence for all starts has to stop as soon as one "
+                f"place is left: at the end of the sequence up to {places} are possible again."
+            )
         return tuple(found)
+
+    @property
+    def _fixed_places(self) -> int:
+        """The most places left at the end of the one sequence, whatever is observed on it."""
+        wall, observed = self.roadmap.wall, self.roadmap.length
+        for number in self.fixed.inputs.tolist():
+            turned = self.roadmap.turned[number, wall]
+            both = np.stack([observed, self.roadmap.length[turned]])
+            observed = np.unique(both, axis=1, return_inverse=True)[1].ravel()
+            wall = self.roadmap.wall[turned]
+        ends = np.stack([observed, self.roadmap.wall_cell[wall] % self.cells.positions])
+        return int(np.bincount(np.unique(ends, axis=1)[0]).max())
 
     @derived("", "bumps at worst", "1", kind="count")
     def worst_bumps(self) -> int:
@@ -343,6 +362,11 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
         """
         fields = {one.name: getattr(policy, one.name) for one in dataclasses.fields(policy)}
         return cls(**fields, run=policy.drive(start))
+
+    @functools.cached_property
+    def off_centre(self) -> Shares:
+        shifts = bounce_shift(self.bounces, self.cells.directions)
+        return policy_shares(self.policy, self.cells, shifts, self.motion)
 
     @functools.cached_property
     def beliefs(self) -> list[Int[np.ndarray, "_"]]:

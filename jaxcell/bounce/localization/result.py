@@ -10,7 +10,9 @@ from jaxtyping import Float, Int
 from ...automata import Filter, Policy, minimize
 from ...base.quantities import Checks, Result, derived
 from ...space import CellSpace
+from ..dynamics import bounce_shift
 from ..periodic import BounceGroups
+from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
 from .run import Localization
 
 
@@ -161,6 +163,31 @@ class RunOnMap(Candidates):
         """The cells where the robot may be, over time."""
         raise NotImplementedError
 
+    @functools.cached_property
+    def off_centre(self) -> Shares:
+        """The shares of robots that start anywhere in the cells and are not held."""
+        raise NotImplementedError
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        if not any(self.off_centre):
+            return super().remarks
+        lost, wrong = (f"{100 * share:.3g} %" for share in self.off_centre)
+        return (
+            *super().remarks,
+            f"This assumes a start at the centre of a cell. Of {STARTS:,} robots that start "
+            f"anywhere in the cells it loses {lost} within {OBSERVATIONS} observations and places "
+            f"{wrong} wrongly; `--anywhere` loses none.",
+        )
+
+    @derived("", "starts anywhere in the cells that are refuted", kind="share")
+    def lost_share(self) -> float:
+        return self.off_centre.lost
+
+    @derived("", "starts anywhere in the cells that are placed wrongly", kind="share")
+    def wrong_share(self) -> float:
+        return self.off_centre.wrong
+
     def _pose(self, cell: int) -> str:
         x, y, theta = map(float, self.cells.centre(cell))
         return f"{x:g} m, {y:g} m, {math.degrees(theta):g}°"
@@ -238,6 +265,11 @@ class Localized(RunOnMap, LocalizationFilter):
                 raise ValueError(
                     f"run: {name}[{i}] is {what} {values[i]}; {what}s are 0 to {count - 1}"
                 )
+
+    @functools.cached_property
+    def off_centre(self) -> Shares:
+        shift = int(bounce_shift(self.bounce, self.cells.directions))
+        return filter_shares(self.filter, self.cells, shift, self.motion)
 
     @functools.cached_property
     def groups(self) -> BounceGroups:

@@ -1,0 +1,230 @@
+"""The shares of robots, put down anywhere in the cells, that a filter of cells does not hold.
+
+The filter assumes a robot at the centre of a cell. A walker that knows the heading moves a robot
+off the centre by the same number of cells. So the robot stays off the centre, and walls stop it in
+other cells than the filter expects.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+
+from ...automata import Filter, Policy
+from ...space import CellSpace
+from ...space.cells import TOLERANCE
+from ...space.stencils import displacement
+from ...space.strides import stride_legs
+from ..dynamics import Collision, step_in_cells
+
+
+STARTS = 1_000
+OBSERVATIONS = 60
+
+
+class Shares(NamedTuple):
+    """The shares of robots whose cell is not among the possible ones."""
+
+    lost: float
+    "Robots that are refuted: the map cannot give their observations."
+    wrong: float
+    "Robots that are not refuted."
+
+
+@dataclasses.dataclass(eq=False)
+class OffCentre:
+    """Robots at points of cells, moved by the steps of the cells."""
+
+    cells: CellSpace
+    collision: Collision
+    free: shapely.Geometry
+    step: Float[np.ndarray, "directions 2"]
+    "The step in each direction, in cells."
+    path: Float[np.ndarray, "directions corners 2"]
+    "The path that has to be free in each direction, from corner to corner, in cells."
+    offset: Float[np.ndarray, "robots 2"]
+    "The place of each robot in its square, from 0 to 1."
+    square: Int[np.ndarray, "robots 2"]
+    "The column and the row of the square of each robot."
+    direction: Int[np.ndarray, "robots"]
+
+    @classmethod
+    def drawn(
+        cls,
+        cells: CellSpace,
+        count: int,
+        seed: int,
+        *,
+        step: float | None = None,
+        collision: Collision = "swept",
+        walker: bool = False,
+    ) -> "OffCentre":
+        """Draw robots uniformly from the squares of free cells, and from the directions.
+
+        A point of a square that lies in an obstacle is drawn again.
+
+        **Arguments:**
+
+        - `cells`: the cell space.
+        - `count`: number of robots.
+        - `seed`: of the random numbers.
+        - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+        - `walker`: whether all that a walker drives has to be free, and not only the step.
+        """
+        length = step_in_cells(cells, step, collision)
+        steps = np.array(
+            [displacement(k, cells.directions, length) for k in range(cells.directions)]
+        )
+        rng = np.random.default_rng(seed)
+        path = walker_path(cells, length) if walker else np.stack([0 * steps, steps], axis=1)
+        found = cls(cells, collision, _free_space(cells), steps, path, *_draw(cells, count, rng))
+        while (inside := ~found._is_free(found.offset + found.square)).any():
+            again = _draw(cells, int(inside.sum()), rng)
+            found.offset[inside], found.square[inside], found.direction[inside] = again
+        return found
+
+    @property
+    def cell(self) -> Int[np.ndarray, "robots"]:
+        """The cell of each robot, -1 where that is not free."""
+        position = self.cells.position_of_square[*self.square.T[::-1]]
+        return np.where(position < 0, -1, self.direction * self.cells.positions + position)
+
+    def advance(self) -> Bool[np.ndarray, "robots"]:
+        """Move each robot by a step, unless a wall is in the way; return which robots bump."""
+        step = self.step[self.direction]
+        point = self.offset + self.square
+        # The step leads from the centre of a cell into the cell where the robot is next.
+        square = self.square + np.floor(np.round(step + 0.5, 9)).astype(int)
+        able = self._is_free(self.offset + square)
+        if self.collision == "swept":
+            ways = shapely.linestrings(self._metres(point[:, None] + self.path[self.direction]))
+            able &= shapely.covers(self.free, ways)
+        else:
+            able &= self._is_free(point + step)
+        self.square = np.where(able[:, None], square, self.square)
+        return ~able
+
+    def turn(self, shift: Int[np.ndarray, "robots"]) -> None:
+        """Turn each robot to the left by a number of directions."""
+        self.direction = (self.direction + shift) % self.cells.directions
+
+    def _metres(self, points: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
+        return points * self.cells.cell + np.array(self.cells.origin)
+
+    def _is_free(self, points: Float[np.ndarray, "robots 2"]) -> Bool[np.ndarray, "robots"]:
+        return np.asarray(shapely.contains_xy(self.free, self._metres(points)))
+
+
+def walker_path(cells: CellSpace, length: float) -> Float[np.ndarray, "directions 3 2"]:
+    """The path of a walker in each direction: its start and the ends of its stretches, in cells.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `length`: of a step, in cells.
+    """
+    first, turn, rest = stride_legs(cells.directions, 1.0, length).T
+    heading = 2 * np.pi * np.arange(cells.directions) / cells.directions
+    begin = first * np.exp(1j * heading)
+    path = np.stack([0 * begin, begin, begin + rest * np.exp(1j * (heading + turn))], axis=1)
+    return np.stack([path.real, path.imag], axis=-1)
+
+
+def filter_shares(
+    filter: Filter, cells: CellSpace, shift: int, motion: Mapping[str, Any]
+) -> Shares:
+    """The shares of robots, put down anywhere in the cells, that a filter does not hold.
+
+    **Arguments:**
+
+    - `filter`: a filter of these cells.
+    - `cells`: the cell space.
+    - `shift`: directions that a robot turns by at a bump.
+    - `motion`: `step` and `collision`, as for [`jaxcell.bounce.moves`][].
+    """
+    robots = OffCentre.drawn(cells, STARTS, 0, **motion)
+    transition = filter.with_trap().transition
+    state = np.zeros(STARTS, np.int64)
+    for _ in range(OBSERVATIONS):
+        bumped = robots.advance()
+        robots.turn(shift * bumped)
+        state = transition[state, bumped.astype(int)]
+    lost = state == len(transition) - 1
+    return _shares(filter, state, robots.cell, lost)
+
+
+def policy_shares(
+    policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Mapping[str, Any]
+) -> Shares:
+    """The same of a policy, by what it holds possible at the last bump.
+
+    **Arguments:**
+
+    - `policy`: a policy of these cells.
+    - `cells`: the cell space.
+    - `shifts`: directions that a robot turns by, for each angle.
+    - `motion`: `step` and `collision`, as for [`jaxcell.bounce.moves`][].
+    """
+    robots = OffCentre.drawn(cells, STARTS, 0, **motion)
+    # The next bumps in the order of this key, and a last one that no robot has.
+    width = int(policy.steps.max()) + OBSERVATIONS + 1
+    owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
+    keys = np.append(owner * width + policy.steps, policy.turn.size * width)
+    longest = np.zeros(policy.turn.size, np.int64)
+    np.maximum.at(longest, owner, policy.steps)
+    ends = np.diff(policy.first) == 0
+
+    state, steps, cell = np.zeros((3, STARTS), np.int64)
+    lost = np.zeros(STARTS, bool)
+    for _ in range(OBSERVATIONS):
+        bumped = robots.advance()
+        runs = ~lost & ~ends[state]
+        key = state * width + steps
+        next_bump = np.searchsorted(keys, key)
+        lost |= runs & np.where(bumped, keys[next_bump] != key, steps >= longest[state])
+        known = runs & bumped & ~lost
+        state[known] = policy.target[next_bump[known]]
+        cell[known] = robots.cell[known]
+        steps = np.where(bumped, 0, steps + 1)
+        angle = policy.turn[state]
+        robots.turn(np.where(known & (angle >= 0), shifts[angle], 0))
+    return _shares(policy, state, cell, lost)
+
+
+def _shares(
+    automaton: Filter | Policy,
+    state: Int[np.ndarray, "robots"],
+    cell: Int[np.ndarray, "robots"],
+    lost: Bool[np.ndarray, "robots"],
+) -> Shares:
+    left = zip(state[~lost].tolist(), cell[~lost].tolist(), strict=True)
+    wrong = sum(one not in automaton.cells(at) for at, one in left)
+    return Shares(lost.mean().item(), wrong / lost.size)
+
+
+def _draw(
+    cells: CellSpace, count: int, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "robots 2"], Int[np.ndarray, "robots 2"], Int[np.ndarray, "robots"]]:
+    """The place in the square, the square, and the direction of robots."""
+    direction, position = np.divmod(rng.integers(cells.size, size=count), cells.positions)
+    row, column = np.divmod(cells.square[position], cells.free.shape[1])
+    return rng.uniform(size=(count, 2)), np.stack([column, row], axis=1), direction
+
+
+def _free_space(cells: CellSpace) -> shapely.Geometry:
+    """The free space with the tolerance of the cells, so that a step may graze a corner."""
+    if cells.workspace is None:
+        row, column = np.divmod(cells.square, cells.free.shape[1])
+        x, y = (
+            start + cells.cell * side
+            for start, side in zip(cells.origin, (column, row), strict=True)
+        )
+        free = shapely.union_all(shapely.box(x, y, x + cells.cell, y + cells.cell))
+    else:
+        free = cells.workspace.free_space
+    free = free.buffer(TOLERANCE * cells.cell, join_style="mitre")
+    shapely.prepare(free)
+    return free

@@ -1,0 +1,206 @@
+"""A finite filter of robots that start anywhere in the cells of a map along the grid.
+
+The strides of a walker are whole cells, so a robot keeps its offset within its cell. Offsets that
+the walls stop in the same cells are one class. The cells of each class are an exact simple map.
+
+The paths of a stride from two offsets pass the same squares unless a line lies between the offsets
+where a corner of the path meets an edge of a square, or a stretch of it meets a corner of a square.
+Offsets on these lines, such as the centre of a cell, belong to no class.
+"""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+
+from ...automata import Filter
+from ...base.quantities import derived
+from ...mapping import SimpleMap
+from ...space import CellSpace
+from ..dynamics import bounce_shift, step_in_cells
+from .off_centre import OffCentre, Shares, filter_shares, walker_path
+from .result import LocalizationFilter
+
+
+LIMIT = 64
+# Above so many lines, offsets are drawn to count their classes.
+_LINES = 200
+_THIN = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Offsets:
+    """The classes of the offsets of robots within their cells."""
+
+    cells: CellSpace
+    step: float | None
+    "Length of a step in metres; `None` for one cell."
+    offset: Float[np.ndarray, "classes 2"]
+    "An offset of each class, from 0 to 1."
+    bumped: Bool[np.ndarray, "classes cells"]
+    "The cells where a robot of each class bumps."
+
+    @classmethod
+    def of(cls, cells: CellSpace, *, step: float | None = None, limit: int = LIMIT) -> "Offsets":
+        """Find the classes of the offsets within a cell, for a walker that knows the heading.
+
+        **Arguments:**
+
+        - `cells`: the cell space.
+        - `step`: length of a step in metres, by default one cell.
+        - `limit`: the largest number of classes.
+
+        **Raises:** `ValueError` if walls do not run along the grid, or if there are more classes.
+        """
+        if not cells.gridded:
+            raise ValueError(
+                "map: its walls do not run along the edges of its cells, so that offsets within "
+                "a cell have no few classes; use --anywhere"
+            )
+        length = step_in_cells(cells, step, "swept")
+        lines = _lines(walker_path(cells, length))
+        few = len(lines) <= _LINES
+        drawn = _faces(lines) if few else np.random.default_rng(0).uniform(size=(4 * limit, 2))
+        robots = OffCentre.drawn(cells, cells.size, 0, step=step, walker=True)
+        direction, position = np.divmod(np.arange(cells.size), cells.positions)
+        row, column = np.divmod(cells.square[position], cells.free.shape[1])
+        found: dict[bytes, tuple] = {}
+        for offset in drawn:
+            robots = dataclasses.replace(
+                robots,
+                offset=np.tile(offset, (cells.size, 1)),
+                square=np.stack([column, row], axis=1),
+                direction=direction,
+            )
+            bumped = robots.advance()
+            found.setdefault(np.packbits(bumped).tobytes(), (offset, bumped))
+            if len(found) > limit:
+                break
+        if len(found) > limit or not few:
+            raise ValueError(
+                f"map: offsets within a cell have at least {len(found)} classes; expected at most "
+                f"{limit}, which can be found; use --anywhere"
+            )
+        offsets, bumps = zip(*found.values(), strict=True)
+        return cls(cells, step, np.array(offsets), np.array(bumps))
+
+    def bounce_map(self, bounce: float) -> SimpleMap:
+        """The image of every cell of every class, at `class * cells.size + cell`.
+
+        **Arguments:**
+
+        - `bounce`: bouncing angle in radians, counter-clockwise.
+        """
+        cells, classes = self.cells, len(self.offset)
+        shift = int(bounce_shift(bounce, cells.directions))
+        direction, position = np.divmod(np.arange(cells.size), cells.positions)
+        path = walker_path(cells, step_in_cells(cells, self.step, "swept"))
+        across, up = np.round(path[direction, -1]).astype(int).T
+        ahead = cells.square[position] + up * cells.free.shape[1] + across
+        turned = (direction + shift) % cells.directions * cells.positions + position
+        # A step off the grid is not possible, so its square does not count.
+        last = cells.free.size - 1
+        end = cells.position_of_square.ravel()[np.clip(ahead, 0, last)]
+        moved = direction * cells.positions + end
+        first = cells.size * np.arange(classes)[:, None]
+        image = first + np.where(self.bumped, turned, moved)
+        return SimpleMap(*jax.device_put((image.ravel().astype(np.int32), self.bumped.ravel())))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class OffsetLocalized(LocalizationFilter):
+    """A filter of robots that start anywhere in the cells of a map along the grid.
+
+    The configuration of a cell of a class is `class * cells.size + cell`.
+    """
+
+    title: ClassVar[str] = "Localization of a bouncing robot at any offset in its cell"
+
+    cells: CellSpace
+    offsets: Offsets
+    bounce: float
+    "The bouncing angle, in radians."
+
+    @derived("", "classes of offsets within a cell", "1", kind="count")
+    def offset_classes(self) -> int:
+        return len(self.offsets.offset)
+
+    @derived("", "cells of all classes", "1", kind="count")
+    def configurations(self) -> int:
+        return self.cells.size * self.offset_classes
+
+    @functools.cached_property
+    def shares(self) -> Shares:
+        """The shares of robots that start anywhere in the cells and are not held."""
+        shift = int(bounce_shift(self.bounce, self.cells.directions))
+        motion = {"step": self.offsets.step, "walker": True}
+        return filter_shares(self.of_cells(), self.cells, shift, motion)
+
+    @derived("", "starts anywhere in the cells that are refuted", kind="share")
+    def lost_share(self) -> float:
+        return self.shares.lost
+
+    @derived("", "starts anywhere in the cells that are placed wrongly", kind="share")
+    def wrong_share(self) -> float:
+        return self.shares.wrong
+
+    def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
+        """The filter with the possible cells of each state, in place of its configurations.
+
+        **Arguments:**
+
+        - `metadata`: kept with the filter.
+        """
+        filter, size = self.filter, self.cells.size
+        state = np.repeat(np.arange(len(filter.transition)), np.diff(filter.offsets))
+        owner, member = np.divmod(np.unique(state * size + filter.members % size), size)
+        return dataclasses.replace(
+            filter,
+            members=member.astype(np.int32),
+            offsets=np.searchsorted(owner, np.arange(len(filter.transition) + 1)),
+            metadata=metadata or {},
+        )
+
+
+def _lines(
+    path: Float[np.ndarray, "directions corners 2"],
+) -> list[tuple[float, float, float]]:
+    """The lines `a x + b y = c` between offsets from which paths pass different squares."""
+    found: dict[tuple[float, float, float], None] = {}
+    for corners in path:
+        for across, up in (-corners % 1).tolist():
+            found |= {(1.0, 0.0, round(across, 9)): None, (0.0, 1.0, round(up, 9)): None}
+        for begin, end in itertools.pairwise(corners):
+            along = end - begin
+            length = np.hypot(*along)
+            if length < _THIN or min(abs(along)) < _THIN:
+                continue
+            normal = np.array([-along[1], along[0]]) / length
+            # The two senses of a line are one.
+            normal *= np.copysign(1, normal[0])
+            low, high = np.floor(np.minimum(begin, end)), np.ceil(np.maximum(begin, end)) + 1
+            square = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1].reshape(2, -1).T
+            for level in np.unique(np.round((square - begin) @ normal, 9)).tolist():
+                found[float(round(normal[0], 9)), float(round(normal[1], 9)), level] = None
+    corner = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    return [
+        (a, b, c)
+        for a, b, c in found
+        if (corner @ (a, b)).min() + _THIN < c < (corner @ (a, b)).max() - _THIN
+    ]
+
+
+def _faces(lines: list[tuple[float, float, float]]) -> Float[np.ndarray, "faces 2"]:
+    """A point in each face that lines cut the unit square into."""
+    cell = shapely.box(0, 0, 1, 1)
+    ends = [((a * c - 2 * b, b * c + 2 * a), (a * c + 2 * b, b * c - 2 * a)) for a, b, c in lines]
+    cuts = [shapely.intersection(shapely.LineString(one), cell) for one in ends]
+    net = shapely.union_all([cell.boundary, *cuts], grid_size=_THIN)
+    faces = shapely.get_parts(shapely.polygonize([net]))
+    return shapely.get_coordinates(shapely.point_on_surface(faces[shapely.area(faces) > _THIN]))

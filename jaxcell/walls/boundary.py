@@ -1,0 +1,126 @@
+"""The walls of a room as segments, and the straight runs of robots between them."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import shapely
+from jaxtyping import Float, Int
+
+from ..space import Workspace
+from ..space.workspace import edges
+
+
+# A wall is met, and a corner passed, within this distance in metres: above any rounding.
+ROUNDING = 1e-11
+# Elements of an array of rays and walls that is made at a time.
+_CHUNK = 1_000_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Boundary:
+    """The walls of the free space of a room. The free space lies to the left of each wall."""
+
+    begin: Float[np.ndarray, "walls 2"]
+    "The corner where each wall begins, in metres."
+    tangent: Float[np.ndarray, "walls 2"]
+    "The unit vector from the begin of each wall to its end."
+    length: Float[np.ndarray, "walls"]
+    "The length of each wall, in metres."
+    following: Int[np.ndarray, "walls"]
+    "The wall that begins where each wall ends."
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> "Boundary":
+        """Take the walls of the free space of a robot.
+
+        **Arguments:**
+
+        - `workspace`: the room; a disc robot has the walls that its centre cannot cross.
+        """
+        before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
+        along = end - begin
+        length = np.linalg.norm(along, axis=1)
+        # Rings are listed wall by wall, so a ring begins where the wall before it is not the last.
+        number = np.arange(len(begin))
+        first = np.r_[True, (before[1:] != begin[:-1]).any(axis=1)]
+        ring_begin = np.maximum.accumulate(np.where(first, number, 0))
+        last = np.r_[first[1:], True]
+        following = np.where(last, ring_begin, number + 1).astype(np.int32)
+        return cls(begin, along / length[:, None], length, following)
+
+    @functools.cached_property
+    def normal(self) -> Float[np.ndarray, "walls 2"]:
+        """The unit vector from each wall into the free space."""
+        return np.stack([-self.tangent[:, 1], self.tangent[:, 0]], axis=1)
+
+    @functools.cached_property
+    def preceding(self) -> Int[np.ndarray, "walls"]:
+        """The wall that ends where each wall begins."""
+        return np.argsort(self.following)
+
+    @functools.cached_property
+    def diameter(self) -> float:
+        """The diagonal of the box around all walls, in metres."""
+        return float(np.linalg.norm(np.ptp(self.begin, axis=0)))
+
+    def point(
+        self, wall: Int[np.ndarray, "points"], arc: Float[np.ndarray, "points"]
+    ) -> Float[np.ndarray, "points 2"]:
+        """Give the points at arc lengths of walls, in metres."""
+        return self.begin[wall] + arc[:, None] * self.tangent[wall]
+
+
+def run_to_wall(
+    boundary: Boundary,
+    place: Float[np.ndarray, "robots 2"],
+    heading: Float[np.ndarray, "robots"],
+) -> tuple[Int[np.ndarray, "robots"], Float[np.ndarray, "robots"], Float[np.ndarray, "robots"]]:
+    """Drive robots straight until each meets a wall.
+
+    A robot that stands at a wall and faces it runs no distance. One that drives along a wall, or
+    grazes a corner, goes on.
+
+    **Arguments:**
+
+    - `boundary`: the walls.
+    - `place`: where each robot is, in the free space or on a wall, in metres.
+    - `heading`: radians counter-clockwise.
+
+    **Returns:** the wall that each robot meets, its arc length there, and the length of the run,
+    in metres.
+    """
+    wall = np.zeros(len(place), np.int32)
+    arc, run = np.zeros(len(place)), np.full(len(place), np.inf)
+    size = max(1, _CHUNK // len(boundary.length))
+    for k in range(0, len(place), size):
+        part = slice(k, k + size)
+        ahead = np.stack([np.cos(heading[part]), np.sin(heading[part])], axis=1)
+        offset = place[part, None] - boundary.begin
+        facing = -ahead @ boundary.normal.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = (offset * boundary.normal).sum(axis=2) / facing
+            at = (offset * boundary.tangent).sum(axis=2) + far * (ahead @ boundary.tangent.T)
+        met = (facing > 1e-12) & (far >= -1e-9) & (at >= -1e-9) & (at <= boundary.length + 1e-9)
+        far = np.where(met, far, np.inf)
+        nearest = far.argmin(axis=1)
+        robots = np.arange(len(nearest))
+        wall[part], run[part] = nearest, np.maximum(far[robots, nearest], 0.0)
+        arc[part] = np.clip(at[robots, nearest], 0.0, boundary.length[nearest])
+    return wall, arc, run
+
+
+def places_anywhere(
+    workspace: Workspace, count: int, rng: np.random.Generator
+) -> Float[np.ndarray, "count 2"]:
+    """Draw places uniformly from the free space, in metres."""
+    free = workspace.free_space
+    shapely.prepare(free)
+    low, high = np.reshape(free.bounds, (2, 2))
+    drawn: list[np.ndarray] = []
+    missing = count
+    while missing > 0:
+        tried = rng.uniform(low, high, (2 * missing + 16, 2))
+        drawn.append(tried[shapely.contains_xy(free, tried)][:missing])
+        missing -= len(drawn[-1])
+    return np.concatenate(drawn)

@@ -1,0 +1,127 @@
+"""The choice of an angle at each bump that soon tells a robot where it is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .boundary import run_to_wall
+from .filter import WallFilter
+from .sets import WallSet
+
+
+# Places that are drawn from a set to try what a robot there would observe.
+_TRIED = 6
+# Stretches of a set that are followed in each trial; of larger sets they are drawn.
+_FOLLOWED = 96
+# Trials that are made at a time.
+_AT_ONCE = 20_000
+
+
+def choose_angles(
+    filter: WallFilter,
+    state: WallSet,
+    robots: int,
+    angles: Sequence[float],
+    rng: np.random.Generator,
+    *,
+    ahead: int = 1,
+) -> Int[np.ndarray, "robots"]:
+    """Choose for each robot the angle after which its set is expected to be smallest.
+
+    Places are drawn from the set of each robot, and the set is followed through the next bump as a
+    robot at each of these places would observe it.
+
+    **Arguments:**
+
+    - `filter`: the filter of the room.
+    - `state`: where each robot may be, after a bump and before its turn.
+    - `robots`: number of robots.
+    - `angles`: the bouncing angles to choose from, in radians.
+    - `rng`: source of the draws.
+    - `ahead`: number of bumps to look ahead.
+
+    **Returns:** the number of the angle for each robot.
+    """
+    chosen = np.zeros(robots, np.int32)
+    if len(angles) == 1:
+        return chosen
+    size = max(1, _AT_ONCE // (_TRIED * len(angles)) ** ahead)
+    for first in range(0, robots, size):
+        part = state.take((state.robot >= first) & (state.robot < first + size))
+        part = part._replace(robot=part.robot - first)
+        count = min(size, robots - first)
+        expected = [_expected(filter, part, count, angles, k, rng, ahead) for k in angles]
+        chosen[first : first + count] = np.argmin(expected, axis=0)
+    return chosen
+
+
+def _expected(
+    filter: WallFilter,
+    state: WallSet,
+    robots: int,
+    angles: Sequence[float],
+    angle: float,
+    rng: np.random.Generator,
+    ahead: int,
+) -> Float[np.ndarray, "robots"]:
+    """Estimate the extent of the set of each robot after it turns by an angle."""
+    trials = robots * _TRIED
+    place, heading, robot = draw_places(filter, state, robots, _TRIED, rng)
+    copies = _sampled(state, robots, rng)
+    each = np.repeat(np.arange(_TRIED), copies.robot.size)
+    copies = WallSet(*(np.tile(part, _TRIED) for part in copies))
+    copies = copies._replace(robot=copies.robot * _TRIED + each)
+    _, _, run = run_to_wall(filter.boundary, place, heading + angle)
+    after = filter.observe(filter.turn(copies, angle), run)
+    if ahead == 1:
+        extent = filter.extent(after, trials)
+    else:
+        later = [
+            _expected(filter, after, trials, angles, next_, rng, ahead - 1) for next_ in angles
+        ]
+        extent = np.min(later, axis=0)
+    # A robot with an empty set, which draws nothing, needs no choice.
+    return np.bincount(robot, extent, robots) / _TRIED
+
+
+def draw_places(
+    filter: WallFilter, state: WallSet, robots: int, count: int, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "draws 2"], Float[np.ndarray, "draws"], Int[np.ndarray, "draws"]]:
+    """Draw places and headings from the set of each robot.
+
+    **Arguments:**
+
+    - `filter`: the filter of the room.
+    - `state`: where each robot may be.
+    - `robots`: number of robots.
+    - `count`: number of draws for each robot.
+    - `rng`: source of the draws.
+
+    **Returns:** the places in metres, the headings in radians, and the robot of each draw.
+    """
+    robot = np.repeat(np.arange(robots), count)
+    order = np.argsort(state.robot, kind="stable")
+    state = state.take(order)
+    number = np.bincount(state.robot, minlength=robots)
+    weight = np.cumsum(state.end - state.begin + 1e-3)
+    bounds = np.r_[0.0, weight][np.r_[0, np.cumsum(number)]]
+    drawn = bounds[robot] + rng.uniform(size=robot.size) * (bounds[robot + 1] - bounds[robot])
+    if not weight.size:
+        return np.zeros((robot.size, 2)), np.zeros(robot.size), robot
+    stretch = np.minimum(np.searchsorted(weight, drawn, side="right"), weight.size - 1)
+    begin, end = state.begin[stretch], state.end[stretch]
+    arc = begin + rng.uniform(size=robot.size) * (end - begin)
+    within = rng.uniform(size=robot.size) if filter.chords.width else 0.0
+    heading = (state.slice[stretch] + within) * 2 * np.pi / filter.chords.slices
+    return filter.boundary.point(state.wall[stretch], arc), heading, robot
+
+
+def _sampled(state: WallSet, robots: int, rng: np.random.Generator) -> WallSet:
+    """Keep at most a number of stretches for each robot, drawn at random."""
+    number = np.bincount(state.robot, minlength=robots)
+    if number.max(initial=0) <= _FOLLOWED:
+        return state
+    order = np.lexsort((rng.uniform(size=state.robot.size), state.robot))
+    rank = np.arange(order.size) - (np.cumsum(number) - number)[state.robot[order]]
+    return state.take(np.sort(order[rank < _FOLLOWED]))

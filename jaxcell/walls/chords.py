@@ -1,0 +1,221 @@
+"""The chords of a room: to which wall a robot comes that leaves another at a known heading."""
+
+import dataclasses
+import functools
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .boundary import Boundary
+from .meeting import Met, Pairs, Rows
+
+
+# Headings are followed from slices of at most this width down to those that are wanted.
+_WIDEST = np.pi / 5
+# Slices reach over their ends by this angle, so that rounding loses no heading between them.
+_OVERLAP = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Chords:
+    """The straight runs from wall to wall, for slices of headings.
+
+    A row holds for the robots that leave a stretch of a wall with a heading of a slice, and says
+    that they may come to another wall. All that can be is in some row: a stretch has a row for
+    each wall that it may lead to. For a heading that is known exactly a stretch has one row, and
+    what the row says is exact.
+
+    With `p` the arc length where a robot starts, the run is `(c0 + c1 p) k` with `k` between
+    `nearest` and `farthest`, and it ends at an arc length between `low0 + low1 p` and
+    `high0 + high1 p`, where these are sorted by the two ends of the slice.
+    """
+
+    boundary: Boundary
+    slices: int
+    "Number of slices of headings; slice k begins at the heading `2 pi k / slices`."
+    width: float
+    "Width of a slice in radians; 0 for headings that are known exactly."
+    displacement: float
+    "How far from its place on the wall a robot may be when it leaves, in metres."
+    slice: Int[np.ndarray, "rows"]
+    wall: Int[np.ndarray, "rows"]
+    begin: Float[np.ndarray, "rows"]
+    end: Float[np.ndarray, "rows"]
+    hit: Int[np.ndarray, "rows"]
+    "The wall that may be met."
+    clearance: Float[np.ndarray, "2 rows"]
+    "The distance from the line of that wall, as a constant and a slope in the arc length."
+    stretch: Float[np.ndarray, "2 rows"]
+    "The least and the largest ratio of a run to that distance."
+    arc: Float[np.ndarray, "2 2 rows"]
+    "Arc lengths on that wall: for both ends of the slice, a constant and a slope."
+    spread: Float[np.ndarray, "2 rows"]
+    "How far `displacement` may move these arc lengths, in metres."
+
+    @classmethod
+    def of(
+        cls,
+        boundary: Boundary,
+        slices: int,
+        *,
+        known: bool,
+        displacement: float = 0.0,
+        gap: float | None = None,
+    ) -> "Chords":
+        """Follow all headings from all walls.
+
+        **Arguments:**
+
+        - `boundary`: the walls.
+        - `slices`: number of headings, or of slices of headings.
+        - `known`: whether headings are `2 pi k / slices` exactly; else any heading of a slice.
+        - `displacement`: how far from its place on the wall a robot may be when it leaves, in
+            metres.
+        - `gap`: stretches of walls are not cut finer than this, in metres; by default where
+            headings are known they are cut wherever the next wall changes.
+        """
+        turn = 2 * np.pi / slices
+        width = 0.0 if known else turn
+        if gap is None:
+            gap = 1e-9 if known else max(0.01, boundary.diameter * width / 8)
+        level = max(0, int(np.log2(max(1.0, _WIDEST / turn))))
+        # Groups of slices one after the other, whose arrays stay in the cache of the processor.
+        parts = [
+            _followed(boundary, group, level, slices, width, displacement, gap)
+            for group in range(-(-slices // 2**level))
+        ]
+        stretches = Rows(*map(np.concatenate, zip(*(rows for rows, _, _ in parts), strict=True)))
+        clearance, stretch, arc, spread = (
+            np.concatenate(arrays, axis=-1)
+            for arrays in zip(*(met[1:] for _, _, met in parts), strict=True)
+        )
+        return cls(
+            boundary=boundary,
+            slices=slices,
+            width=width,
+            displacement=displacement,
+            slice=stretches.slice,
+            wall=stretches.wall,
+            begin=stretches.begin,
+            end=stretches.end,
+            hit=np.concatenate([hit for _, hit, _ in parts]),
+            clearance=clearance,
+            stretch=stretch,
+            arc=arc,
+            spread=spread,
+        )
+
+    @functools.cached_property
+    def group(self) -> Int[np.ndarray, "rows"]:
+        """The number of the slice and the wall of each row; rows are sorted by it."""
+        return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
+
+
+def _followed(
+    boundary: Boundary,
+    group: int,
+    level: int,
+    slices: int,
+    width: float,
+    displacement: float,
+    gap: float,
+) -> "tuple[Rows, Int[np.ndarray, 'rows'], Met]":
+    """Follow the headings of a group of `2**level` slices from all walls."""
+    walls = np.arange(len(boundary.length))
+    rows = Rows(np.full(walls.size, group), walls, np.zeros(walls.size), boundary.length)
+    pairs = Pairs(np.repeat(walls, walls.size), np.tile(walls, walls.size))
+    while True:
+        low, high = _ends(rows.slice, level, slices, width)
+        if level:
+            reach = max(gap, (high - low).max() * boundary.diameter / 4)
+            rows, pairs = _halved(rows, pairs, reach)
+            low, high = _ends(rows.slice, level, slices, width)
+        pairs = Met.of(boundary, rows, pairs, low, high, displacement).kept(pairs)
+        if level == 0:
+            break
+        rows, pairs, level = *_finer(rows, pairs, level, slices), level - 1
+    rows, pairs = _cut_at_corners(boundary, rows, pairs, low, high, gap)
+    low, high = _ends(rows.slice, 0, slices, width)
+    met = Met.of(boundary, rows, pairs, low, high, displacement)
+    kept = Met(*(part[..., met.keep] for part in met))
+    return rows.take(pairs.row[met.keep]), pairs.wall[met.keep], kept
+
+
+def _ends(
+    group: Int[np.ndarray, "rows"], level: int, slices: int, width: float
+) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]]:
+    """The least and the largest heading of groups of `2**level` slices, in radians."""
+    turn = 2 * np.pi / slices
+    first = group << level
+    last = np.minimum(first + (1 << level), slices) - 1
+    if width == 0:
+        over = _OVERLAP if level else 0.0
+        return first * turn - over, last * turn + over
+    return first * turn - _OVERLAP, (last + 1) * turn + _OVERLAP
+
+
+def _finer(rows: Rows, pairs: Pairs, level: int, slices: int) -> tuple[Rows, Pairs]:
+    """Cut each group of slices in two."""
+    group = (rows.slice[:, None] * 2 + np.arange(2)).ravel()
+    source = np.repeat(np.arange(rows.slice.size), 2)
+    there = (group << (level - 1)) < slices
+    group, source = group[there], source[there]
+    finer = rows.take(source)._replace(slice=group)
+    order = np.lexsort((finer.begin, finer.wall, finer.slice))
+    return finer.take(order), pairs.copied(source[order], rows.slice.size)
+
+
+def _halved(rows: Rows, pairs: Pairs, longest: float) -> tuple[Rows, Pairs]:
+    """Cut stretches into equal parts of at most a length."""
+    parts = np.maximum(1, np.ceil((rows.end - rows.begin) / longest)).astype(int)
+    source = np.repeat(np.arange(parts.size), parts)
+    place = np.arange(source.size) - np.repeat(np.cumsum(parts) - parts, parts)
+    length = (rows.end - rows.begin)[source] / parts[source]
+    cut = rows.take(source)
+    begin = cut.begin + place * length
+    end = np.where(place + 1 == parts[source], cut.end, begin + length)
+    return cut._replace(begin=begin, end=end), pairs.copied(source, parts.size)
+
+
+def _cut_at_corners(
+    boundary: Boundary,
+    rows: Rows,
+    pairs: Pairs,
+    low: Float[np.ndarray, "rows"],
+    high: Float[np.ndarray, "rows"],
+    gap: float,
+) -> tuple[Rows, Pairs]:
+    """Cut stretches where a ray at an end of their slice passes a corner that it may meet."""
+    at, wall = boundary.begin[rows.wall[pairs.row]], rows.wall[pairs.row]
+    corners = boundary.begin[pairs.wall], boundary.begin[boundary.following[pairs.wall]]
+    cuts = []
+    for heading in (low, high)[: 1 if np.array_equal(low, high) else 2]:
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)[pairs.row]
+        tangent = boundary.tangent[wall]
+        across = tangent[:, 0] * ahead[:, 1] - tangent[:, 1] * ahead[:, 0]
+        for corner in corners:
+            to = corner - at
+            with np.errstate(divide="ignore", invalid="ignore"):
+                cuts.append((to[:, 0] * ahead[:, 1] - to[:, 1] * ahead[:, 0]) / across)
+    place = np.stack(cuts, axis=1)
+    inside = (place > rows.begin[pairs.row, None] + gap) & (place < rows.end[pairs.row, None] - gap)
+    pair, column = np.nonzero(inside)
+    number = np.arange(rows.slice.size)
+    source = np.concatenate([number, pairs.row[pair]])
+    begin = np.concatenate([rows.begin, place[pair, column]])
+    order = np.lexsort((begin, source))
+    source, begin = source[order], begin[order]
+    # Of cuts that are closer than the gap the first one counts.
+    while True:
+        near = np.r_[False, (np.diff(begin) < gap) & (np.diff(source) == 0)]
+        near &= ~np.r_[False, near[:-1]]
+        if not near.any():
+            break
+        source, begin = source[~near], begin[~near]
+    last = np.r_[source[1:] != source[:-1], True]
+    end = np.where(last, rows.end[source], np.r_[begin[1:], 0.0])
+    if np.array_equal(low, high):
+        # From a cut itself a ray may pass between two corners that both stretches beside it hit.
+        source, begin = np.repeat(source, 2), np.repeat(begin, 2)
+        end = np.stack([begin[::2], end], axis=1).ravel()
+    return rows.take(source)._replace(begin=begin, end=end), pairs.copied(source, number.size)

@@ -1,0 +1,244 @@
+"""The filter of a robot that starts anywhere, and observes how far it runs between bumps."""
+
+import dataclasses
+import functools
+import math
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Bool, Float, Int
+
+from ..base import memory
+from ..space import Workspace
+from .boundary import Boundary
+from .chords import Chords
+from .sets import OUTWARD, WallSet, arrivals, extent, observe, turned
+
+
+# Slices of headings of a robot whose heading is not known.
+_SLICES = 360
+# The first run is rounded down to this many lengths, for each of which the places are kept.
+_LENGTHS = 16
+# Bytes for each chord of a room, with what it is made from.
+_BYTES = 700
+
+_Runs: TypeAlias = Float[np.ndarray, "robots"]
+Lengths: TypeAlias = float | npt.ArrayLike
+
+
+@dataclasses.dataclass(frozen=True)
+class Errors:
+    """Bounds of the errors of a robot. All are 0 for a robot that moves exactly."""
+
+    run: float = 0.0
+    "Of the observed length of a run, as a share of it."
+    distance: float = 0.0
+    "Of the observed length of a run, in metres."
+    late: float = 0.0
+    "How much farther a robot counts before it feels a bump, in metres."
+    turn: float = 0.0
+    "Of a turn at a bump, in radians; what the bump itself turns the robot counts."
+    heading: float = 0.0
+    "Of the heading that a robot is said to start with, in radians."
+    displacement: float = 0.0
+    "How far from the place of a bump the next run may begin, in metres."
+
+    def __post_init__(self) -> None:
+        for field, limit, expected in (
+            ("run", 1.0, "a share below 1, since otherwise a run tells nothing"),
+            ("distance", math.inf, "a finite length in metres"),
+            ("late", math.inf, "a finite length in metres"),
+            ("turn", math.pi, "less than half a turn, since otherwise all headings are possible"),
+            ("heading", math.pi, "less than half a turn; for any heading, give none"),
+            ("displacement", math.inf, "a finite length in metres"),
+        ):
+            value = getattr(self, field)
+            if not 0 <= value < limit:
+                raise ValueError(f"errors: {field}: expected {expected}, got {value:g}")
+
+    @property
+    def keep_headings(self) -> bool:
+        """Whether a robot that starts with a known heading always has one."""
+        return not (self.turn or self.heading or self.displacement)
+
+    def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:
+        """Bound runs that were observed to be between two lengths, in metres."""
+        low = (least - self.distance - self.late) / (1 + self.run)
+        return np.maximum(low, 0.0), (most + self.distance) / (1 - self.run)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WallFilter:
+    """A filter for robots that are put down anywhere, run straight until they bump, and turn.
+
+    Its states are sets of places on walls and headings ([`WallSet`][jaxcell.walls.WallSet]). The
+    true place is always in the set, if the errors are within their bounds and the map is right.
+    The states of many robots are one set, and all functions take and return arrays over robots.
+
+    A room without symmetry, and a robot that turns by 135 degrees at each bump and measures its
+    runs to within a centimetre:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import space, walls
+        >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (2, 2), (2, 4), (0, 4)])
+        >>> filter = walls.WallFilter.of(room, headings=8, errors=walls.Errors(distance=0.01))
+        >>> place, heading, state = np.array([[1.0, 1.3]]), np.array([0.0]), None
+        >>> for bump in range(8):
+        ...     wall, arc, run = walls.run_to_wall(filter.boundary, place, heading)
+        ...     place, heading = filter.boundary.point(wall, arc), heading + math.radians(135)
+        ...     state = filter.observe(state, run)
+        ...     state = filter.turn(state, math.radians(135))
+        >>> filter.extent(state, 1).round(2).tolist(), place.round(2).tolist()
+        ([0.01], [[0.0, 3.3]])
+    """
+
+    chords: Chords
+    errors: Errors
+    first: Bool[np.ndarray, "slices"]
+    "The slices of headings that a robot may start with."
+    step: float
+    "The length of the steps that a robot counts, in metres; 0 if it measures its runs."
+
+    @classmethod
+    def of(
+        cls,
+        workspace: Workspace,
+        *,
+        headings: int | None = None,
+        slices: int = _SLICES,
+        errors: Errors | None = None,
+        step: float = 0.0,
+    ) -> "WallFilter":
+        """Find the chords of a room.
+
+        **Arguments:**
+
+        - `workspace`: the room, for a robot of its radius.
+        - `headings`: a robot starts with one of the headings `2 pi k / headings`, up to its error;
+            `None` if its heading is not known at all.
+        - `slices`: number of slices of headings, where these are not known exactly. Half as wide
+            slices make sets some half as large, and take four times the memory.
+        - `errors`: bounds of the errors of the robot, by default none.
+        - `step`: the length of the steps that the robot counts, in metres; 0 if it measures how far
+            it runs.
+
+        **Raises:** `ValueError` for a number of headings or slices that is not even, or does not
+        fit the other; `MemoryError` if the chords would not fit the free memory.
+        """
+        errors = errors or Errors()
+        if not 0 <= step < math.inf:
+            raise ValueError(f"step: expected a length in metres from 0, got {step:g}")
+        for name, number in (("headings", headings), ("slices", slices)):
+            if number is not None and (number < 2 or number % 2):
+                raise ValueError(f"{name}: expected an even number from 2, got {number}")
+        known = headings is not None and errors.keep_headings
+        if headings is not None and known:
+            slices = headings
+        elif headings is not None and slices % headings:
+            raise ValueError(f"slices: expected a multiple of {headings} headings, got {slices}")
+        boundary = Boundary.of(workspace)
+        walls = len(boundary.length)
+        needed = _BYTES * slices * walls * (4 if known else 40)
+        memory.check(needed, f"a map of {walls} walls and {slices} headings", "use fewer slices")
+        if errors.distance > boundary.diameter:
+            raise ValueError(
+                f"errors: distance: expected at most the {boundary.diameter:.3g} m that the room "
+                f"is wide, got {errors.distance:g} m: no two runs would differ"
+            )
+        chords = Chords.of(boundary, slices, known=known, displacement=errors.displacement)
+        first = np.ones(slices, bool)
+        if headings is not None and not known:
+            width = 2 * math.pi / slices
+            # A heading at the edge of two slices may be in either.
+            off = np.arange(slices) - np.round(np.arange(slices) * headings / slices) * (
+                slices // headings
+            )
+            reach = errors.heading / width
+            first = (off + 1 >= -reach - 1e-9) & (off <= reach + 1e-9)
+        return cls(chords, errors, first, step)
+
+    @property
+    def boundary(self) -> Boundary:
+        """The walls of the room."""
+        return self.chords.boundary
+
+    def observe(self, state: WallSet | None, run: Lengths) -> WallSet:
+        """Take in how far each robot ran until it met a wall.
+
+        **Arguments:**
+
+        - `state`: where each robot may be; `None` for robots that may be anywhere.
+        - `run`: the length of the run of each robot by its own measure, in metres; a robot that
+            counts steps may stop anywhere in the next one.
+
+        **Returns:** where each robot may be; nowhere if the map or the errors are others.
+        """
+        least = np.atleast_1d(np.asarray(run, float))
+        if not (np.isfinite(least) & (least >= 0)).all():
+            raise ValueError("run: expected finite lengths in metres, from 0")
+        most = least
+        if self.step:
+            least = np.floor(least / self.step + 1e-9) * self.step
+            most = least + self.step
+        low, high = self.errors.bounds(least, most)
+        if state is not None:
+            return observe(self.chords, state, low, high)
+        level = np.floor(low * _LENGTHS / self.boundary.diameter).astype(int)
+        longer = low > self.boundary.diameter + self.errors.displacement + OUTWARD
+        level = np.where(longer, _LENGTHS + 1, np.minimum(level, _LENGTHS))
+        starts = [self._after_first_run(k) for k in level.tolist()]
+        count = [len(one.wall) for one in starts]
+        parts = [np.concatenate([one[i] for one in starts]) for i in range(1, 5)]
+        return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
+
+    def turn(self, state: WallSet, angle: Lengths) -> WallSet:
+        """Turn each robot in place.
+
+        **Arguments:**
+
+        - `state`: where each robot may be.
+        - `angle`: radians counter-clockwise, one for all or one for each robot.
+
+        **Raises:** `ValueError` for an angle that is no whole number of slices of headings.
+        """
+        slices = self.chords.slices
+        exact = np.asarray(angle) * slices / (2 * math.pi)
+        shift = np.round(exact).astype(int)
+        wrong = np.atleast_1d(np.abs(exact - shift) > 1e-6)
+        if wrong.any():
+            degrees = math.degrees(np.atleast_1d(angle)[wrong][0])
+            raise ValueError(
+                f"angle: expected a multiple of {360 / slices:g} degrees, the width of a slice of "
+                f"headings, got {degrees:g} degrees"
+            )
+        error = math.ceil(self.errors.turn * slices / (2 * math.pi) - 1e-9)
+        each = shift[state.robot] if shift.ndim else np.full(state.robot.size, shift)
+        return turned(state, each, slices, error)
+
+    def extent(self, state: WallSet, robots: int) -> Float[np.ndarray, "robots"]:
+        """Measure the diagonal of the box around the places of each robot, in metres."""
+        return extent(self.boundary, state, robots)
+
+    def refuted(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
+        """Check for each robot whether it can be nowhere."""
+        return np.bincount(state.robot, minlength=robots) == 0
+
+    def slice_of(self, heading: Lengths) -> Int[np.ndarray, "headings"]:
+        """Number the slices of headings in radians, which are the nearest ones where known."""
+        place = np.asarray(heading) * self.chords.slices / (2 * math.pi)
+        whole = np.floor(place) if self.chords.width else np.round(place)
+        return whole.astype(int) % self.chords.slices
+
+    @functools.cached_property
+    def _arrivals(self) -> dict[int, WallSet]:
+        return {}
+
+    def _after_first_run(self, level: int) -> WallSet:
+        if level not in self._arrivals:
+            least = level * self.boundary.diameter / _LENGTHS
+            places = arrivals(self.chords, np.array([least]))
+            possible = self.first[places.slice] & (level <= _LENGTHS)
+            self._arrivals[level] = places.take(possible)
+        return self._arrivals[level]

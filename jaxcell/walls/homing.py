@@ -1,0 +1,166 @@
+"""The choice of an angle at each bump that brings a robot into a goal region from anywhere."""
+
+import dataclasses
+import functools
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .boundary import run_to_wall
+from .choice import choose_angles
+from .filter import WallFilter
+from .sets import WallSet
+
+
+# Walls are cut into parts of at most this length for the numbers of bumps to the goal, in metres.
+_PART = 0.2
+# Slices of headings for these numbers, at least.
+_SLICES = 72
+# Robots that are driven from each part of a wall and slice of headings.
+_DRIVEN = 4
+# The largest expected number of bumps that is told apart from never.
+_NEVER = 100.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Homing:
+    """The way of robots that start anywhere into a goal region, which is a disc.
+
+    The expected number of bumps to the goal is known for each part of a wall and each heading. A
+    robot takes the angle after which this number is least, in the mean over its set; as long as its
+    set is large, it takes the angle that tells it most.
+    """
+
+    filter: WallFilter
+    goal: tuple[float, float]
+    "The centre of the region, in metres."
+    radius: float
+    "The radius of the region, in metres."
+    angles: tuple[float, ...]
+    "The bouncing angles to choose from, in radians."
+
+    def __post_init__(self) -> None:
+        if not self.angles:
+            raise ValueError("bounces: expected at least one angle")
+        if not self.arrived_parts.any():
+            x, y = self.goal
+            raise ValueError(
+                f"goal: no wall lies within {self.radius:g} m of ({x:g} m, {y:g} m) for at least "
+                f"{_PART:g} m, and a robot stops only at walls; expected a larger radius, or a "
+                "place near a wall"
+            )
+
+    @functools.cached_property
+    def parts(self) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "2 parts"]]:
+        """The wall of each part, and the arc lengths where it begins and ends, in metres."""
+        length = self.filter.boundary.length
+        count = np.ceil(length / _PART).astype(int)
+        wall = np.repeat(np.arange(length.size), count)
+        number = np.arange(wall.size) - self._first[wall]
+        size = (length / count)[wall]
+        return wall, np.stack([number * size, (number + 1) * size])
+
+    @functools.cached_property
+    def _first(self) -> Int[np.ndarray, "walls"]:
+        """The number of the first part of each wall."""
+        count = np.ceil(self.filter.boundary.length / _PART).astype(int)
+        return np.cumsum(count) - count
+
+    @functools.cached_property
+    def arrived_parts(self) -> Bool[np.ndarray, "parts"]:
+        """Which parts of walls lie within the goal."""
+        wall, ends = self.parts
+        return self._within(wall, ends[0]) & self._within(wall, ends[1])
+
+    @functools.cached_property
+    def slices(self) -> int:
+        """Number of slices of headings for which bumps are counted."""
+        own = self.filter.chords.slices
+        return own if own <= _SLICES or own % _SLICES else _SLICES
+
+    @functools.cached_property
+    def bumps(self) -> Float[np.ndarray, "slices parts"]:
+        """The expected number of bumps to the goal of a robot that leaves with a heading."""
+        boundary, rng = self.filter.boundary, np.random.default_rng(0)
+        wall, ends = self.parts
+        slice_, part = (one.ravel() for one in np.indices((self.slices, wall.size)))
+        known = self.filter.chords.width == 0
+        image = np.empty((_DRIVEN, slice_.size), np.int64)
+        for k in range(_DRIVEN):
+            share = (k + rng.uniform(size=slice_.size)) / _DRIVEN
+            arc = ends[0, part] + share * (ends[1] - ends[0])[part]
+            within = 0.0 if known else rng.uniform(size=slice_.size)
+            place = boundary.point(wall[part], arc)
+            heading = (slice_ + within) * 2 * np.pi / self.slices
+            hit, at, _ = run_to_wall(boundary, place, heading)
+            image[k] = slice_ * wall.size + self._part(hit, at)
+        shifts = self._shifts
+        leaving = np.full((self.slices, wall.size), _NEVER)
+        for _ in range(int(_NEVER)):
+            arriving = np.min([np.roll(leaving, -shift, axis=0) for shift in shifts], axis=0)
+            arriving[:, self.arrived_parts] = 0.0
+            mean = arriving.ravel()[image].mean(axis=0).reshape(leaving.shape)
+            after = np.minimum(1 + mean, _NEVER)
+            if np.abs(after - leaving).max() < 1e-3:
+                break
+            leaving = after
+        return leaving
+
+    @property
+    def _shifts(self) -> list[int]:
+        return [round(angle * self.slices / (2 * np.pi)) for angle in self.angles]
+
+    def _part(
+        self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
+    ) -> Int[np.ndarray, "places"]:
+        length = self.filter.boundary.length[wall]
+        count = np.ceil(length / _PART).astype(int)
+        return self._first[wall] + np.minimum((arc * count / length).astype(int), count - 1)
+
+    def _within(
+        self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
+    ) -> Bool[np.ndarray, "places"]:
+        place = self.filter.boundary.point(wall, arc)
+        return np.hypot(*(place - np.array(self.goal)).T) <= self.radius
+
+    def arrived(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
+        """Check for each robot whether all of its set is in the goal."""
+        inside = self._within(state.wall, state.begin) & self._within(state.wall, state.end)
+        outside = np.bincount(state.robot[~inside], minlength=robots)
+        return (outside == 0) & ~self.filter.refuted(state, robots)
+
+    def choose(
+        self, state: WallSet, robots: int, rng: np.random.Generator, known: float | None = None
+    ) -> Int[np.ndarray, "robots"]:
+        """Choose the next angle of each robot.
+
+        **Arguments:**
+
+        - `state`: where each robot may be, after a bump and before its turn.
+        - `robots`: number of robots.
+        - `rng`: source of the draws of places.
+        - `known`: the extent of a set below which a robot heads for the goal, in metres; by default
+            a quarter of the room's.
+
+        **Returns:** the number of the angle for each robot.
+        """
+        known = self.filter.boundary.diameter / 4 if known is None else known
+        arcs = [state.begin + share * (state.end - state.begin) for share in (0.0, 0.5, 1.0)]
+        weight = state.end - state.begin + 1e-3
+        wide = self.filter.chords.slices // self.slices
+        expected = np.zeros((len(self.angles), robots))
+        for k, shift in enumerate(self._shifts):
+            after = (state.slice // wide + shift) % self.slices
+            bumps = np.mean(
+                [self.bumps[after, self._part(state.wall, arc)] for arc in arcs], axis=0
+            )
+            expected[k] = np.bincount(state.robot, bumps * weight, robots)
+        chosen = expected.argmin(axis=0)
+        lost = np.flatnonzero(self.filter.extent(state, robots) > known)
+        if lost.size:
+            number = np.full(robots, -1)
+            number[lost] = np.arange(lost.size)
+            part = state.take(number[state.robot] >= 0)
+            part = part._replace(robot=number[part.robot])
+            chosen[lost] = choose_angles(self.filter, part, lost.size, self.angles, rng)
+        return chosen

@@ -1,0 +1,140 @@
+"""Simulated robots that start anywhere, and what a filter knows of them."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..space import Workspace
+from .boundary import places_anywhere, run_to_wall
+from .choice import choose_angles
+from .filter import WallFilter
+from .homing import Homing
+from .sets import WallSet, contains
+
+
+# Robots that are followed at a time, and stretches of their first sets.
+_ROBOTS, _STRETCHES = 1000, 3_000_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trial:
+    """The runs of simulated robots, and the sets of their filter. Arrays are by robot and bump."""
+
+    start: Float[np.ndarray, "robots 2"]
+    "Where each robot is put down, in metres."
+    sets: tuple[WallSet, ...]
+    "The set of the first robot after each bump."
+    place: Float[np.ndarray, "robots bumps 2"]
+    "The place of each bump, in metres."
+    heading: Float[np.ndarray, "robots bumps"]
+    "The heading that the robot came with, in radians."
+    run: Float[np.ndarray, "robots bumps"]
+    "The true length of the run before the bump, in metres."
+    extent: Float[np.ndarray, "robots bumps"]
+    "The extent of the set after the bump, in metres."
+    held: Bool[np.ndarray, "robots bumps"]
+    "Whether the set has the robot in it."
+    arrived: Bool[np.ndarray, "robots bumps"]
+    "Whether all of the set is in the goal."
+
+
+def drive_anywhere(
+    workspace: Workspace,
+    filter: WallFilter,
+    angles: Sequence[float],
+    *,
+    robots: int,
+    bumps: int,
+    headings: int | None = None,
+    goal: Homing | None = None,
+    start: tuple[float, float, float] | None = None,
+    seed: int = 0,
+    say: Callable[..., None] = lambda doing, done=0, total=0: None,
+) -> Trial:
+    """Drive robots from anywhere, with errors at their bounds, and follow each by a filter.
+
+    **Arguments:**
+
+    - `workspace`: the room.
+    - `filter`: the filter of the room.
+    - `angles`: the bouncing angles, in radians; each robot chooses where there are several.
+    - `robots`, `bumps`: how many robots bump how often.
+    - `headings`: robots start with a heading `2 pi k / headings` up to its error; `None` for any.
+    - `goal`: where robots go; else they only find out where they are.
+    - `start`: x, y in metres and heading in radians of the first robot; else it is drawn as well.
+    - `seed`: of the starts, the errors and the draws of a choice.
+    - `say`: called with the progress.
+    """
+    rng = np.random.default_rng(seed)
+    place = places_anywhere(workspace, robots, rng)
+    if headings is None:
+        heading = rng.uniform(0, 2 * np.pi, robots)
+    else:
+        heading = rng.integers(headings, size=robots) * 2 * np.pi / headings
+    if start is not None:
+        place[0], heading[0] = start[:2], start[2]
+    trials = []
+    size = max(1, min(_ROBOTS, _STRETCHES // max(1, len(filter.observe(None, 0.0).wall))))
+    for first in range(0, robots, size):
+        say("driving robots", first, robots)
+        part = slice(first, first + size)
+        trials.append(_drive(filter, angles, place[part], heading[part], bumps, goal, rng))
+    arrays = [np.concatenate(parts) for parts in zip(*(one[:-1] for one in trials), strict=True)]
+    return Trial(place, trials[0][-1], *arrays)
+
+
+def _drive(
+    filter: WallFilter,
+    angles: Sequence[float],
+    place: Float[np.ndarray, "robots 2"],
+    heading: Float[np.ndarray, "robots"],
+    bumps: int,
+    goal: Homing | None,
+    rng: np.random.Generator,
+) -> tuple[Any, ...]:
+    errors, robots = filter.errors, len(place)
+
+    def signs() -> Int[np.ndarray, "robots"]:
+        return rng.choice([-1, 1], robots)
+
+    heading = heading + errors.heading * signs() * (1 - 1e-9)
+    rows, sets, state = [], [], None
+    for _ in range(bumps):
+        wall, arc, run = run_to_wall(filter.boundary, place, heading)
+        place = filter.boundary.point(wall, arc)
+        measured = run * (1 + errors.run * signs()) + errors.distance * signs()
+        measured += errors.late * rng.integers(2, size=robots)
+        state = filter.observe(state, np.maximum(measured, 0.0))
+        held = contains(filter.boundary, state, filter.slice_of(heading), place)
+        arrived = np.zeros(robots, bool) if goal is None else goal.arrived(state, robots)
+        rows.append((place, heading, run, filter.extent(state, robots), held, arrived))
+        sets.append(state.take(state.robot == 0))
+        if goal is None:
+            chosen = choose_angles(filter, state, robots, angles, rng)
+        else:
+            chosen = goal.choose(state, robots, rng)
+        angle = np.asarray(angles)[chosen]
+        state = filter.turn(state, angle)
+        heading = heading + angle + errors.turn * signs() * (1 - 1e-9)
+        place = _displaced(filter, place, wall, rng)
+    return *(np.stack(part, axis=1) for part in zip(*rows, strict=True)), tuple(sets)
+
+
+def _displaced(
+    filter: WallFilter,
+    place: Float[np.ndarray, "robots 2"],
+    wall: Int[np.ndarray, "robots"],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "robots 2"]:
+    """Move each robot off its wall as far as its errors allow, or not at all if walls are there."""
+    reach = filter.errors.displacement
+    if not reach:
+        return place
+    normal = filter.boundary.normal[wall]
+    off = rng.uniform(-0.5, 0.5, len(place)) + np.arctan2(normal[:, 1], normal[:, 0])
+    _, _, free = run_to_wall(filter.boundary, place + 1e-6 * normal, off)
+    aside = np.stack([np.cos(off), np.sin(off)], axis=1)
+    return place + np.where(free > reach, reach * (1 - 1e-9), 0.0)[:, None] * aside

@@ -1,0 +1,153 @@
+"""Angles that are chosen at bumps, and simulated robots that start anywhere."""
+
+import numpy as np
+import pytest
+from shapely import affinity
+
+from jaxcell import space, walls
+from jaxcell.base.bundled import bundled
+
+
+HALL = space.Workspace([(0, 0), (6, 0), (6, 2), (2, 2), (2, 5), (0, 5)])
+
+
+@pytest.mark.parametrize("headings", [8, None])
+def test_robots_whose_errors_are_at_their_bounds_are_held(headings):
+    errors = walls.Errors(
+        run=0.02, distance=0.03, late=0.02, turn=np.radians(1), displacement=0.03, heading=0.03
+    )
+    filter = walls.WallFilter.of(HALL, headings=headings, errors=errors)
+    trial = walls.drive_anywhere(
+        HALL, filter, [float(np.radians(135))], robots=20, bumps=12, headings=headings, seed=1
+    )
+    assert trial.held.all()
+
+
+def test_a_choice_of_angles_needs_fewer_bumps_than_one_angle():
+    """45 degrees alone does not tell the places of this lab apart."""
+    lab = space.Workspace.load(bundled("lab_a"))
+    filter = walls.WallFilter.of(lab, headings=8, step=1.0)
+    ends = [
+        walls.drive_anywhere(
+            lab, filter, np.radians(angles).tolist(), robots=40, bumps=20, headings=8, seed=2
+        ).extent[:, -1]
+        for angles in ([45.0], [45.0, 135.0])
+    ]
+    assert np.median(ends[1]) < np.median(ends[0])
+
+
+def test_the_angle_with_the_smaller_expected_set_is_chosen():
+    """The choice agrees with sets that are followed from many places of the set itself."""
+    filter = walls.WallFilter.of(HALL, errors=walls.Errors(distance=0.05))
+    angles, rng = np.radians([90, 130]).tolist(), np.random.default_rng(3)
+    state = filter.turn(filter.observe(None, 3.0), angles[1])
+    state = filter.observe(state, 1.5)
+    place, heading, _ = walls.draw_places(filter, state, 1, 60, rng)
+    expected = []
+    for angle in angles:
+        _, _, run = walls.run_to_wall(filter.boundary, place, heading + angle)
+        turned = filter.turn(state, angle)
+        expected.append(np.mean([filter.extent(filter.observe(turned, one), 1)[0] for one in run]))
+    votes = [
+        int(walls.choose_angles(filter, state, 1, angles, np.random.default_rng(seed))[0])
+        for seed in range(9)
+    ]
+    assert abs(expected[0] - expected[1]) > 0.2
+    assert np.median(votes) == np.argmin(expected)
+
+
+def test_looking_two_bumps_ahead_chooses_among_the_same_angles():
+    filter = walls.WallFilter.of(HALL, headings=8, step=0.5)
+    state = filter.observe(None, [1.0, 2.0])
+    rng = np.random.default_rng(4)
+    angles = np.radians([45.0, 90.0, 135.0]).tolist()
+    chosen = walls.choose_angles(filter, state, 2, angles, rng, ahead=2)
+    assert set(chosen.tolist()) <= {0, 1, 2}
+
+
+def test_robots_come_home_from_anywhere():
+    errors = walls.Errors(run=0.01, distance=0.02, turn=np.radians(0.5))
+    filter = walls.WallFilter.of(HALL, errors=errors)
+    angles = tuple(np.radians([70.0, 100.0, 135.0]).tolist())
+    homing = walls.Homing(filter, (5.5, 1.0), 1.2, angles)
+    trial = walls.drive_anywhere(HALL, filter, angles, robots=12, bumps=40, goal=homing, seed=5)
+    home = trial.arrived.any(axis=1)
+    assert home.mean() > 0.9
+    first = trial.arrived.argmax(axis=1)
+    ends = trial.place[np.arange(12), first][home]
+    assert (np.hypot(*(ends - (5.5, 1.0)).T) <= 1.2).all()
+
+
+def test_expected_bumps_to_the_goal_are_those_of_simulated_robots():
+    """Robots that know their place take about as many bumps as the table of the goal says."""
+    filter = walls.WallFilter.of(HALL, errors=walls.Errors(distance=0.05))
+    angles = tuple(np.radians([70.0, 100.0, 135.0]).tolist())
+    homing = walls.Homing(filter, (5.5, 1.0), 1.2, angles)
+    rng = np.random.default_rng(6)
+    wall, ends = homing.parts
+    robots = 400
+    part = rng.integers(wall.size, size=robots)
+    arc = ends[:, part].mean(axis=0)
+    heading = rng.uniform(0, 2 * np.pi, robots)
+    slices = homing.slices
+    told = homing.bumps[np.floor(heading * slices / (2 * np.pi)).astype(int), part]
+    place, at = filter.boundary.point(wall[part], arc), wall[part]
+    bumps = np.zeros(robots)
+    going = np.ones(robots, bool)
+    for _ in range(40):
+        at, arc, _ = walls.run_to_wall(filter.boundary, place, heading)
+        place = filter.boundary.point(at, arc)
+        bumps += going
+        going &= np.hypot(*(place - (5.5, 1.0)).T) > 1.2
+        k = np.floor(heading % (2 * np.pi) * slices / (2 * np.pi)).astype(int)
+        own = homing._part(at, arc)
+        shifts = [round(angle * slices / (2 * np.pi)) for angle in angles]
+        after = np.stack([homing.bumps[(k + shift) % slices, own] for shift in shifts])
+        heading = heading + np.array(angles)[after.argmin(axis=0)]
+    assert going.mean() < 0.05
+    assert abs(bumps[~going].mean() - told[~going].mean()) < 0.7
+
+
+def test_a_goal_away_from_all_walls_is_refused():
+    room = space.Workspace([(0, 0), (9, 0), (9, 9), (0, 9)])
+    with pytest.raises(ValueError, match="goal: no wall lies within 1 m"):
+        walls.Homing(walls.WallFilter.of(room, headings=8), (4.5, 4.5), 1.0, (1.0,))
+
+
+@pytest.mark.parametrize(
+    ("room", "headings", "places"),
+    [
+        (HALL, None, 1),
+        (space.Workspace([(0, 0), (4, 0), (4, 2), (0, 2)]), None, 2),
+        (space.Workspace([(0, 0), (4, 0), (4, 2), (0, 2)]), 8, 2),
+        (space.Workspace([(0, 0), (2, 0), (1, np.sqrt(3))]), None, 3),
+        (space.Workspace([(0, 0), (2, 0), (1, np.sqrt(3))]), 8, 1),
+    ],
+)
+def test_places_that_look_alike_are_counted(room, headings, places):
+    assert walls.alike_places(room, headings) == places
+
+
+def test_two_rooms_of_one_shape_look_alike():
+    twin = [(1, 0.5), (5, 0.5), (5, 2.5), (1, 2.5)]
+    between = [(0, 3), (10, 3), (10, 4), (0, 4)]
+    bounds = [(0, 0), (10, 0), (10, 7), (0, 7)]
+    room = space.Workspace(bounds, [between])
+    assert room.pieces == 2
+    assert walls.alike_places(room) == 4
+    assert walls.alike_places(space.Workspace(bounds, [between, twin])) < 4
+
+
+def test_a_symmetric_room_keeps_as_many_pieces():
+    room = space.Workspace([(0, 0), (4, 0), (4, 2), (0, 2)])
+    filter = walls.WallFilter.of(room, headings=8, step=0.1)
+    trial = walls.drive_anywhere(
+        room, filter, np.radians([45.0, 135.0]).tolist(), robots=10, bumps=25, headings=8, seed=7
+    )
+    last = trial.sets[-1]
+    middle = (last.begin + last.end) / 2
+    turned = affinity.rotate(room.free_space, 180, "centroid")
+    assert turned.equals(room.free_space)
+    places = filter.boundary.point(last.wall, middle).round(3).tolist()
+    mirrored = (np.array([4.0, 2.0]) - places).round(3).tolist()
+    assert sorted(places) == sorted(mirrored)

@@ -1,0 +1,214 @@
+"""The filter of robots that start anywhere, against rays that share no code with it."""
+
+import re
+
+import numpy as np
+import pytest
+from oracles import rays
+
+from jaxcell import space, walls
+from jaxcell.base.bundled import bundled
+
+
+def load(name):
+    return space.Workspace.load(bundled(name))
+
+
+def followed(filter, runs, bounce, observed):
+    """Follow robots, and check at each bump that each is where the filter says; give the sets."""
+    states, state = [], None
+    for bump, (heading, place) in enumerate(zip(runs.heading, runs.point, strict=True)):
+        state = filter.observe(state, observed[bump])
+        inside = walls.contains(filter.boundary, state, filter.slice_of(heading), place)
+        assert inside.all(), f"bump {bump}: {np.flatnonzero(~inside)} are lost"
+        states.append(state)
+        state = filter.turn(state, bounce)
+    return states
+
+
+def drive(workspace, robots, bumps, bounce, seed, headings=None, **errors):
+    rng = np.random.default_rng(seed)
+    place = rays.anywhere(workspace.free_space, robots, rng)
+    heading = rng.uniform(0, 2 * np.pi, robots)
+    if headings is not None:
+        heading = np.floor(heading * headings / (2 * np.pi)) * 2 * np.pi / headings
+    room = rays.Room(workspace.free_space)
+    turns = [bounce] * (bumps - 1)
+    return room.drive(*place.T, heading, turns, signs=rng, **errors)
+
+
+@pytest.mark.parametrize(
+    ("name", "bounce", "headings", "step"),
+    [
+        ("lab_a", 45, 8, 1.0),
+        ("lab_a", 135, 8, 0.05),
+        ("lab_b", 135, 8, 1.0),
+        ("complex", 135, 8, 0.05),
+        ("depot", 90, 8, 1.0),
+        ("cafe", 112.5, 16, 0.25),
+        ("arena", 100, 36, 0.1),
+    ],
+)
+def test_a_robot_of_known_heading_is_never_lost(name, bounce, headings, step):
+    workspace, angle = load(name), np.radians(bounce)
+    runs = drive(workspace, 200, 12, angle, seed=1, headings=headings)
+    filter = walls.WallFilter.of(workspace, headings=headings, step=step)
+    followed(filter, runs, angle, np.floor(runs.length / step) * step)
+
+
+@pytest.mark.parametrize(("name", "bounce"), [("lab_b", 135), ("complex", 100)])
+def test_a_robot_of_unknown_heading_is_found(name, bounce):
+    workspace, angle = load(name), np.radians(bounce)
+    runs = drive(workspace, 12, 16, angle, seed=2)
+    filter = walls.WallFilter.of(workspace, errors=walls.Errors(distance=0.05))
+    states = followed(filter, runs, angle, runs.length)
+    assert np.median(filter.extent(states[-1], 12)) < 1.0
+
+
+@pytest.mark.parametrize("displacement", [0.0, 0.03])
+@pytest.mark.parametrize("name", ["lab_b", "complex"])
+def test_errors_at_their_bounds_lose_no_robot(name, displacement):
+    workspace, angle = load(name), np.radians(135)
+    bound = np.radians(1)
+    runs = drive(workspace, 15, 15, angle, seed=3, relative=0.02, absolute=0.05, turn=bound)
+    errors = walls.Errors(run=0.02, distance=0.05, turn=bound, displacement=displacement)
+    filter = walls.WallFilter.of(workspace, errors=errors)
+    states = followed(filter, runs, angle, runs.observed)
+    if not displacement:
+        assert np.median(filter.extent(states[-1], 15)) < 2.0
+
+
+def test_a_run_that_begins_beside_the_wall_loses_no_robot():
+    """A robot that backs off by 3 cm before it turns starts its next run there."""
+    workspace, angle, back = load("complex"), np.radians(135), 0.03
+    rng = np.random.default_rng(4)
+    place = rays.anywhere(workspace.free_space, 15, rng)
+    heading = rng.uniform(0, 2 * np.pi, 15)
+    room = rays.Room(workspace.free_space)
+    filter = walls.WallFilter.of(workspace, errors=walls.Errors(displacement=back))
+    state = None
+    for _ in range(12):
+        length, bump, _ = room.cast(place, room.locate(place), heading)
+        state = filter.observe(state, length)
+        assert walls.contains(filter.boundary, state, filter.slice_of(heading), bump).all()
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        place = bump - np.minimum(back, length)[:, None] * ahead
+        heading, state = heading + angle, filter.turn(state, angle)
+
+
+def test_a_bump_that_is_felt_late_loses_no_robot():
+    workspace, angle = load("lab_b"), np.radians(135)
+    runs = drive(workspace, 30, 10, angle, seed=5, headings=8)
+    filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(late=0.04))
+    felt = runs.length + np.random.default_rng(5).choice([0.0, 0.04], runs.length.shape)
+    followed(filter, runs, angle, felt)
+
+
+def test_a_heading_that_is_off_loses_no_robot():
+    workspace, angle, off = load("complex"), np.radians(135), np.radians(3)
+    rng = np.random.default_rng(6)
+    place = rays.anywhere(workspace.free_space, 20, rng)
+    heading = rng.integers(8, size=20) * np.pi / 4 + off * rng.choice([-1, 1], 20) * 0.9999
+    runs = rays.Room(workspace.free_space).drive(*place.T, heading, [angle] * 9)
+    filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(heading=off))
+    assert filter.first.sum() == 8 * 8
+    followed(filter, runs, angle, runs.length)
+
+
+@pytest.mark.parametrize("name", ["lab_a", "lab_b"])
+def test_sets_hold_the_robots_of_exact_arithmetic(name):
+    """Rational starts and exact runs: no rounding is left that might excuse a lost robot."""
+    workspace, angle = load(name), np.radians(135)
+    exact = rays.ExactRoom(workspace.free_space)
+    filter = walls.WallFilter.of(workspace, headings=8)
+    rng = np.random.default_rng(7)
+    for point in rays.anywhere(workspace.free_space, 12, rng).round(3):
+        heading = int(rng.integers(8))
+        state = None
+        for now, distance, place in exact.drive(point.tolist(), heading, [3] * 9):
+            length = exact.length(now, distance)
+            state = filter.observe(state, length)
+            at = np.array([[float(place[0]), float(place[1])]])
+            assert walls.contains(filter.boundary, state, np.array([now]), at).all()
+            state = filter.turn(state, angle)
+
+
+def test_every_stretch_holds_a_robot():
+    """The sets are not too large: wherever they say that a robot may be, there is one."""
+    workspace, angle = load("complex"), np.radians(135)
+    many = 200_000
+    runs = drive(workspace, many, 3, angle, seed=8, headings=8)
+    steps = np.floor(runs.length)
+    alike = np.flatnonzero((steps == steps[:, :1]).all(axis=0))
+    filter = walls.WallFilter.of(workspace, headings=8, step=1.0)
+    state = None
+    for bump in range(3):
+        state = filter.observe(state, steps[bump, :1])
+        state = filter.turn(state, angle) if bump < 2 else state
+    empty = [
+        (wall, begin, end)
+        for _, slice_, wall, begin, end in zip(*state, strict=True)
+        if end - begin > 0.1
+        and not (
+            (runs.wall[-1, alike] == wall)
+            & (filter.slice_of(runs.heading[-1, alike]) == slice_)
+            & (runs.arc[-1, alike] >= begin)
+            & (runs.arc[-1, alike] <= end)
+        ).any()
+    ]
+    assert not empty
+
+
+def test_many_robots_are_followed_as_each_by_itself():
+    workspace, angle = load("lab_b"), np.radians(135)
+    runs = drive(workspace, 5, 6, angle, seed=9, headings=8)
+    filter = walls.WallFilter.of(workspace, headings=8, errors=walls.Errors(distance=0.1))
+    together = followed(filter, runs, angle, runs.length)[-1]
+    for robot in range(5):
+        state = None
+        for length in runs.length[:, robot]:
+            state = None if state is None else filter.turn(state, angle)
+            state = filter.observe(state, length)
+        alone = together.take(together.robot == robot)
+        for part, expected in zip(state[1:], alone[1:], strict=True):
+            assert np.array_equal(part, expected)
+
+
+def test_a_run_longer_than_the_room_refutes_the_map():
+    filter = walls.WallFilter.of(load("lab_a"), headings=8)
+    state = filter.turn(filter.observe(None, 1.0), np.radians(45))
+    assert filter.refuted(filter.observe(state, 50.0), 1).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"headings": 7}, "headings: expected an even number from 2, got 7"),
+        ({"slices": 0}, "slices: expected an even number from 2, got 0"),
+        (
+            {"headings": 16, "errors": walls.Errors(turn=0.01)},
+            "slices: expected a multiple of 16 headings, got 360",
+        ),
+        (
+            {"errors": walls.Errors(distance=9.0)},
+            "errors: distance: expected at most the 8.94 m that the room is wide, got 9 m: no two "
+            "runs would differ",
+        ),
+    ],
+)
+def test_filters_that_cannot_be_are_refused(change, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        walls.WallFilter.of(load("lab_a"), **change)
+
+
+def test_an_angle_between_slices_is_refused():
+    filter = walls.WallFilter.of(load("lab_a"), headings=8)
+    state = filter.observe(None, 1.0)
+    with pytest.raises(ValueError, match="expected a multiple of 45 degrees"):
+        filter.turn(state, np.radians(30))
+
+
+@pytest.mark.parametrize("field", ["run", "distance", "late", "turn", "heading", "displacement"])
+def test_errors_below_zero_are_refused(field):
+    with pytest.raises(ValueError, match=f"errors: {field}: expected"):
+        walls.Errors(**{field: -0.1})
