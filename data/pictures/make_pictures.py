@@ -46,8 +46,21 @@ class Picture:
     tab: str | None = None
 
 
-LOCALIZE = "localize @lab_a --bounce 135 --collision endpoint --out runs/lab"
+LOCALIZE = "localize @lab_a --bounce 135 --out runs/lab"
+ERRORS = "--anywhere --heading unknown --errors run=0.02 distance=0.05 turn=1 --measured"
 PICTURES = {
+    "navigation_anywhere": Picture(
+        (f"navigate @complex --bounces 45 100 135 --goal 1,1 {ERRORS} --robots 40 --out runs",),
+        "navigation.rrd",
+        "bump",
+        4,
+    ),
+    "localization_anywhere": Picture(
+        (f"localize @complex --bounce 135 {ERRORS} --robots 40 --out runs",),
+        "localization.rrd",
+        "bump",
+        4,
+    ),
     "localization": Picture((LOCALIZE,), "lab/localization.rrd", "step", 5),
     "groups": Picture(
         ("groups @room_200x125 --bounce 90 --out runs",),
@@ -74,7 +87,7 @@ PICTURES = {
         30,
     ),
     "team": Picture(
-        ("team @complex --directions 8 --robots 4 --bounce 135 --out runs",),
+        ("team @complex --directions 8 --robots 4 --bounces 135 --out runs",),
         "team.rrd",
         "step",
         40,
@@ -103,7 +116,7 @@ PICTURES = {
     "robot": Picture(
         (
             LOCALIZE,
-            "robot run runs/lab/filter.jxf --simulate @lab_a --out runs/emulated",
+            "robot run runs/lab/filter.jxf --simulate @lab_a --heading 0 --out runs/emulated",
         ),
         "emulated/run.rrd",
         "observation",

@@ -1,0 +1,149 @@
+"""Describe a Create 2 among the walls of a map in the format of MuJoCo."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ...space import Workspace
+from ...space.workspace import edges
+from ..create.packets import WHEEL_BASE
+
+
+RADIUS = 0.17425
+"""The radius of the body with its bumper, in metres."""
+WHEEL = 0.036
+"""The radius of a wheel, in metres."""
+LATENCY = 0.015
+"""Seconds from a command to its effect: a time slot of the robot. The bump was felt up to a slot
+before it was sent."""
+AXLE = "left", "right"
+"""The joints of the wheels."""
+BUMPER = "along", "across"
+"""The slides of the bumper in the frame of the body: forward and to the left."""
+
+# The shell goes in by this in front, and by half of it at the sides, until the chassis stops it.
+_TRAVEL = 0.008
+# Half the thickness of a wall, which only the side toward the robot shows.
+_THIN = 1e-4
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Physics:
+    """What is assumed of a Create 2, its floor and its walls, since nobody has published it.
+
+    >>> from jaxcell.robot.physics import Physics
+    >>> Physics(floor=0.5).floor
+    0.5
+    """
+
+    floor: float = 0.8
+    "Coefficient of friction between the wheels and the floor."
+    wall: float = 0.3
+    "Coefficient of friction between the bumper and the walls."
+    stiffness: float = 500.0
+    "Stiffness of the bumper's springs, in N/m."
+    threshold: float = 0.004
+    """How far the bumper goes in toward a switch, half left or half right of the front, before the
+    switch closes, in metres. With the stiffness it is a force, 2 N."""
+    acceleration: float = 1.8
+    "Acceleration of the wheels, in m/s²."
+    wheels: float = 0.0
+    """Standard deviation of the relative error of the radius of each wheel, drawn once for a robot.
+    It is what a calibration finds."""
+    time_step: float = 0.001
+    "Time step of the engine, in seconds."
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            least = "0 or more" if field.name in ("wall", "wheels") else "more than 0"
+            if not (math.isfinite(value) and value >= 0) or (least != "0 or more" and value == 0):
+                raise ValueError(
+                    f"{field.name}: expected a finite number of {least}, got {value!r}"
+                )
+        for name, most in (("time_step", 0.0025), ("threshold", _TRAVEL / 2), ("wheels", 0.2)):
+            if (value := getattr(self, name)) > most:
+                raise ValueError(f"{name}: expected at most {most:g}, got {value!r}")
+
+
+def robot_model(
+    workspace: Workspace,
+    physics: Physics,
+    pose: Sequence[float],
+    *,
+    wheels: Sequence[float] = (WHEEL, WHEEL),
+    height: float = 0.0,
+) -> str:
+    """Write the model of a Create 2 in a map, in the XML of MuJoCo.
+
+    Each wall is a thin box. The shell is a sphere that meets only walls, at the height of its
+    middle, where it is the circle of the robot's outline; so contacts of any wall and corner are
+    exact. The wheels are ellipsoids, each with one point on the floor: cylinders would have two,
+    and slip in turns.
+
+    **Arguments:**
+
+    - `workspace`: the map; its walls, not its free space, are what counts.
+    - `physics`: what is assumed.
+    - `pose`: x and y in metres, and the heading in radians.
+    - `wheels`: radii of the left and the right wheel, in metres.
+    - `height`: how far the wheels are above the floor at first, in metres.
+    """
+    x, y, heading = pose
+    axle = max(wheels)
+    walls = "".join(map(_wall, edges(workspace.environment)[:, 1:]))
+    rolling = "".join(
+        f'<body pos="0 {side * WHEEL_BASE / 2} {radius - axle}">'
+        f'<joint name="{name}" axis="0 1 0" armature="0.005"/>'
+        f'<geom class="floor" type="ellipsoid" size="{radius} 0.012 {radius}" mass="0.2"'
+        f' friction="{physics.floor} 0 0"/></body>'
+        for name, side, radius in zip(AXLE, (1, -1), wheels, strict=True)
+    )
+    casters = "".join(
+        f'<geom class="floor" type="sphere" size="0.01" pos="{at} 0 {0.01 - axle + clearance}"'
+        ' condim="1"/>'
+        for at, clearance in ((0.13, 0.0), (-0.13, 0.002))
+    )
+    slides = "".join(
+        f'<joint name="{name}" type="slide" axis="{axis}" stiffness="{physics.stiffness}"'
+        ' damping="60"/>'
+        for name, axis in zip(BUMPER, ("1 0 0", "0 1 0"), strict=True)
+    )
+    # Each motor has an integral and a proportional part, so that a robot that stands is held.
+    motors = "".join(
+        f'<intvelocity joint="{name}" kp="2" actrange="-1e9 1e9" forcerange="-1 1"/>'
+        f'<velocity joint="{name}" kv="0.5" forcerange="-1 1"/>'
+        for name in AXLE
+    )
+    return f"""<mujoco><compiler angle="radian"/>
+<option timestep="{physics.time_step}" integrator="implicitfast" cone="elliptic"/>
+<default>
+<default class="wall"><geom contype="2" conaffinity="2" priority="1" solref="0.01 2"
+ solimp="0.95 0.95 0.001" friction="{physics.wall} 0 0"/></default>
+<default class="shell"><geom contype="2" conaffinity="2"/></default>
+<default class="floor"><geom priority="1" solref="0.02 1" solimp="0.995 0.995 0.001"/></default>
+</default>
+<worldbody><geom type="plane" size="0 0 1"/>{walls}
+<body pos="{x} {y} {axle + height}" euler="0 0 {heading}"><freejoint/>
+<inertial pos="0.02 0 0" mass="3" diaginertia="0.024 0.024 0.045"/>
+<geom class="shell" type="sphere" size="{RADIUS - _TRAVEL / 2}" pos="{-_TRAVEL / 2} 0 0.01"/>
+{casters}{rolling}
+<body pos="0 0 0.01">{slides}
+<geom class="shell" type="sphere" size="{RADIUS}" mass="0.1"/></body>
+</body></worldbody>
+<actuator>{motors}</actuator>
+</mujoco>"""
+
+
+def _wall(ends: Float[np.ndarray, "2 2"]) -> str:
+    """Describe a wall from its start to its end; what is free lies to its left."""
+    middle, way = ends.mean(axis=0), ends[1] - ends[0]
+    length, angle = float(np.hypot(*way)), math.atan2(way[1], way[0])
+    x, y = middle + _THIN * np.array([math.sin(angle), -math.cos(angle)])
+    return (
+        f'<geom class="wall" type="box" size="{length / 2} {_THIN} 0.1" pos="{x} {y} 0.1"'
+        f' euler="0 0 {angle}"/>'
+    )
