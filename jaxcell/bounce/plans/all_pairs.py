@@ -172,6 +172,8 @@ class AllPlans:
     def _ways(self, entries: Int[np.ndarray, "some"]) -> Routes:
         """The routes to entries in ascending order; none leads to entry -1."""
         known = entries[entries >= 0]
+        if entries.size and not known.size:
+            return solve(self.roadmap, entries)
         if isinstance(self.source, Path):
             routes = read_routes(self.source, known)
         else:

@@ -87,7 +87,8 @@ def bounded_map(
         # The way back closes but for the errors of both ways.
         way = (first + abs(second)) * (1 + slip.step)
         gap = way * (2 * slip.step / max(1 - slip.step, 1e-9) + 4 * drift + aside)
-        spread = bin_ / 2 + drift * (2 + slip.step) + aside + turned
+        gap += way * abs(slip.bump_turn)
+        spread = bin_ / 2 + drift * (2 + slip.step) + aside + turned + abs(slip.bump_turn)
         back = np.array([-gap, -gap, gap, gap])
         _add_places(cells, row, bumps, back, half, right[1], up[1])
         facing = (direction + shift) % coarse.directions

@@ -15,6 +15,9 @@ class SlippedPlan(Plan):
     title: ClassVar[str] = "Plan of a bouncing robot that slips"
 
     fine_cells: Annotated[int, quantity("", "fine cells", kind="count")]
+    plan_runs: Annotated[
+        int, quantity("", "simulated runs of the plan, without cells", kind="count")
+    ]
     plan_as_foretold: Annotated[
         float,
         quantity("", "probability that the robot senses all that the plan foretells", kind="share"),
@@ -22,15 +25,26 @@ class SlippedPlan(Plan):
     plan_arrives: Annotated[
         float, quantity("", "probability that it then is at the goal", kind="share")
     ]
+    plan_arrives_from: Annotated[
+        float, quantity("", "least value of that at 99 % confidence", kind="share")
+    ]
+    plan_arrives_to: Annotated[
+        float, quantity("", "largest value of that at 99 % confidence", kind="share")
+    ]
     policy_surely_arrives: Annotated[
-        bool, quantity("", "whether the best policy surely arrives, given the cell", kind="flag")
+        bool,
+        quantity("", "whether the best policy surely arrives, given the fine cell", kind="flag"),
     ]
     policy_mean_steps: Annotated[
-        float, quantity("", "mean observations until the policy arrives", kind="time")
+        float, quantity("", "mean observations, among fine cells, until it arrives", kind="time")
     ]
     policy_arrival: Annotated[
         Float[np.ndarray, "observations"],
-        quantity("observation", "probability that the policy has arrived", kind="share"),
+        quantity(
+            "observation",
+            "probability, among fine cells, that the policy has arrived",
+            kind="share",
+        ),
     ]
     simulated_runs: Annotated[int, quantity("", "runs of the emulated robot", kind="count")]
     simulated_plan_arrives: Annotated[
@@ -48,7 +62,7 @@ class SlippedPlan(Plan):
     def answered(self) -> bool:
         return self.found or self.policy_surely_arrives
 
-    @derived("", "probability that the policy arrives as soon as the plan", kind="share")
+    @derived("", "probability, among fine cells, that it arrives as soon as the plan", kind="share")
     def policy_arrives_as_soon(self) -> float:
         return float(self.policy_arrival[min(self.actions.size, self.policy_arrival.size - 1)])
 

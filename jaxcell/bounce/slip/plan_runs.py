@@ -1,0 +1,58 @@
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ...space import CellSpace, Slip, felt_walls, slipping_step, stride_legs
+from ...space.slip import ERRORS
+from ..dynamics import bounce_shift
+
+
+def plan_runs(
+    cells: CellSpace,
+    start: int,
+    actions: Sequence[float],
+    slip: Slip,
+    *,
+    runs: int,
+    step: float | None = None,
+    seed: int = 0,
+) -> Float[np.ndarray, "foretold 3"]:
+    """Simulate runs of a robot that slips and follows a plan, without any cells.
+
+    **Arguments:**
+
+    - `cells`: the cell space of a map.
+    - `start`: the cell at whose centre the robot starts.
+    - `actions`: 0 for a step forward, else the angle to turn by at a bump, in radians.
+    - `slip`: how large the errors are.
+    - `runs`: number of runs.
+    - `step`: length of a step in metres, by default one cell of the map.
+    - `seed`: of the errors.
+
+    **Returns:** the last poses of the robots that sensed just what the plan foretells.
+
+    A robot without errors goes to the end of a corridor and turns there:
+
+        >>> import math
+        >>> from jaxcell import bounce, examples, space
+        >>> corridor = examples.corridor(directions=4)
+        >>> bounce.plan_runs(
+        ...     corridor, 1, [0.0, math.pi / 2], space.Slip(), runs=1
+        ... ).round(2).tolist()
+        [[2.5, 0.5, 1.57]]
+    """
+    assert cells.workspace is not None
+    draw = np.random.default_rng(seed)
+    legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
+    walls = felt_walls(cells.workspace, slip.give)
+    pose = np.tile(np.stack(cells.centre(np.asarray(start)), axis=-1), (runs, 1))
+    direction = start // cells.positions
+    for action in actions:
+        errors = draw.standard_normal((len(pose), ERRORS))
+        leg = np.broadcast_to(legs[direction], pose.shape)
+        pose, bumped = slipping_step(pose, leg, float(action), errors, walls, slip)
+        pose = pose[bumped == (action != 0)]
+        if action:
+            direction = (direction + int(bounce_shift(action, cells.directions))) % cells.directions
+    return pose

@@ -1,0 +1,120 @@
+"""Robots that a bump turns toward the wall, in the models and on the emulator."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jaxcell import bounce, space
+from jaxcell.automata import Belief
+from jaxcell.robot import Walker
+from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.direct import DirectBody
+
+
+ROOM = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
+CELLS = space.CellSpace.of(ROOM, 1.0, 24)
+LEGS = space.stride_legs(24, 1.0, 1.0)
+STRIDES = space.cell_strides(24, 1.0, 1.0)
+GIVE = 1e-6
+SLIP = 0.005
+BUMP_TURN = math.radians(3)
+TURN = math.radians(135)
+
+
+def emulated(cell: int, **fields: Any) -> tuple[Walker, Body]:
+    pose = tuple(map(float, CELLS.centre(cell)))
+    body = Body(ROOM, pose, **{"give": GIVE, "noise": Noise(bump_turn=BUMP_TURN)} | fields)
+    direction = cell // CELLS.positions
+    return Walker(DirectBody(body), 1.0, strides=STRIDES, direction=direction), body
+
+
+@pytest.mark.parametrize("degrees", [0, 15, 30, 45, 60])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_bump_turns_toward_the_wall_by_twice_the_sine_of_the_incidence(degrees, side):
+    walls = space.felt_walls(ROOM, 0.0)
+    heading = side * math.radians(degrees)
+    pose = np.array([[3.5, 1.5, heading]])
+    after, bumped = space.slipping_step(
+        pose, np.array([[2.0, 0, 0]]), 0.0, np.zeros((1, 9)), walls, space.Slip(bump_turn=0.05)
+    )
+    assert bumped.all()
+    # The wall to the East is on the side to which the robot does not turn away from it.
+    expected = -0.05 * math.sin(2 * heading)
+    assert after[0, 2] - heading == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_emulated_robot_is_turned_as_the_model_says():
+    walls, slip = space.felt_walls(ROOM, GIVE), space.Slip(bump_turn=BUMP_TURN)
+    compared = 0
+    for direction in range(24):
+        for position in range(CELLS.positions):
+            cell = direction * CELLS.positions + position
+            pose = np.array([CELLS.centre(cell)], float)
+            after, bumped = space.slipping_step(
+                pose, LEGS[[direction]], 0.0, np.zeros((1, 9)), walls, slip
+            )
+            first = space.free_ahead(walls, pose[:, :2], pose[:, 2])[0]
+            # Near a corner, and in the second of two stretches, the model simplifies.
+            if not bumped[0] or first >= LEGS[direction, 0] or _near_a_corner(pose[0], first):
+                continue
+            walker, body = emulated(cell)
+            assert walker.step()
+            turned = math.remainder(body.theta - after[0, 2], 2 * math.pi)
+            assert turned == pytest.approx(0.0, abs=1e-5)
+            assert math.dist(body.pose[:2], after[0, :2]) < 0.005
+            compared += 1
+    assert compared > 20
+
+
+def _near_a_corner(pose: np.ndarray, ahead: float) -> bool:
+    at = pose[:2] + ahead * np.array([math.cos(pose[2]), math.sin(pose[2])])
+    corners = space.felt_walls(ROOM, GIVE).reshape(-1, 2)
+    return bool(np.hypot(*(corners - at).T).min() < 0.01)
+
+
+def test_a_belief_that_knows_the_turn_holds_a_robot_that_one_without_it_loses():
+    held = []
+    for known in (BUMP_TURN, 0.0):
+        slip = space.Slip.of(SLIP, give=0.02, bump_turn=known)
+        belief = Belief(bounce.slip_map(bounce.FineCells.within(CELLS, slip), [TURN], slip))
+        rng, right = np.random.default_rng(0), []
+        for cell in rng.integers(CELLS.size, size=30).tolist():
+            state = belief.start()
+            for observed, place in run(cell, 20, rng):
+                state = belief.observe(state, observed)
+                right.append(place in belief.estimate(state).cells)
+        held.append(np.mean(right))
+    assert held[0] > 0.98
+    assert held[1] < 0.97
+
+
+def test_bounded_sets_hold_a_robot_that_bumps_turn():
+    fine = bounce.FineCells.of(CELLS, squares=1, directions=9, reach=4)
+    slip = space.Slip.of(3 * SLIP, give=0.02, bump_turn=BUMP_TURN)
+    sets = bounce.bounded_map(fine, TURN, slip)
+    rng = np.random.default_rng(1)
+    for cell in rng.integers(CELLS.size, size=6).tolist():
+        state = sets.start()
+        for observed, place in run(cell, 12, rng):
+            state = sets.observe(state, observed)
+            assert place in sets.estimate(state).cells
+
+
+def run(cell: int, steps: int, rng: np.random.Generator) -> Iterator[tuple[int, int]]:
+    """Each observation of an emulated robot that slips, and the cell where it is."""
+    noise = Noise(distance=SLIP, rotation=SLIP, veer=SLIP, bump_turn=BUMP_TURN)
+    walker, body = emulated(cell, give=0.02, noise=noise, rng=rng)
+    for _ in range(steps):
+        bumped = walker.step()
+        if bumped:
+            walker.rotate(TURN)
+        yield int(bumped), int(CELLS.index(*body.pose))
+
+
+@pytest.mark.parametrize("value", [2.0, math.nan])
+def test_a_turn_by_a_bump_that_is_no_angle_is_refused(value):
+    with pytest.raises(ValueError, match="slip: bump_turn: expected -1 to 1 radians"):
+        space.Slip(bump_turn=value)
