@@ -32,6 +32,15 @@ DEFINITIONS = {
         "linear": "geometry_msgs.msg.Vector3",
         "angular": "geometry_msgs.msg.Vector3",
     },
+    "geometry_msgs.msg.TwistStamped": {
+        "header": "std_msgs.msg.Header",
+        "twist": "geometry_msgs.msg.Twist",
+    },
+    "sensor_msgs.msg.BatteryState": {
+        "header": "std_msgs.msg.Header",
+        "percentage": float,
+        "power_supply_status": int,
+    },
     "nav_msgs.msg.Odometry": {
         "header": "std_msgs.msg.Header",
         "child_frame_id": str,
@@ -53,6 +62,11 @@ DEFINITIONS = {
     "irobot_create_msgs.msg.HazardDetectionVector": {
         "header": "std_msgs.msg.Header",
         "detections": list,
+    },
+    "irobot_create_msgs.msg.DockStatus": {
+        "header": "std_msgs.msg.Header",
+        "dock_visible": bool,
+        "is_docked": bool,
     },
     "irobot_create_msgs.action.DriveDistance.Goal": {
         "distance": float,
@@ -93,6 +107,9 @@ class World:
     def __init__(self, body=None, *, kind="create3", pause=0.0005):
         self.body, self.kind, self.pause = body, kind, pause
         self.hazards = set()
+        self.silent = set()
+        self.battery, self.charging, self.docked = math.nan, False, False
+        self.speeds = ["geometry_msgs/msg/Twist"]
         self.dead = self.refuses = False
         self.said, self.published = [], {}
         self.goal = None
@@ -125,6 +142,7 @@ class World:
         self.end(CANCELED)
 
     def roll(self, twist):
+        twist = getattr(twist, "twist", twist)
         if (twist.linear.x, twist.angular.z) != self.speed:
             self.say("cmd_vel", round(twist.linear.x, 3), round(twist.angular.z, 3))
         self.speed, self.expires = (twist.linear.x, twist.angular.z), self.now + 0.5
@@ -155,12 +173,18 @@ class World:
         pose.orientation.z = math.sin(self.body.theta / 2)
         pose.orientation.w = math.cos(self.body.theta / 2)
         node.hear("odom", odometry)
+        battery = CLASSES["sensor_msgs.msg.BatteryState"]()
+        battery.percentage, battery.power_supply_status = self.battery, int(self.charging)
+        node.hear("battery_state", battery)
         bump = self.body.bump_left or self.body.bump_right
         if self.kind == "base":
             pressed = CLASSES["std_msgs.msg.Bool"]()
             pressed.data = bump
             node.hear("bumper", pressed)
             return
+        dock = CLASSES["irobot_create_msgs.msg.DockStatus"]()
+        dock.is_docked = self.docked
+        node.hear("dock_status", dock)
         vector = CLASSES["irobot_create_msgs.msg.HazardDetectionVector"]()
         for kind in sorted(self.hazards | ({BUMP} if bump else set())):
             hazard = CLASSES["irobot_create_msgs.msg.HazardDetection"]()
@@ -203,7 +227,7 @@ class Node:
         self.heard[topic] = kind, callback
 
     def hear(self, topic, message):
-        if topic in self.heard:
+        if topic in self.heard and topic not in self.world.silent:
             kind, callback = self.heard[topic]
             assert type(message) is kind
             callback(message)
@@ -211,7 +235,8 @@ class Node:
     def create_publisher(self, kind, topic, qos):
         def publish(message):
             assert type(message) is kind
-            if topic == "cmd_vel":
+            # A subscription hears its own type only.
+            if topic == "cmd_vel" and f"geometry_msgs/msg/{kind.__name__}" in self.world.speeds:
                 self.world.roll(message)
             self.world.published.setdefault(topic, []).append(message)
 
@@ -226,6 +251,10 @@ class Node:
             return answer
 
         return types.SimpleNamespace(call_async=call)
+
+    def get_subscriptions_info_by_topic(self, topic):
+        assert topic == "/cmd_vel"
+        return [types.SimpleNamespace(topic_type=kind) for kind in self.world.speeds]
 
     def resolve_topic_name(self, topic):
         return f"/{topic}"

@@ -26,6 +26,11 @@ class Follower(abc.ABC):
         """Take the next observation, 0 or 1."""
 
     @property
+    def over(self) -> bool:
+        """True if no run goes on from here."""
+        return self.result is not None
+
+    @property
     @abc.abstractmethod
     def turn(self) -> int | None:
         """The number of the angle to turn by now, if any."""
@@ -94,7 +99,7 @@ def replay(run: LoggedRun, follower: Follower) -> RunOutcome:
     """
     colors, kind = run.colors, follower.kind
     for i, observation in enumerate(run.observations):
-        if follower.result is not None:
+        if follower.over:
             raise ValueError(
                 f"observation {i}: the {kind} has come to its end; the log is of another {kind}"
             )

@@ -9,11 +9,11 @@ class RunOutcome:
     result: Literal[
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
     ]
-    """`"localized"`: the filter is in a knowledge cycle; `"arrived"`: the plan, or the trajectory,
-    is done; `"patrolled"`: as many cells were visited as were asked for; `"reported"`: an intruder
-    was seen; `"refuted"`: what was sensed cannot be; `"stopped"`: the driver has stopped the robot,
-    or a person the run; `"unfinished"`: none of these, after as many observations as were
-    allowed."""
+    """`"localized"`: one configuration is left, or the filter is in a knowledge cycle, the policy
+    at an end, or the belief in few cells; `"arrived"`: the plan, or the trajectory, is done;
+    `"patrolled"`: as many cells were visited as were asked for; `"reported"`: an intruder was seen;
+    `"refuted"`: what was sensed cannot be; `"stopped"`: the driver has stopped the robot, or a
+    person the run; `"unfinished"`: none of these, after as many observations as were allowed."""
     observations: str
     "What the robot sensed: 0 for a step, 1 for a bump."
     reason: str

@@ -71,7 +71,8 @@ class RunLog:
             "observation",
             observation=int(walker.observations[-1]),
             **fields,
-            estimate=np.round(walker.estimate, 4).tolist(),
+            # Without the sign of a zero.
+            estimate=(np.round(walker.estimate, 4) + 0.0).tolist(),
         )
 
     def _write(self, line: str) -> None:

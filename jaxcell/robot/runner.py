@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 from ..automata import Filter
 from .following import Follower, follow, replay
@@ -8,8 +8,18 @@ from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
 
 
+Until: TypeAlias = Literal["known", "cycle"]
+"""The end of a run of a filter: one configuration left or a knowledge cycle, or only the cycle."""
+
+
 def run_filter(
-    walker: Walker, filter: Filter, bounce: float, *, log: RunLog | None = None, limit: int = 10_000
+    walker: Walker,
+    filter: Filter,
+    bounce: float,
+    *,
+    log: RunLog | None = None,
+    limit: int = 10_000,
+    until: Until = "known",
 ) -> RunOutcome:
     """Let a robot bounce until a filter knows where it is, or that it cannot be in the map.
 
@@ -23,6 +33,8 @@ def run_filter(
     - `bounce`: the bouncing angle that the filter is for, in radians, counter-clockwise.
     - `log`: where to write each observation as it comes.
     - `limit`: how many observations to make at most.
+    - `until`: `"known"` ends the run when one configuration is left, or in a knowledge cycle;
+        `"cycle"` ends it only in a knowledge cycle.
 
     **Returns:** [`RunOutcome`][].
 
@@ -39,7 +51,7 @@ def run_filter(
         >>> outcome.result, outcome.observations, outcome.cells
         ('localized', '00', (0,))
     """
-    return follow(walker, Filtered(filter), [bounce], log, limit)
+    return follow(walker, Filtered(filter, until), [bounce], log, limit)
 
 
 def run_plan(
@@ -116,10 +128,12 @@ def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
     - `run`: the log of a run of a filter.
     - `filter`: the filter that was run.
 
-    **Returns:** [`RunOutcome`][], that of the run if it was not cut off.
+    **Returns:** [`RunOutcome`][], that of the run if it was not cut off. It is localized where
+    one configuration is left, unless `until` in the header of the log is `"cycle"`.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
-    it, or goes on after the end of the run: it is of another filter.
+    it, or goes on after a knowledge cycle was reached or the filter refuted: it is of another
+    filter.
 
     The log of a robot that met a wall, and a filter for robots that go to cell 0 and stay:
 
@@ -132,7 +146,7 @@ def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
         >>> robot.replay_filter(robot.LoggedRun({}, events, True), filter).result
         'localized'
     """
-    return replay(run, Filtered(filter))
+    return replay(run, Filtered(filter, run.header.get("until", "known")))
 
 
 class Filtered(Follower):
@@ -140,9 +154,9 @@ class Filtered(Follower):
 
     kind = "filter"
 
-    def __init__(self, filter: Filter) -> None:
+    def __init__(self, filter: Filter, until: Until = "known") -> None:
         super().__init__()
-        self._filter, self._state = filter, filter.start()
+        self._filter, self._state, self._until = filter, filter.start(), until
 
     def observe(self, observation: int) -> None:
         self.observations += str(observation)
@@ -154,8 +168,13 @@ class Filtered(Follower):
         self.colors.append(self._state.color)
         if self._state.refuted:
             self.result = "refuted"
-        elif self._state.localized:
+        elif self._state.localized or (self._until == "known" and self._state.uncertainty == 1):
             self.result = "localized"
+
+    @property
+    def over(self) -> bool:
+        # A run until the cycle goes on from where one configuration is left.
+        return self.result == "refuted" or self._state.localized
 
     @property
     def turn(self) -> int | None:

@@ -28,9 +28,9 @@ _NEAR_FLASH = 2**16
 def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int = FLASH) -> str:
     """A program for an Arduino that runs a localization filter on a Create, without a host.
 
-    It does what [`jaxcell.robot.run_filter`][] does with a [`jaxcell.robot.Walker`][]: the same
-    observations give the same colours. The comment at its top says how to wire it, and what stops
-    the robot.
+    It does what [`jaxcell.robot.run_filter`][] until the cycle does with a
+    [`jaxcell.robot.Walker`][]: the same observations give the same colours. The comment at its top
+    says how to wire it, and what stops the robot.
 
     **Arguments:**
 

@@ -40,6 +40,10 @@ class MemberTask(Task):
     "Its actions, one character each, as [`jaxcell.robot.member_actions`][] has them."
 
     @property
+    def start_direction(self) -> int:
+        return round(self.start[2] * self.directions / (2 * math.pi)) % self.directions
+
+    @property
     def header(self) -> dict[str, Any]:
         return {
             "kind": KIND,

@@ -153,6 +153,28 @@ class Walker:
         self.observations += "1" if bumped else "0"
         return bumped
 
+    def run_to_wall(self, most: float, back: float = 0.0) -> float | None:
+        """Drive straight until a bump, and back off.
+
+        **Arguments:**
+
+        - `most`: how far to go without a bump, in metres.
+        - `back`: how far to back off after it, in metres.
+
+        **Returns:** the length of the run in metres, by the encoders; `None` without a bump.
+        """
+        self.drives = True
+        moved = self._robot.forward(most, tolerance=self._tolerance)
+        self._count(moved)
+        if not moved.bumped:
+            return None
+        # A bumper that is still pressed would end the next run at once.
+        if back > self._tolerance:
+            self._count(self._robot.forward(-back, tolerance=self._tolerance))
+        self._centre = self._at
+        self.observations += "1"
+        return moved.distance
+
     def rotate(self, angle: float) -> None:
         """Turn the heading by an angle in radians, counter-clockwise.
 

@@ -13,6 +13,7 @@ import tty
 from pathlib import Path
 
 import pytest
+from waiting import wait_until as eventually
 
 import jaxcell
 from jaxcell.robot import Create, RobotStopped
@@ -22,8 +23,8 @@ from jaxcell.robot.create.watchdog import Watchdog
 
 
 # Long enough for a machine that has other things to do.
-PATIENCE = 2.0
-LONG = 20.0
+PATIENCE = 10.0
+LONG = 120.0
 
 
 class FakeRobot:
@@ -110,13 +111,6 @@ def on_a_terminal(**options):
 def terminal():
     with on_a_terminal() as robot_and_name:
         yield robot_and_name
-
-
-def eventually(condition):
-    end = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < end, "it did not come to that"
-        time.sleep(0.01)
 
 
 def keep_driving(create, speed=0.2):
@@ -397,7 +391,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGTERM, signal.SIG_DFL)
 from jaxcell.robot import Create
-with Create.open(sys.argv[1], patience=1.0) as robot:
+with Create.open(sys.argv[1], patience=2.0) as robot:
     robot.arm()
     while True:
         robot.drive(right=0.2, left=0.2)

@@ -7,6 +7,7 @@ import time
 import tty
 
 import pytest
+from waiting import wait_until as until
 
 from jaxcell.robot.create import open_interface as oi
 from jaxcell.robot.create.packets import METRES_PER_COUNT, Contact, Mode, decode, size
@@ -59,14 +60,6 @@ class Host:
 
         until(enough)
         return frames
-
-
-def until(condition, seconds: float = 20.0):
-    """Waits, long enough for a busy machine, and fails if it was for nothing."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.001)
 
 
 @contextlib.contextmanager

@@ -6,14 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import ros_stub
 from ros_stub import BACKUP_LIMIT, CLIFF, World
+from waiting import wait_until, when
 from wheels import MAPS, bounce_filter, map_cells, pose_of
 
 from jaxcell.cli import main
@@ -45,6 +44,12 @@ class Beats:
 
     def dismiss(self):
         self.dismissed = True
+
+
+def await_ticks(world):
+    """Wait until the robot has sent some messages."""
+    end = world.now + 5 * ros_stub.TICK
+    wait_until(lambda: world.now > end)
 
 
 @pytest.fixture
@@ -84,7 +89,8 @@ def test_it_goes_as_far_as_it_is_told(world_of, kind):
         assert robot.forward(0.1, tolerance=0.004)[::2] == (0.0, True)
         assert not robot.forward(-0.3, tolerance=0.004).bumped
         assert Beats.last.command[1:] == [
-            *("-m", "jaxcell.robot.ros.watchdog", kind, "2.0", "--ros-args", "-r", "__ns:=/one")
+            *("-m", "jaxcell.robot.ros.watchdog", kind, "2.0", "Twist"),
+            *("--ros-args", "-r", "__ns:=/one"),
         ]
     assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
     assert world.said[-2:] == [("destroyed", "jaxcell"), ("shutdown",)]
@@ -95,24 +101,110 @@ def test_it_goes_as_far_as_it_is_told(world_of, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_robot_that_falls_silent_is_stopped(world_of, kind):
     world = world_of((1.0, 1.5, 0.0), kind)
-    with KINDS[kind](patience=0.3) as robot:
+    with KINDS[kind](patience=1.0) as robot:
         robot.arm()
-        threading.Timer(0.05, lambda: setattr(world, "dead", True)).start()
-        with pytest.raises(RobotStopped, match=r"no odometry for 0\.3 s"):
+        when(lambda: world.body.x > 1.1, lambda: setattr(world, "dead", True))
+        with pytest.raises(RobotStopped, match=r"no odometry for 1 s"):
             robot.forward(2.5, tolerance=0.004)
         world.dead = False
-        time.sleep(0.1)
+        await_ticks(world)
         with pytest.raises(RobotStopped, match="no odometry"):
             robot.forward(0.1, tolerance=0.004)
         robot.arm()
         assert robot.forward(0.1, tolerance=0.004).distance == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_robot_whose_bumper_does_not_report_is_not_armed(world_of, monkeypatch, kind):
+    monkeypatch.setattr(node, "_ANSWER", 0.1)
+    world = world_of((1.0, 1.5, 0.0), kind)
+    world.silent = {KINDS[kind].contact}
+    with KINDS[kind]() as robot:
+        with pytest.raises(RobotStopped, match=f"nothing comes on /{robot.contact}, so it would"):
+            robot.arm()
+        with pytest.raises(RobotStopped, match="it is not armed"):
+            robot.forward(2.5, tolerance=0.004)
+        monkeypatch.setattr(node, "_ANSWER", 60.0)
+        world.silent = set()
+        robot.arm()
+        assert robot.forward(9.0, tolerance=0.004).bumped
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_robot_whose_bumper_falls_silent_is_stopped(world_of, kind):
+    world = world_of((1.0, 1.5, 0.0), kind)
+    with KINDS[kind]() as robot:
+        robot.arm()
+        world.silent = {robot.contact}
+        with pytest.raises(RobotStopped, match=rf"no {robot.contact} for 1 s"):
+            # It would push against the wall until its time is over.
+            robot.forward(90.0, tolerance=0.004)
+        with pytest.raises(RobotStopped, match=rf"no {robot.contact} for 1 s"):
+            robot.arm()
+    assert world.goal is None
+    assert kind == "create3" or world.speed == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("told", "reason"),
+    [
+        ({"battery": 0.05}, r"the battery is low \(5%\)"),
+        ({"battery": 0.9, "charging": True}, "it is on the charger"),
+        ({"docked": True}, "it is on the dock"),
+    ],
+    ids=["low", "charger", "dock"],
+)
+def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, told, reason):
+    world = world_of((1.0, 1.5, 0.0), kind)
+
+    def hears(values):
+        vars(world).update(values)
+        seen = robot._messages
+        with robot._news:
+            robot._news.wait_for(lambda: robot._messages > seen + 2, 60.0)
+
+    with KINDS[kind]() as robot:
+        robot.arm()
+        hears({"battery": 0.11})
+        robot.forward(0.1, tolerance=0.004)
+        hears(told)
+        if kind == "base" and "docked" in told:
+            # No message of such a base says that it is on a dock.
+            robot.forward(0.1, tolerance=0.004)
+            return
+        with pytest.raises(RobotStopped, match=reason):
+            robot.forward(0.1, tolerance=0.004)
+        with pytest.raises(RobotStopped, match=reason):
+            robot.arm()
+        hears({"battery": 0.5, "charging": False, "docked": False})
+        robot.arm()
+        robot.forward(0.1, tolerance=0.004)
+
+
+def test_a_base_is_given_the_type_of_speeds_that_it_takes(world_of):
+    world = world_of((1.0, 1.5, 0.0), "base")
+    world.speeds = ["geometry_msgs/msg/TwistStamped"]
+    with Base() as robot:
+        robot.arm()
+        assert robot.forward(0.5, tolerance=0.004).distance == pytest.approx(0.5, abs=0.01)
+        assert Beats.last.command[4:6] == ["2.0", "TwistStamped"]
+    assert world.published["cmd_vel"][0].header.frame_id == "base_link"
+
+
+def test_a_base_that_takes_no_speeds_is_named(world_of, monkeypatch):
+    monkeypatch.setattr(node, "GREETING", 10.0)
+    monkeypatch.setattr("jaxcell.robot.ros.base.GREETING", 0.1)
+    world_of((1.0, 1.5, 0.0), "base").speeds = []
+    with pytest.raises(ConnectionError, match="nothing takes speeds on /cmd_vel"):
+        Base().__enter__()
+
+
 def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
     world = world_of((1.0, 1.5, 0.0), "create3")
     with Create3() as robot:
         robot.arm()
-        threading.Timer(0.03, lambda: world.hazards.add(CLIFF)).start()
+        when(lambda: world.body.x > 1.1, lambda: world.hazards.add(CLIFF))
         with pytest.raises(RobotStopped, match="there is a cliff"):
             robot.forward(2.5, tolerance=0.004)
         assert world.goal is None
@@ -121,16 +213,16 @@ def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
         with pytest.raises(RobotStopped, match="there is a cliff"):
             robot.arm()
         world.hazards.clear()
-        time.sleep(0.05)
+        await_ticks(world)
         robot.arm()
         # It may have reached the limit of its way back without a motion of ours.
         world.hazards.add(BACKUP_LIMIT)
-        time.sleep(0.05)
+        await_ticks(world)
         assert robot.forward(0.1, tolerance=0.004).distance == pytest.approx(0.1, abs=0.01)
         with pytest.raises(RobotStopped, match="safety_override must be backup_only"):
             robot.forward(-0.1, tolerance=0.004)
         world.hazards.clear()
-        time.sleep(0.05)
+        await_ticks(world)
         robot.arm()
         world.refuses = True
         with pytest.raises(RobotStopped, match="does not take the goal"):
@@ -144,7 +236,7 @@ def test_whatever_ends_the_block_ends_the_motion(world_of, kind):
     def interrupted():
         with KINDS[kind]() as robot:
             robot.arm()
-            threading.Timer(0.03, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()
+            when(lambda: world.body.x > 1.1, lambda: os.kill(os.getpid(), signal.SIGTERM))
             robot.forward(2.5, tolerance=0.004)
 
     with pytest.raises(SystemExit):
@@ -167,7 +259,7 @@ def test_signals_end_the_process_again_though_closing_fails(world_of, monkeypatc
 
 
 def test_a_robot_that_is_not_there_is_named(world_of, monkeypatch):
-    monkeypatch.setattr(node, "_GREETING", 0.1)
+    monkeypatch.setattr(node, "GREETING", 0.1)
     world_of((1.0, 1.5, 0.0), "create3").dead = True
     with pytest.raises(ConnectionError, match=r"no odometry comes on /odom: .* ROS_DOMAIN_ID 0"):
         Create3().__enter__()
@@ -222,7 +314,8 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     place = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "ROS_STUB_LOG": str(log)}
     main = (
         "import sys, time; from jaxcell.robot.create.watchdog import Watchdog; "
-        f"w = Watchdog([sys.executable, '-m', 'jaxcell.robot.ros.watchdog', {kind!r}, '60']); "
+        "w = Watchdog([sys.executable, '-m', 'jaxcell.robot.ros.watchdog', "
+        f"{kind!r}, '60', 'Twist']); "
         "w.beat(); print('ready', flush=True); time.sleep(60)"
     )
     with subprocess.Popen(
@@ -232,9 +325,8 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
         said = log.read_text()
         assert "cancel" not in said
         driver.kill()
-    end = time.monotonic() + 20
-    while "shutdown" not in (said := log.read_text()) and time.monotonic() < end:
-        time.sleep(0.05)
+    wait_until(lambda: "shutdown" in log.read_text())
+    said = log.read_text()
     assert ("cancel" in said) is (kind == "create3")
     assert "cmd_vel 0.0 0.0" in said
     assert said.endswith("destroyed jaxcell_watchdog\nshutdown\n")

@@ -35,7 +35,7 @@ def test_it_is_localized_from_many_cells(bounce_deg):
     image, bumped = bounce_tables(LAB_A, bounce_deg)
     for cell in np.random.default_rng(2).choice(LAB_A.size, 4, replace=False).tolist():
         walker, body = walker_in(LAB_A, cell)
-        outcome = run_filter(walker, filter, math.radians(bounce_deg))
+        outcome = run_filter(walker, filter, math.radians(bounce_deg), until="cycle")
         observed = ""
         for _ in outcome.observations:
             observed += str(int(bumped[cell]))
@@ -58,7 +58,7 @@ def test_a_filter_of_another_map_is_refuted_with_what_was_observed(open_world, t
     for cell in range(0, LAB_A.size, 19):
         walker, _ = walker_in(LAB_A, cell)
         with RunLog(tmp_path / f"{cell}.jsonl", {"kind": "filter"}) as log:
-            outcome = run_filter(walker, filter, math.radians(45), log=log)
+            outcome = run_filter(walker, filter, math.radians(45), log=log, until="cycle")
         observed = ""
         for _ in outcome.observations:
             observed += str(int(bumped[cell]))
@@ -84,6 +84,32 @@ def test_a_slipping_robot_is_refuted_or_lost_and_never_an_error():
         results.add(run_filter(walker, filter, math.radians(45), limit=60).result)
     assert "refuted" in results
     assert results <= {"refuted", "localized", "unfinished"}
+
+
+@pytest.mark.parametrize("logged", [True, False])
+def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path, logged):
+    filter, (image, bumped) = bounce_filter(LAB_A, 135), bounce_tables(LAB_A, 135)
+    # From here one configuration is left long before the knowledge cycle.
+    start = cell = 148
+    state, word, known, ends = filter.start(), "", 0, []
+    while not state.localized:
+        word += str(int(bumped[cell]))
+        cell = int(image[cell])
+        ends.append(cell)
+        state = state.observe(int(word[-1]))
+        known = known or (len(word) if state.uncertainty == 1 else 0)
+    assert known < len(word) - 5
+    outcomes = {}
+    for until in ("known", "cycle"):
+        walker, _ = walker_in(LAB_A, start)
+        header = {"kind": "filter"} | ({"until": until} if logged else {})
+        with RunLog(tmp_path / f"{until}.jsonl", header) as log:
+            outcomes[until] = run_filter(walker, filter, math.radians(135), log=log, until=until)
+        assert replay_filter(read_log(tmp_path / f"{until}.jsonl"), filter) == outcomes[until]
+    assert outcomes["known"].observations == word[:known]
+    assert outcomes["known"].cells == (ends[known - 1],)
+    assert outcomes["cycle"].observations == word
+    assert {outcome.result for outcome in outcomes.values()} == {"localized"}
 
 
 def test_the_limit_ends_a_run():

@@ -212,7 +212,7 @@ def expected(cells, cell, task, *, known: bool = True, **fields):
         strides=task.strides if known else None,
         direction=cell // cells.positions if known else 0,
     )
-    return run_filter(walker, task.filter, task.bounce, limit=200)
+    return run_filter(walker, task.filter, task.bounce, limit=200, until="cycle")
 
 
 def room(cell: float) -> CellSpace:

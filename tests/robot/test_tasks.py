@@ -78,4 +78,4 @@ def test_firmware_is_what_the_robot_prints():
         Emulator(body, line=Line(speedup=20.0)) as robot,
         serial.serial_for_url(robot.port, 115200) as line,
     ):
-        assert firmware(line, quiet=0.3).encode() == BANNER.replace(b"\r", b"").strip()
+        assert firmware(line).encode() == BANNER.replace(b"\r", b"").strip()

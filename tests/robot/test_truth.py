@@ -44,6 +44,7 @@ CASES = {
     "lab_b.json": (135, {}),
     "maze.txt": (45, {"directions": 8}),
     "office.yaml": (45, {"directions": 8}),
+    "slanted.json": (67.5, {}),
     "room_200x125.json": (45, {"cell": 12.5, "directions": 8}),
 }
 # Where a step takes a minute of the robot's time, each kind of step is enough.
@@ -96,7 +97,7 @@ def test_a_filter_is_right(name):
     image, bumped = bounce_tables(cells, bounce)
     (cell,) = starts_in(cells, 1)
     walker, body = walker_in(cells, cell, robot=robot_for(name))
-    outcome = run_filter(walker, filter, math.radians(bounce), limit=300)
+    outcome = run_filter(walker, filter, math.radians(bounce), limit=300, until="cycle")
     observed = ""
     for _ in outcome.observations:
         observed += str(int(bumped[cell]))

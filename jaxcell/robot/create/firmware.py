@@ -18,11 +18,15 @@ def firmware(port: Port, *, seconds: float = 10.0, quiet: float = 2.0) -> str:
     port.timeout = 0.1
     port.write(START + RESET)
     text = b""
-    end = time.monotonic() + seconds
-    last = None
-    while (now := time.monotonic()) < end and (last is None or now - last < quiet):
+    now = time.monotonic()
+    end = until = now + seconds
+    # A late reader finds what came meanwhile: only a read without a byte is quiet.
+    while now < end:
         data = port.read(max(1, port.in_waiting))
+        now = time.monotonic()
         if data:
-            text, last = text + data, now
+            text, until = text + data, now + quiet
+        elif now >= until:
+            break
     lines = text.decode("ascii", errors="replace").splitlines()
     return "\n".join(line.strip() for line in lines if line.strip())

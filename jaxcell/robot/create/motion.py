@@ -45,11 +45,14 @@ class Create(Driver):
     constructor.
     """
 
+    speed: float = 0.2
+    "Speed of `forward` where none is given, in metres per second, up to 0.5."
+
     def forward(
         self,
         distance: float,
         *,
-        speed: float = 0.2,
+        speed: float | None = None,
         tolerance: float = 0.005,
         timeout: float | None = None,
     ) -> Moved:
@@ -58,7 +61,7 @@ class Create(Driver):
         **Arguments:**
 
         - `distance`: metres, backward if negative.
-        - `speed`: metres per second, up to 0.5.
+        - `speed`: metres per second, up to 0.5; by default that of the robot.
         - `tolerance`: how near is near enough by the encoders, metres.
         - `timeout`: seconds; twice what it should take and 3 s if not given.
 
@@ -67,9 +70,10 @@ class Create(Driver):
         **Raises:** [`RobotStopped`][] if the robot is not armed, or no more, or out of time.
         """
         start = self.sensors()
+        cruise = self.speed if speed is None else speed
 
         def wheels(rest: float, now: Reading) -> tuple[float, float]:
-            velocity = slowed(rest, speed, _SLOWEST)
+            velocity = slowed(rest, cruise, _SLOWEST)
             steer = _STEERING * (start.heading - now.heading) * WHEEL_BASE / 2
             steer = min(max(steer, -_MAX_STEERING), _MAX_STEERING)
             return velocity + steer, velocity - steer
@@ -79,7 +83,7 @@ class Create(Driver):
             lambda now: distance - (now.distance - start.distance),
             wheels,
             start=start,
-            speed=speed,
+            speed=cruise,
             most=MAX_SPEED / 1000,
             tolerance=tolerance,
             timeout=timeout,

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import shapely
 
-from ...space import CellSpace, Workspace
+from ...space import CellSpace, Workspace, free_ahead
+from ...space.slip import turned_by_bump
+from ...space.workspace import edges
 from ..create.packets import METRES_PER_COUNT, WHEEL_BASE
 
 
@@ -31,6 +33,9 @@ class Noise:
     "Standard deviation of the change of heading along a metre, in radians."
     encoder: float = 0.0
     "Standard deviation of the relative error of what a wheel's encoder counts in a tick."
+    bump_turn: float = 0.0
+    """Turn toward the wall by a bump at 45 degrees, in radians, at each bump alike; see
+    [`jaxcell.space.Slip`][]."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -77,8 +82,10 @@ class Body:
         - `noise`: slip and encoder errors.
         - `rng`: where the noise comes from.
 
-        **Raises:** `ValueError` if the body would be in a wall.
+        **Raises:** `ValueError` if the body would be in a wall, or for a `give` below 0.
         """
+        if not (math.isfinite(give) and give >= 0):
+            raise ValueError(f"give: expected a finite number from 0, got {give!r}")
         self.noise = noise or Noise()
         self._rng = rng or np.random.default_rng(0)
         self._space = _felt(workspace.free_space, give)
@@ -101,8 +108,16 @@ class Body:
         self._slip = (0.0, 0.0)
 
     @classmethod
-    def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
-        """A body at the centre of a cell, whose walls give as much as cells of that side allow.
+    def in_cell(
+        cls,
+        cells: CellSpace,
+        cell: int,
+        error: float,
+        rng: np.random.Generator,
+        *,
+        give: float | None = None,
+    ) -> "Body":
+        """Put a body at the centre of a cell.
 
         **Arguments:**
 
@@ -110,11 +125,12 @@ class Body:
         - `cell`: where it is.
         - `error`: the slip of straight stretches, of turns, and of the heading.
         - `rng`: where that comes from.
+        - `give`: how far the bumper goes in, in metres; by default `bumper_give` of the cells.
         """
         assert cells.workspace is not None
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
-        give = bumper_give(cells.cell)
+        give = bumper_give(cells.cell) if give is None else give
         return cls(cells.workspace, (x, y, theta), give=give, noise=noise, rng=rng)
 
     @property
@@ -152,7 +168,10 @@ class Body:
         if self.noise.encoder:
             wheels = wheels * (1 + self._rng.normal(0.0, self.noise.encoder, 2))
         self.travelled += wheels
-        self._feel(pushing=moved < 1 and forward > 0)
+        pushing, pressed = moved < 1 and forward > 0, self.bump_left or self.bump_right
+        self._feel(pushing=pushing)
+        if self.noise.bump_turn and pushing and not pressed:
+            self.theta += self.noise.bump_turn * self._turned_by_bump()
 
     def _move(self, forward: float, heading: float) -> float:
         """Go straight as far as the walls allow; return the share of the way that is."""
@@ -181,6 +200,19 @@ class Body:
             self._clear, self._radius = here, self._walls.distance(shapely.Point(here))
             return self._free(right, up)
         return bool(shapely.covers(self._space, shapely.linestrings([here, end])))
+
+    def _turned_by_bump(self) -> float:
+        """The turn by a bump here as a multiple of that at 45 degrees."""
+        heading = np.array([self.theta])
+        before = np.array([self.pose[:2]]) - _HELD * np.stack(
+            [np.cos(heading), np.sin(heading)], axis=-1
+        )
+        walls = edges(self._space)[:, 1:]
+
+        def ahead_of(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
+            return free_ahead(walls, place, heading)
+
+        return float(turned_by_bump(before, heading, ahead_of(before, heading), ahead_of)[0])
 
     def _feel(self, *, pushing: bool) -> None:
         if not (pushing or self.bump_left or self.bump_right):

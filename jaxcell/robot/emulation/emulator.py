@@ -8,6 +8,7 @@ import time
 import tty
 from collections import deque
 from types import TracebackType
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from ..create.open_interface import (
     stream_frame,
 )
 from ..create.packets import PACKETS, WHEEL_BASE, Contact, Mode, encode
-from .body import Body
 
 
 BANNER = b"Roomba by iRobot!\r\nr3_robot/tags/release-3.5.x:emulated CLEAN\r\n"
@@ -29,6 +29,30 @@ BANNER = b"Roomba by iRobot!\r\nr3_robot/tags/release-3.5.x:emulated CLEAN\r\n"
 _MOTORS = 1000.0
 _NOTHING = {packet.name: 0 for packet in PACKETS.values()}
 _CLIFFS = ("cliff_left", "cliff_front_left", "cliff_front_right", "cliff_right")
+
+
+@runtime_checkable
+class Moving(Protocol):
+    """A body that two wheels move, as [`Body`][jaxcell.robot.emulation.body.Body] is."""
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """x and y in metres, and the heading in radians, not reduced to one turn."""
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """The left and the right encoder, from 0 to 65535."""
+
+    @property
+    def bump_left(self) -> bool:
+        """Whether the left half of the bumper is pressed."""
+
+    @property
+    def bump_right(self) -> bool:
+        """Whether the right half of the bumper is pressed."""
+
+    def advance(self, left: float, right: float, seconds: float) -> None:
+        """Let the wheels turn for a tick, each at its speed in m/s."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,7 +77,7 @@ class Line:
 
 
 class Emulator:
-    """A Create 2 on a pseudo-terminal, its [`Body`][jaxcell.robot.emulation.body.Body] in a map.
+    """A Create 2 on a pseudo-terminal, its body in a map.
 
     A context manager: within it `port` is the name of a device that any host opens like that of a
     serial line, and a thread plays the robot. It is seeded, but what a host does in it depends on
@@ -83,7 +107,7 @@ class Emulator:
 
     def __init__(
         self,
-        body: Body,
+        body: Moving,
         *,
         line: Line | None = None,
         charge: float = 2000.0,
@@ -93,7 +117,8 @@ class Emulator:
     ) -> None:
         """**Arguments:**
 
-        - `body`: what it drives, and where that is.
+        - `body`: what it drives, and where that is: a
+            [`Body`][jaxcell.robot.emulation.body.Body] or another that moves.
         - `line`: the serial line; by default a perfect one, in real time.
         - `charge`, `capacity`: of the battery, in mAh. When it is empty the robot is dead.
         - `standby`: current that the robot draws at rest, in mA; its motors draw 1000 mA more.

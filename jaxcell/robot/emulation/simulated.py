@@ -7,8 +7,7 @@ from ..create.driver import TICK
 from ..create.motion import Create
 from ..create.open_interface import STREAM_PERIOD, StreamParser
 from ..create.reading import STREAM
-from .body import Body
-from .emulator import Emulator
+from .emulator import Emulator, Moving
 
 
 class _Wire:
@@ -55,15 +54,15 @@ class SimulatedCreate(Create):
     robot: Emulator
     "The robot, and where it truly is."
 
-    def __init__(self, robot: Emulator | Body) -> None:
+    def __init__(self, robot: Emulator | Moving) -> None:
         """**Arguments:**
 
         - `robot`: the robot, no faster than its line says, or the body of one, as fast as it can.
         """
-        if isinstance(robot, Body):
-            self.robot, self._speedup = Emulator(robot), math.inf
-        else:
+        if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
+        else:
+            self.robot, self._speedup = Emulator(robot), math.inf
         self._wire, self._woke = _Wire(self.robot), time.monotonic()
         self._parser, self._tick_due = StreamParser(STREAM), TICK
         super().__init__(self._wire)

@@ -11,6 +11,11 @@ types are those of their definitions. What it takes from the documentation of th
     for a robot whose floor has no edge behind it.
 - A cliff, a stall and a dropped wheel end a goal. Here they stop the robot until it is armed again.
 
+**What else stops it.** A robot that is not heard does not drive: `arm` refuses until the bumper has
+reported (`hazard_detection` of a Create 3, `bumper` of a base), and a bumper or an odometry that is
+silent for `patience` stops the robot until it is armed again. So do a battery below 10 % and a
+charger (`battery_state`, where there is one) and the dock of a Create 3 (`dock_status`).
+
 **When the host dies.** A goal of an action that was accepted runs to its end, at most a step of the
 map. A process of its own, which outlives that of the driver, cancels all goals and sends a speed of
 0 when the driver is silent for two seconds or gone. Most bases stop by themselves when no `cmd_vel`

@@ -5,8 +5,8 @@ from typing import Any
 
 from ...base.extras import import_module
 from ..create.motion import Moved, slowed
-from .halt import speed_publisher
-from .node import Odometry, RosRobot, moved
+from .halt import speed_publisher, speed_type
+from .node import GREETING, Odometry, RosRobot, moved
 
 
 # Metres and radians a second, the most and the least that a base is taken to hold.
@@ -17,21 +17,30 @@ _STEERING, _MAX_STEERING = 2.0, 0.4
 
 
 class Base(RosRobot):
-    """Any base that takes `cmd_vel` (`geometry_msgs/Twist`) and gives `odom` and a bumper.
+    """Any base that takes `cmd_vel` and gives `odom` and a bumper.
 
-    The bumper is a `std_msgs/Bool` on `bumper`, true while it is pressed; whatever a base has, a
-    contact sensor or a laser that sees a wall near ahead, is made that by a node of a few lines.
+    Its speeds are `geometry_msgs/Twist` or `TwistStamped`, as it subscribes to them. The bumper is
+    a `std_msgs/Bool` on `bumper`, true while it is pressed, published all the time. A node of a few
+    lines makes it of a contact sensor, or of a laser that sees a wall near ahead.
 
     See [`jaxcell.robot.ros`][] for what stops it.
     """
 
-    kind = "base"
+    kind, contact = "base", "bumper"
+
+    def _connect_speeds(self) -> str:
+        with self._news:
+            if not self._news.wait_for(lambda: speed_type(self.node) is not None, GREETING):
+                topic = self.node.resolve_topic_name("cmd_vel")
+                raise ConnectionError(f"nothing takes speeds on {topic}: is --remap right?")
+        kind = super()._connect_speeds()
+        self._roll = speed_publisher(self.node, kind)
+        return kind
 
     def _connect(self) -> None:
-        self._roll = speed_publisher(self.node)
         pressed = import_module("std_msgs.msg").Bool
         self.node.create_subscription(
-            pressed, "bumper", lambda message: self._hear(pressed=message.data), self._sensors
+            pressed, self.contact, lambda message: self._hear(pressed=message.data), self._sensors
         )
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:

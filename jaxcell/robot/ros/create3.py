@@ -30,7 +30,7 @@ class Create3(RosRobot):
     See [`jaxcell.robot.ros`][] for what stops it, and for two settings that it needs.
     """
 
-    kind = "create3"
+    kind, contact = "create3", "hazard_detection"
 
     def _connect(self) -> None:
         self._backing = False
@@ -40,9 +40,12 @@ class Create3(RosRobot):
         self._driving = client(self.node, self._drive, "drive_distance")
         self._rotating = client(self.node, self._rotate, "rotate_angle")
         self._cancel_all = goal_cancellers(self.node)
-        hazards = import_module("irobot_create_msgs.msg").HazardDetectionVector
+        messages = import_module("irobot_create_msgs.msg")
         self.node.create_subscription(
-            hazards, "hazard_detection", self._hear_hazards, self._sensors
+            messages.HazardDetectionVector, self.contact, self._hear_hazards, self._sensors
+        )
+        self.node.create_subscription(
+            messages.DockStatus, "dock_status", self._hear_dock, self._sensors
         )
 
     def arm(self) -> None:
@@ -117,6 +120,9 @@ class Create3(RosRobot):
         answers, end = self._cancel_all(), time.monotonic() + _FAREWELL
         while not all(answer.done() for answer in answers) and time.monotonic() < end:
             time.sleep(0.01)
+
+    def _hear_dock(self, message: Any) -> None:
+        self._hear_danger("dock", "it is on the dock" if message.is_docked else None)
 
     def _hear_hazards(self, message: Any) -> None:
         kinds = {hazard.type for hazard in message.detections}

@@ -21,14 +21,38 @@ def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
     return cancel
 
 
-def speed_publisher(node: Any) -> Callable[[float, float], None]:
-    """What sets the speed of a base: forward in metres, and left in radians, a second."""
-    twist = import_module("geometry_msgs.msg").Twist
-    publisher = node.create_publisher(twist, "cmd_vel", 1)
+def speed_type(node: Any) -> str | None:
+    """Find the type of speeds that a robot subscribes to: `Twist`, `TwistStamped`, or `None`.
+
+    A robot that takes both is given `Twist`.
+    """
+    topic = node.resolve_topic_name("cmd_vel")
+    found = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
+    names = ("Twist", "TwistStamped")
+    return next((name for name in names if f"geometry_msgs/msg/{name}" in found), None)
+
+
+def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:
+    """Make a function that sets the speeds of a base, in metres and radians per second.
+
+    **Arguments:**
+
+    - `node`: the node that publishes them.
+    - `kind`: their type, of [`speed_type`][jaxcell.robot.ros.halt.speed_type].
+    """
+    messages = import_module("geometry_msgs.msg")
+    publisher = node.create_publisher(getattr(messages, kind), "cmd_vel", 1)
 
     def roll(forward: float, left: float) -> None:
-        message = twist()
-        message.linear.x, message.angular.z = float(forward), float(left)
+        twist = messages.Twist()
+        twist.linear.x, twist.angular.z = float(forward), float(left)
+        if kind == "Twist":
+            publisher.publish(twist)
+            return
+        message = messages.TwistStamped()
+        message.twist = twist
+        message.header.frame_id = "base_link"
+        message.header.stamp = node.get_clock().now().to_msg()
         publisher.publish(message)
 
     return roll

@@ -14,13 +14,20 @@ from ...base.extras import import_module
 from ...base.signals import end_by_signals, leave_signals
 from ..create.driver import TICK, RobotStopped
 from ..create.motion import Moved
+from ..create.reading import LOW_BATTERY
 from ..create.watchdog import Watchdog
+from .halt import speed_type
 
 
 _R = TypeVar("_R", bound="RosRobot")
 
-# Seconds until a robot must have sent its odometry, and without a beat until it is stopped.
-_GREETING, _SILENCE = 10.0, 2.0
+GREETING = 10.0
+"""Seconds until a robot must have sent its odometry, or taken speeds."""
+
+# Seconds until a bumper must have reported, and seconds without a beat until a robot is stopped.
+_ANSWER, _SILENCE = 5.0, 2.0
+# The constant of `sensor_msgs/BatteryState`.
+_CHARGING = 1
 # How far a robot that stands may move from message to message, metres and radians.
 _STILL, _STILL_TURN = 5e-4, 1e-3
 
@@ -39,12 +46,15 @@ class RosRobot(abc.ABC):
 
     A context manager: within it a node `jaxcell` hears the robot, in a thread of its own, and the
     robot drives once it is armed. The wheels stop when the block ends, however it ends (by SIGINT,
-    SIGTERM and SIGHUP too), when the robot reports a danger, and when it sends no odometry for
-    `patience`: then it raises [`jaxcell.robot.RobotStopped`][] until it is armed again.
+    SIGTERM and SIGHUP too), when the robot reports a danger, a low battery or a charger, and when
+    its odometry or its bumper is silent for `patience`: then it raises
+    [`jaxcell.robot.RobotStopped`][] until it is armed again.
     """
 
     kind: ClassVar[str]
     "What the process that stops it is called with."
+    contact: ClassVar[str]
+    "Topic of the bumper."
 
     def __init__(self, *, remap: Sequence[str] = (), patience: float = 1.0) -> None:
         """**Arguments:**
@@ -55,10 +65,12 @@ class RosRobot(abc.ABC):
         self._remap, self._patience = remap, patience
         self._news = threading.Condition(threading.RLock())
         self._odometry: Odometry | None = None
-        self._heard = -math.inf
+        # When the odometry and the bumper were last heard, by their topics.
+        self._heard = dict.fromkeys(("odom", self.contact), -math.inf)
         self._messages = 0
         self._pressed = self._bumped = False
-        self._danger: str | None = None
+        # The dangers that each of the robot's sensors reports.
+        self._dangers: dict[str, str | None] = {}
         self._reason: str | None = "it is not armed"
         self._failure: BaseException | None = None
         self._stack = contextlib.ExitStack()
@@ -92,6 +104,8 @@ class RosRobot(abc.ABC):
         self._sensors = quality.qos_profile_sensor_data
         message = import_module("nav_msgs.msg").Odometry
         self.node.create_subscription(message, "odom", self._hear_odometry, self._sensors)
+        battery = import_module("sensor_msgs.msg").BatteryState
+        self.node.create_subscription(battery, "battery_state", self._hear_battery, self._sensors)
         self._connect()
         executor = executors.SingleThreadedExecutor()
         executor.add_node(self.node)
@@ -99,9 +113,14 @@ class RosRobot(abc.ABC):
         thread.start()
         self._stack.callback(thread.join, 5.0)
         self._stack.callback(executor.shutdown)
-        watchdog = Watchdog(
-            [sys.executable, "-m", f"{__package__}.watchdog", self.kind, str(_SILENCE), *words]
-        )
+        with self._news:
+            if not self._news.wait_for(lambda: self._odometry is not None, GREETING):
+                raise ConnectionError(
+                    f"no odometry comes on {self.node.resolve_topic_name('odom')}: is the robot "
+                    f"on, and in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}?"
+                )
+        own = [self.kind, str(_SILENCE), self._connect_speeds()]
+        watchdog = Watchdog([sys.executable, "-m", f"{__package__}.watchdog", *own, *words])
         self._stack.callback(watchdog.dismiss)
         beating = threading.Event()
         beats = threading.Thread(target=self._tick, args=(watchdog, beating), daemon=True)
@@ -109,16 +128,14 @@ class RosRobot(abc.ABC):
         self._stack.callback(beats.join)
         self._stack.callback(beating.set)
         self._stack.callback(self._leave)
-        with self._news:
-            if not self._news.wait_for(lambda: self._odometry is not None, _GREETING):
-                raise ConnectionError(
-                    f"no odometry comes on {self.node.resolve_topic_name('odom')}: is the robot "
-                    f"on, and in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}?"
-                )
 
     @abc.abstractmethod
     def _connect(self) -> None:
         """Make what the node needs besides the odometry."""
+
+    def _connect_speeds(self) -> str:
+        """Return the type of the speeds that the robot takes, once it is heard."""
+        return speed_type(self.node) or "Twist"
 
     @abc.abstractmethod
     def _halt(self) -> None:
@@ -139,18 +156,27 @@ class RosRobot(abc.ABC):
     def arm(self) -> None:
         """Let the robot drive.
 
-        **Raises:** [`jaxcell.robot.RobotStopped`][] if it must not drive now.
+        **Raises:** [`jaxcell.robot.RobotStopped`][] if it must not drive now, or if its bumper does
+        not report.
         """
         with self._news:
-            self._reason = self._danger
+            if not self._news.wait_for(lambda: self._heard[self.contact] > -math.inf, _ANSWER):
+                raise RobotStopped(
+                    f"nothing comes on {self.node.resolve_topic_name(self.contact)}, so it would "
+                    "not feel a wall: is --remap right?"
+                )
+            self._reason = next(filter(None, self._dangers.values()), None)
             self._check()
 
     def _check(self) -> None:
         """Raise if the robot must not drive."""
         if self._failure is not None:
             raise self._failure
-        if self._reason is None and time.monotonic() - self._heard > self._patience:
-            self._stop(f"no odometry for {self._patience:g} s")
+        # The longest silence is the cause, where all are silent.
+        topic = min(self._heard, key=self._heard.__getitem__)
+        if self._reason is None and time.monotonic() - self._heard[topic] > self._patience:
+            silent = "no odometry" if topic == "odom" else f"no {topic}"
+            self._stop(f"{silent} for {self._patience:g} s")
         if self._reason is not None:
             raise RobotStopped(self._reason)
 
@@ -170,18 +196,34 @@ class RosRobot(abc.ABC):
                 turned = math.remainder(heading - self._odometry.heading, 2 * math.pi)
                 heading = self._odometry.heading + turned
             self._odometry = Odometry(complex(pose.position.x, pose.position.y), heading)
-            self._heard = time.monotonic()
+            self._heard["odom"] = time.monotonic()
             self._messages += 1
             self._news.notify_all()
 
     def _hear(self, *, pressed: bool, danger: str | None = None) -> None:
-        """Take what the robot senses."""
+        """Take a message of the bumper."""
         with self._news:
-            self._pressed, self._danger = pressed, danger
+            self._heard[self.contact] = time.monotonic()
+            self._pressed = pressed
             self._bumped |= pressed
+            self._hear_danger(self.contact, danger)
+
+    def _hear_danger(self, source: str, danger: str | None) -> None:
+        """Take the danger that a sensor reports, or `None` if there is none now."""
+        with self._news:
+            self._dangers[source] = danger
             if danger is not None:
                 self._stop(danger)
             self._news.notify_all()
+
+    def _hear_battery(self, message: Any) -> None:
+        danger = None
+        if message.power_supply_status == _CHARGING:
+            danger = "it is on the charger"
+        # A percentage that is not measured is NaN.
+        elif message.percentage < LOW_BATTERY:
+            danger = f"the battery is low ({message.percentage:.0%})"
+        self._hear_danger("battery", danger)
 
     def _spin(self, executor: Any) -> None:
         try:

@@ -8,13 +8,14 @@ from ..create.watchdog import watch
 from .halt import goal_cancellers, speed_publisher
 
 
-def main(kind: str, patience: float, arguments: list[str]) -> None:
+def main(kind: str, patience: float, speeds: str, arguments: list[str]) -> None:
     """Stop a robot whenever its driver is silent, and when it is gone.
 
     **Arguments:**
 
     - `kind`: that of its class.
     - `patience`: seconds.
+    - `speeds`: the type of the messages that set its speed.
     - `arguments`: of ROS.
     """
     rclpy = import_module("rclpy")
@@ -22,7 +23,7 @@ def main(kind: str, patience: float, arguments: list[str]) -> None:
     rclpy.init(args=arguments, signal_handler_options=handlers)
     node = rclpy.create_node("jaxcell_watchdog")
     cancel = goal_cancellers(node) if kind == "create3" else None
-    roll = speed_publisher(node)
+    roll = speed_publisher(node, speeds)
 
     def stop() -> None:
         roll(0.0, 0.0)
@@ -42,4 +43,4 @@ def main(kind: str, patience: float, arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]), sys.argv[3:])
+    main(sys.argv[1], float(sys.argv[2]), sys.argv[3], sys.argv[4:])

@@ -9,6 +9,7 @@ from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
 from ...space.cells import MAX_CELLS
 from ..team import KIND as TEAM, MemberTask, read_member
+from .anywhere_task import KIND as ANYWHERE, AnywhereTask, read_anywhere
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
 from .task import Task, common_fields, digest as digest
 
@@ -64,13 +65,19 @@ class PlanTask(Task):
     "The cell that it starts in."
     actions: tuple[float, ...]
     "0 for a step, else the angle to turn by at a bump, in radians."
+    positions: int | None = None
+    "Number of positions of its map, or `None` if the file does not have it."
+
+    @property
+    def start_direction(self) -> int | None:
+        return None if self.positions is None else self.start // self.positions
 
     @property
     def header(self) -> dict[str, Any]:
         return {"kind": "plan", **super().header, "start": self.start, "actions": self.actions}
 
 
-AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask
+AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask | AnywhereTask
 """What a robot can run."""
 
 
@@ -114,6 +121,8 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         return read_member(path, values, robot or 0)
     if kind == PATROL:
         return read_patrol(path, values, robot or 0)
+    if kind == ANYWHERE:
+        return read_anywhere(path, values)
     if robot is not None:
         raise ValueError(
             f"{path}: it is for one robot, so that there is no robot {robot} to choose"
@@ -162,10 +171,15 @@ def _plan(path: Path, fields: Fields) -> PlanTask:
         raise refused(field, expected, actions)
     for action in actions:
         checked_number(field, action, expected)
+    common, positions, last = common_fields(path, fields), None, MAX_CELLS - 1
+    if fields.get("positions") is not None:
+        positions = fields.whole("positions", 1, MAX_CELLS)
+        last = min(last, positions * common["directions"] - 1)
     return PlanTask(
-        **common_fields(path, fields),
-        start=fields.whole("start", 0, MAX_CELLS - 1),
+        **common,
+        start=fields.whole("start", 0, last),
         actions=tuple(map(math.radians, actions)),
+        positions=positions,
     )
 
 

@@ -29,9 +29,20 @@ class Task:
     "Radius of the robot that it is for, in metres."
 
     @property
-    def strides(self) -> Float[np.ndarray, "directions 2"]:
-        """See [`jaxcell.robot.walker.cell_strides`][]."""
+    def strides(self) -> Float[np.ndarray, "directions 2"] | None:
+        """See [`jaxcell.robot.walker.cell_strides`][]; `None` for a robot without cells."""
         return cell_strides(self.directions, self.cell, self.step)
+
+    @property
+    def needs_heading(self) -> bool:
+        """True if a step leads farther, or more to a side, in some directions than in others."""
+        strides = self.strides
+        return strides is not None and bool(np.ptp(strides, axis=0).max() > 1e-9 * self.cell)
+
+    @property
+    def start_direction(self) -> int | None:
+        """The direction in which the robot is put down, or `None` if any will do."""
+        return None
 
     @property
     def header(self) -> dict[str, Any]:

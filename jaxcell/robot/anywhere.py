@@ -1,0 +1,184 @@
+import dataclasses
+import math
+from typing import Any, Literal
+
+import numpy as np
+
+from ..walls import Homing, WallFilter, choose_angles
+from .outcome import RunOutcome
+from .run_log import LoggedRun, RunLog, finished
+from .walker import Walker
+
+
+@dataclasses.dataclass(frozen=True)
+class AnywhereOutcome(RunOutcome):
+    """How the run of a robot ended that started anywhere."""
+
+    place: tuple[float, float] | None = None
+    "The middle of the places where the robot may be, in metres."
+    extent: float = math.inf
+    "The diagonal of the box around these places, in metres."
+
+
+@dataclasses.dataclass(frozen=True)
+class AnywhereSettings:
+    """What a robot that starts anywhere does at each bump."""
+
+    filter: WallFilter
+    bounces: tuple[float, ...]
+    "The angles to choose from, in radians, counter-clockwise."
+    radius: float
+    "The robot is known when all places are this near to their middle, in metres."
+    homing: Homing | None = None
+    "Where the robot goes; else it only finds out where it is."
+    seed: int = 0
+    "The seed of the draws for a choice."
+
+
+def run_anywhere(
+    walker: Walker, settings: AnywhereSettings, *, log: RunLog | None = None, limit: int = 10_000
+) -> AnywhereOutcome:
+    """Let a robot that was put down anywhere find out where it is, or come home.
+
+    The robot drives straight until it bumps, backs off by half of the displacement that its errors
+    allow, and turns. It knows nothing but the lengths of its runs.
+
+    **Arguments:**
+
+    - `walker`: the robot, anywhere in the room, with any heading that the filter allows.
+    - `settings`: the filter, and what the robot is to do.
+    - `log`: where to write each run as it ends.
+    - `limit`: how many bumps to make at most.
+
+    **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
+    `"arrived"` at the goal, or `"refuted"` if no place explains what the robot did.
+
+    A point robot in an L-shaped room, without a serial line:
+
+        >>> import math
+        >>> from jaxcell import robot, space, walls
+        >>> from jaxcell.robot.emulation.body import Body
+        >>> from jaxcell.robot.emulation.direct import DirectBody
+        >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (2, 2), (2, 4), (0, 4)])
+        >>> errors = walls.Errors(distance=0.05, turn=math.radians(1), displacement=0.06)
+        >>> filter = walls.WallFilter.of(room, errors=errors)
+        >>> settings = robot.AnywhereSettings(filter, (math.radians(135),), radius=0.5)
+        >>> body = Body(room, (1.2, 0.7, 0.4))
+        >>> outcome = robot.run_anywhere(robot.Walker(DirectBody(body), 1.0), settings)
+        >>> outcome.result, math.dist(outcome.place, body.pose[:2]) < 0.5
+        ('localized', True)
+    """
+    follower = _Follower(settings)
+    errors = settings.filter.errors
+    longest = (settings.filter.boundary.diameter + 1) * (1 + errors.run) + errors.distance
+    while follower.result is None and follower.bumps < limit:
+        run = walker.run_to_wall(longest, errors.displacement / 2)
+        follower.observe(run)
+        if log is not None:
+            log.event(
+                "observation",
+                observation=1,
+                run=run,
+                extent=round(follower.extent, 4),
+                estimate=np.round(walker.estimate, 4).tolist(),
+            )
+        if follower.result is None:
+            walker.rotate(follower.turn())
+    return finished(follower.outcome(), log)
+
+
+def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutcome:
+    """Give a filter the runs that a robot made.
+
+    **Arguments:**
+
+    - `run`: the log of a run.
+    - `settings`: those of that run.
+
+    **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], that of the run if it
+    was not cut off.
+
+    **Raises:** `ValueError` if the log has a run that is no length.
+
+    A run that is longer than the room:
+
+        >>> from jaxcell import robot, space, walls
+        >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (2, 2), (2, 4), (0, 4)])
+        >>> settings = robot.AnywhereSettings(walls.WallFilter.of(room), (2.0,), radius=0.5)
+        >>> events = ({"event": "observation", "observation": 1, "run": 30.0},)
+        >>> robot.replay_anywhere(robot.LoggedRun({}, events, True), settings).result
+        'refuted'
+    """
+    follower = _Follower(settings)
+    for number, event in enumerate(run.events):
+        if event["event"] != "observation":
+            continue
+        length = event.get("run")
+        if length is not None and not (isinstance(length, float | int) and length >= 0):
+            raise ValueError(f"event {number}: run: expected a length in metres, got {length!r}")
+        follower.observe(length)
+        if follower.result is None:
+            follower.turn()
+    return follower.outcome()
+
+
+class _Follower:
+    """A filter along the runs of one robot."""
+
+    def __init__(self, settings: AnywhereSettings) -> None:
+        self._settings, self._rng = settings, np.random.default_rng(settings.seed)
+        self._state: Any = None
+        self.bumps = 0
+        self.extent = math.inf
+        self.result: Literal["localized", "arrived", "refuted"] | None = None
+
+    def observe(self, run: float | None) -> None:
+        """Take in the length of a run; `None` if it met no wall."""
+        filter, homing = self._settings.filter, self._settings.homing
+        self.bumps += 1
+        if run is None:
+            self.result = "refuted"
+            return
+        self._state = filter.observe(self._state, max(run, 0.0))
+        self.extent = float(filter.extent(self._state, 1)[0])
+        if filter.refuted(self._state, 1)[0]:
+            self.result = "refuted"
+        elif homing is not None:
+            self.result = "arrived" if homing.arrived(self._state, 1)[0] else None
+        elif self.extent <= 2 * self._settings.radius:
+            self.result = "localized"
+
+    def turn(self) -> float:
+        """Choose the angle to turn by now, and take it as made."""
+        filter, bounces = self._settings.filter, self._settings.bounces
+        if self._settings.homing is not None:
+            chosen = self._settings.homing.choose(self._state, 1, self._rng)
+        else:
+            chosen = choose_angles(filter, self._state, 1, bounces, self._rng)
+        angle = bounces[int(chosen[0])]
+        self._state = filter.turn(self._state, angle)
+        return angle
+
+    def outcome(self) -> AnywhereOutcome:
+        """How the run ended, or stands."""
+        place, where = None, "nowhere"
+        if self._state is not None and self._state.wall.size:
+            boundary = self._settings.filter.boundary
+            arcs = self._state.begin, self._state.end
+            ends = np.concatenate([boundary.point(self._state.wall, arc) for arc in arcs])
+            x, y = ((ends.min(axis=0) + ends.max(axis=0)) / 2).tolist()
+            place = (x, y)
+            where = f"within {self.extent / 2:.2f} m of ({x:.2f} m, {y:.2f} m)"
+        reason = {
+            "localized": f"known to be {where} after {self.bumps} bumps",
+            "arrived": f"at the goal after {self.bumps} bumps, {where}",
+            "refuted": (
+                f"no place in the room explains the first {self.bumps} runs: the map is another, "
+                "or the errors of the robot are larger than said"
+            ),
+            None: f"not known after {self.bumps} bumps: {where}",
+        }[self.result]
+        observations = "1" * self.bumps
+        return AnywhereOutcome(
+            self.result or "unfinished", observations, reason, place=place, extent=self.extent
+        )

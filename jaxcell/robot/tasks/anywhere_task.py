@@ -1,0 +1,122 @@
+import dataclasses
+import functools
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from ...base.documents import Fields, checked_number, refused
+from ...base.files import replacing
+from ...space import Workspace
+from ...walls import Errors, Homing, WallFilter
+from ..anywhere import AnywhereSettings
+from .task import Task, common_fields
+
+
+KIND = "anywhere"
+
+
+@dataclasses.dataclass(frozen=True)
+class AnywhereTask(Task):
+    """A robot that is put down anywhere finds out where it is, or comes home."""
+
+    workspace: Workspace
+    bounces: tuple[float, ...]
+    "The angles to choose from, in radians."
+    headings: int | None
+    "Number of headings that it may start with; `None` for any."
+    slices: int
+    errors: Errors
+    counted: float
+    "The length of the steps that the robot counts, in metres; 0 if it measures its runs."
+    known: float
+    "The distance within which the robot is to be known, in metres."
+    goal: tuple[float, float] | None
+    goal_radius: float
+
+    @functools.cached_property
+    def settings(self) -> AnywhereSettings:
+        """The filter of the room, and what the robot is to do."""
+        filter = WallFilter.of(
+            self.workspace,
+            headings=self.headings,
+            slices=self.slices,
+            errors=self.errors,
+            step=self.counted,
+        )
+        homing = None
+        if self.goal is not None:
+            homing = Homing(filter, self.goal, self.goal_radius, self.bounces)
+        return AnywhereSettings(filter, self.bounces, self.known, homing)
+
+    @property
+    def strides(self) -> None:
+        return None
+
+    @property
+    def header(self) -> dict[str, Any]:
+        return {"kind": KIND, **super().header}
+
+
+def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
+    """Write a task of a robot that starts anywhere, for [`jaxcell.robot.load_task`][].
+
+    **Arguments:**
+
+    - `path`: the file, which is replaced.
+    - `workspace`: the room, for a robot of its radius.
+    - `fields`: `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
+        `counted_m`, `known_m`, and `goal_m` and `goal_radius_m` where there is a goal.
+    """
+    file = {
+        "format": "jaxcell-robot-task",
+        "kind": KIND,
+        "boundary": workspace.boundary.tolist(),
+        "obstacles": [ring.tolist() for ring in workspace.obstacles],
+        "robot_radius_m": workspace.robot_radius,
+        "name": workspace.name,
+        **fields,
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(file) + "\n", encoding="utf-8")
+
+
+def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
+    """Read a task of a robot that starts anywhere.
+
+    **Raises:** `ValueError` that names the field.
+    """
+    fields = Fields(values, f"{path}: ")
+    common = common_fields(path, fields)
+    errors, bounces = fields.get("errors"), fields.get("bounces_deg")
+    if not isinstance(bounces, list) or not bounces:
+        raise fields.refused("bounces_deg", "a list of angles in degrees")
+    for angle in bounces:
+        checked_number(f"{path}: bounces_deg", angle, "angles in degrees")
+    goal = values.get("goal_m")
+    try:
+        workspace = Workspace(
+            fields.numbers("boundary", (-1, 2), whole=False),
+            fields.get("obstacles") or (),
+            common["radius"],
+            str(values.get("name", "")),
+        )
+        if not isinstance(errors, dict):
+            raise refused("errors", "an object of bounds", errors)
+        bounds = Errors(**{name: float(value) for name, value in errors.items()})
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+    headings = values.get("headings")
+    return AnywhereTask(
+        **common,
+        workspace=workspace,
+        bounces=tuple(map(math.radians, bounces)),
+        headings=None if headings is None else fields.whole("headings", 2, 10_000),
+        slices=fields.whole("slices", 2, 100_000),
+        errors=bounds,
+        counted=fields.number("counted_m", 0.0),
+        known=fields.number("known_m", 0.0),
+        goal=None if goal is None else tuple(fields.numbers("goal_m", (2,), whole=False).tolist()),
+        goal_radius=0.0 if goal is None else fields.number("goal_radius_m", 0.0),
+    )

@@ -1,0 +1,84 @@
+"""A robot that is put down anywhere, through the whole driver."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from jaxcell import robot, space, walls
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.robot.tasks.anywhere_task import save_anywhere
+
+
+HALL = space.Workspace([(0, 0), (6, 0), (6, 2), (2, 2), (2, 5), (0, 5)], name="hall")
+FIELDS = {
+    "cell_m": 0.5,
+    "directions": 8,
+    "step_m": 0.5,
+    "bounces_deg": [70.0, 135.0],
+    "headings": None,
+    "slices": 360,
+    "errors": {"run": 0.01, "distance": 0.05, "turn": math.radians(2), "displacement": 0.06},
+    "counted_m": 0.0,
+    "known_m": 0.5,
+    "goal_m": [5.5, 1.0],
+    "goal_radius_m": 1.2,
+}
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory):
+    path = tmp_path_factory.mktemp("task") / "anywhere.json"
+    save_anywhere(path, HALL, **FIELDS)
+    return robot.load_task(path)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_robot_comes_home_from_anywhere_and_a_replay_agrees(task, seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    x, y = walls.places_anywhere(HALL, 1, rng)[0].tolist()
+    body = Body(HALL, (x, y, float(rng.uniform(0, math.tau))))
+    path = tmp_path / "run.jsonl"
+    with SimulatedCreate(body) as create, robot.RunLog(path, task.header) as log:
+        outcome = robot.run_anywhere(robot.Walker(create, 1.0), task.settings, log=log, limit=80)
+    assert outcome.result == "arrived"
+    assert math.dist(body.pose[:2], (5.5, 1.0)) < 1.2 + 0.1
+    assert math.dist(body.pose[:2], outcome.place) <= outcome.extent / 2 + 0.1
+    assert robot.replay_anywhere(robot.read_log(path), task.settings) == outcome
+
+
+def test_another_map_is_found_out(task):
+    elsewhere = space.Workspace([(0, 0), (9, 0), (9, 7), (0, 7)])
+    walker = robot.Walker(SimulatedCreate(Body(elsewhere, (4.0, 3.0, 1.0))), 1.0)
+    outcome = robot.run_anywhere(walker, task.settings, limit=60)
+    assert outcome.result == "refuted"
+    assert "the map is another" in outcome.reason
+
+
+def test_a_robot_without_walls_stops_within_the_size_of_its_room(task):
+    field = space.Workspace([(0, 0), (50, 0), (50, 50), (0, 50)])
+    body = Body(field, (25.0, 25.0, 0.3))
+    outcome = robot.run_anywhere(robot.Walker(SimulatedCreate(body), 1.0), task.settings)
+    assert outcome.result == "refuted"
+    assert math.dist(body.pose[:2], (25.0, 25.0)) < 10
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"errors": {"run": 2.0}}, "errors: run: expected a share below 1"),
+        ({"errors": {"luck": 0.1}}, "luck"),
+        ({"bounces_deg": []}, "bounces_deg: expected a list of angles in degrees"),
+        ({"slices": 1}, "slices: expected"),
+        ({"boundary": [[0, 0], [1, 1]]}, "boundary"),
+    ],
+)
+def test_a_damaged_task_is_refused(change, message, tmp_path):
+    path = tmp_path / "anywhere.json"
+    save_anywhere(path, HALL, **FIELDS)
+    values = json.loads(path.read_text()) | change
+    path.write_text(json.dumps(values))
+    with pytest.raises(ValueError, match=message):
+        robot.load_task(path)

@@ -1,0 +1,27 @@
+"""Waiting for events, in place of sleeping for as long as they are thought to take."""
+
+import threading
+import time
+
+
+def wait_until(condition, limit=120.0):
+    """Wait until a condition holds, at the pace of this machine, and raise if it never does.
+
+    **Returns:** the value of the condition.
+    """
+    end = time.monotonic() + limit
+    while not (found := condition()):
+        if time.monotonic() > end:
+            raise AssertionError(f"the condition did not hold within {limit:g} s")
+        time.sleep(0.001)
+    return found
+
+
+def when(condition, act):
+    """Act in a thread once a condition holds."""
+
+    def wait():
+        wait_until(condition)
+        act()
+
+    threading.Thread(target=wait, daemon=True).start()
