@@ -17,6 +17,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from waiting import wait_until
+
 import jaxcell.sweep.boxes
 import jaxcell.sweep.pending
 import jaxcell.sweep.storage.store
@@ -84,9 +86,7 @@ def chunks_done(folder: Path) -> int:
 
 def await_chunks(folder: Path, count: int) -> None:
     """Waits until so many chunks are done."""
-    limit = time.monotonic() + 60
-    while chunks_done(folder) < count and time.monotonic() < limit:
-        time.sleep(0.005)
+    wait_until(lambda: chunks_done(folder) >= count)
 
 
 def kill(
@@ -114,7 +114,8 @@ def kill(
     lasts = time.monotonic() - began
     expected = tree(whole)
     done, rounds, partial = 0, 0, 0
-    while done < kills:
+    # Nothing is done in part where chunks wait to be written.
+    while done < kills or not (partial or seconds):
         if begun and not folder.exists():
             shutil.copytree(begun, folder)
         # Half of the kills at a moment, half at an operation on a file.

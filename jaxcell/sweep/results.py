@@ -124,4 +124,10 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
             f"jaxcell sweep verify {out}"
         )
     with reading(Path(out)):
-        return xr.open_zarr(path, consolidated=True)
+        found = xr.open_zarr(path, consolidated=True)
+        for name in found.coords:
+            variable = found.variables[name]
+            # Texts of Zarr, which some versions of xarray cannot write to NetCDF.
+            if getattr(variable.encoding.get("dtype"), "kind", "") == "T":
+                del variable.load().encoding["dtype"]
+        return found

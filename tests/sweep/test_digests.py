@@ -66,6 +66,90 @@ def test_the_module_of_a_task_that_was_changed_is_told(begun, tmp_path):
         run_sweep(begun, "out", resume=True)
 
 
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A task in a package of modules, of which one is imported within a function."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    files = {
+        "lab_pkg/__init__.py": "",
+        "lab_pkg/task.py": "from . import walls\nfrom .deep.angles import *\n" + TASK,
+        "lab_pkg/walls.py": "import json, numpy, jaxcell\nimport lab_beside.far\nSIDE = 1\n",
+        "lab_pkg/deep/angles.py": "def angle():\n    import lab_late\n    return lab_late.ANGLE\n",
+        "lab_beside/far.py": "import lab_pkg.task\n",
+        "lab_late.py": "ANGLE = 1\n",
+        "lab_unused.py": "ANGLE = 2\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text.replace("FACTOR", "1"))
+    (tmp_path / "1.txt").write_text("1")
+    (tmp_path / "2.txt").write_text("2")
+    (tmp_path / "spec.toml").write_text(
+        'task = "lab_pkg.task:task"\nchunk = 1\n[grid]\nname = ["1.txt", "2.txt"]\n'
+    )
+    importlib.invalidate_caches()
+    yield Spec.load("spec.toml")
+    for name in [one for one in sys.modules if one.partition(".")[0].startswith("lab_")]:
+        del sys.modules[name]
+
+
+def test_the_modules_that_a_task_imports_are_digested(package):
+    assert set(digests(package)) == {
+        "task lab_pkg.task:task",
+        "1.txt",
+        "2.txt",
+        "module lab_beside.far (far.py)",
+        "module lab_late (lab_late.py)",
+        "module lab_pkg (__init__.py)",
+        "module lab_pkg.deep.angles (angles.py)",
+        "module lab_pkg.walls (walls.py)",
+    }
+    assert not any(name.startswith("lab_") for name in sys.modules), "nothing is imported for it"
+
+
+@pytest.mark.parametrize(
+    ("file", "module"),
+    [
+        ("lab_pkg/walls.py", "lab_pkg.walls"),
+        ("lab_pkg/__init__.py", "lab_pkg"),
+        ("lab_beside/far.py", "lab_beside.far"),
+        ("lab_late.py", "lab_late"),
+    ],
+)
+def test_an_edited_module_that_a_task_imports_is_refused(package, tmp_path, file, module):
+    run_sweep(package, "out", chunks=[0])
+    with open(tmp_path / file, "a") as source:
+        source.write("# edited\n")
+    digest = rf"begun with others: module {module} \({file.rpartition('/')[2]}\): \w{{12}} there, "
+    with pytest.raises(ValueError, match=digest):
+        run_sweep(package, "out", resume=True)
+    assert run_sweep(package, "out", resume=True, anyway=True).complete
+    with open_sweep("out") as dataset:
+        (told,) = json.loads(dataset.attrs["resumed_anyway"])
+    assert told.startswith(f"module {module} ")
+
+
+def test_an_edited_module_that_the_task_does_not_import_is_not_refused(package, tmp_path):
+    run_sweep(package, "out", chunks=[0])
+    (tmp_path / "lab_unused.py").write_text("ANGLE = 3\n")
+    assert run_sweep(package, "out", resume=True).complete
+
+
+def test_the_file_of_a_system_and_what_it_imports_are_digested(package, tmp_path):
+    (tmp_path / "system.py").write_text("import lab_late\n")
+    (tmp_path / "spec.toml").write_text(
+        'task = "dynamics"\n[fixed]\nsystem = "system.py:mine"\n[grid]\n'
+        'params = ["lab_late:T", "json:loads", "no such:module", ":"]\n'
+    )
+    assert set(digests(Spec.load("spec.toml"))) == {
+        "system.py:mine",
+        "module lab_late (lab_late.py)",
+        "lab_late:T",
+    }
+
+
 def test_a_run_that_goes_on_anyway_says_so(begun, tmp_path, capsys):
     (tmp_path / "1.txt").write_text("7")
     assert main(["sweep", "spec.toml", "--out", "out", "--anyway"]) == 2

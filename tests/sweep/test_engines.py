@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 from collections import deque
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import sweep_kills
 import sweep_workers
 from distributed import LocalCluster
 from sweep_kills import kill_apart, tree
+from waiting import wait_until
 
 from jaxcell.cli import main
 from jaxcell.sweep import engine_named, open_sweep, run_sweep, scheduler_address, sweep_status
@@ -170,8 +170,8 @@ def test_a_job_that_hangs_is_ended():
 @pytest.mark.usefixtures("forked")
 def test_a_job_that_hangs_takes_no_other_with_it():
     take, _ = jobs_of(3, hang=1)
-    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 1.0)(take)}
-    assert outcomes[1] == Failed("TimeoutError: it was not done after 1 s")
+    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 2.0)(take)}
+    assert outcomes[1] == Failed("TimeoutError: it was not done after 2 s")
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
 
 
@@ -183,7 +183,7 @@ def test_workers_of_a_cluster_come_and_go(monkeypatch, tmp_path):
         threads_per_worker=1,
         processes=False,
         protocol="tcp://",
-        dashboard_address=None,
+        dashboard_address=":0",
     ) as cluster:
         address = cluster.scheduler_address.replace("tcp://", "dask://")
         take, taken = jobs_of(60, task="sweep_stub:who", seconds=0.02)
@@ -209,7 +209,7 @@ def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
         n_workers=1,
         processes=False,
         protocol="tcp://",
-        dashboard_address=None,
+        dashboard_address=":0",
         scheduler_kwargs={"scheduler_file": str(file)},
     ) as cluster:
         assert scheduler_address(file) == cluster.scheduler_address
@@ -242,9 +242,7 @@ def test_the_recipe_for_a_queue(spec_file, tmp_path):
     (tmp_path / "slurm.py").write_text(script)
     spec_file("[grid]\nx = {count = 6}", "angles.toml", head="chunk = 1", fixed="seconds = 0.2")
     environment = {**os.environ, "PYTHONPATH": f"{TESTS}:{TESTS.parent}"}
-    subprocess.run(
-        [sys.executable, "slurm.py"], cwd=tmp_path, env=environment, check=True, timeout=120
-    )
+    subprocess.run([sys.executable, "slurm.py"], cwd=tmp_path, env=environment, check=True)
     assert sweep_status(tmp_path / "runs" / "angles").complete
 
 
@@ -343,18 +341,13 @@ def test_a_killed_run_leaves_its_workers_to_die(stub_spec, tmp_path):
     process = subprocess.Popen(
         [sys.executable, script, spec.path, tmp_path / "out"], env=environment
     )
-    workers = set()
-    limit = time.monotonic() + 60
-    while not workers and time.monotonic() < limit:
-        workers = {int(path.name.partition("-")[0]) for path in calls.iterdir()}
-        time.sleep(0.01)
-    process.kill()
-    process.wait()
-    assert workers
-    limit = time.monotonic() + 20
-    while any(map(alive, workers)) and time.monotonic() < limit:
-        time.sleep(0.01)
-    assert not any(map(alive, workers))
+    try:
+        wait_until(lambda: any(calls.iterdir()))
+    finally:
+        process.kill()
+        process.wait()
+    workers = {int(path.name.partition("-")[0]) for path in calls.iterdir()}
+    wait_until(lambda: not any(map(alive, workers)))
     assert sweep_status(tmp_path / "out").running is None
 
 
@@ -362,9 +355,9 @@ def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path
     calls = tmp_path / "calls"
     calls.mkdir()
     spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
-    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=1.0)
+    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
     assert [one.parameters for one in found.failures] == [{"x": 1}]
-    assert found.failures[0].message == "TimeoutError: it was not done after 1 s"
+    assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.status.values.tolist() == [1, 2]
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())

@@ -1,8 +1,7 @@
 """Only members that are missing or failed are computed, and only they are written."""
 
+import functools
 import itertools
-import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ import sweep_stub
 from sweep_kills import tree
 
 from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
+from jaxcell.sweep.workers.progress import Count, read_down, written_down
 
 
 @pytest.fixture
@@ -91,12 +91,34 @@ def test_rates_are_of_the_members_that_were_computed(stub_spec, tmp_path, task, 
     spec, seen = stub_spec(), []
     task[1].add(5)
     run_sweep(spec, tmp_path / "out")
-    clock = SimpleNamespace(monotonic=itertools.count().__next__, time=time.time)
-    monkeypatch.setattr("jaxcell.sweep.workers.progress.time", clock)
+    clock = itertools.count().__next__
+    monkeypatch.setattr("jaxcell.sweep.run.Count", functools.partial(Count, clock=clock))
     run_sweep(spec, tmp_path / "out", resume=True, progress=seen.append)
     assert [(one.done, one.failed) for one in seen] == [(4, 0), (5, 1), (6, 2)]
-    # The clock is read twice for each: two members, one a chunk.
-    assert seen[-1].rate < 2 / 3
+    # The clock is read once at the beginning, and once for each.
+    assert [one.rate for one in seen] == [0, 1 / 2, 2 / 3]
+
+
+def test_the_rest_takes_as_long_as_what_is_done(tmp_path):
+    now = 100.0
+
+    def clock():
+        return now
+
+    count = Count(chunks=10, done=4, clock=clock)
+    now = 106.0
+    for members in (5, 3):
+        count.add(members)
+    found = count.progress(())
+    assert (found.done, found.rate, found.left) == (6, 8 / 6, 12)
+    with written_down(tmp_path, clock) as write:
+        write(found)
+        assert read_down(tmp_path, clock) == (8 / 6, 12)
+        now = 111.0
+        assert read_down(tmp_path, clock) == (8 / 6, 7)
+        now = 1000.0
+        assert read_down(tmp_path, clock) == (8 / 6, 0)
+    assert read_down(tmp_path, clock) == (None, None)
 
 
 def test_a_damaged_chunk_with_a_member_that_fails_is_mended(stub_spec, tmp_path, task):

@@ -4,7 +4,6 @@ import os
 import random
 import resource
 import socket
-import time
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ import sweep_stub
 import xarray as xr
 import zarr
 from sweep_kills import tree
+from waiting import wait_until
 
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.storage.lock import locked
@@ -245,10 +245,7 @@ def test_a_run_goes_on_only_with_what_it_began(stub_spec, spec_file, tmp_path, m
 
 def await_done(out, chunks):
     """Wait until so many chunks are in a store."""
-    limit = time.monotonic() + 30
-    while sweep_status(out).done < chunks:
-        assert time.monotonic() < limit
-        time.sleep(0.01)
+    wait_until(lambda: sweep_status(out).done >= chunks)
 
 
 def test_two_runs_at_once(stub_spec, tmp_path, monkeypatch):
@@ -278,10 +275,7 @@ def test_chunks_are_computed_while_others_are_written(stub_spec, tmp_path, whole
         return kept[0](batch, fixed, seed)
 
     def put(store, name, box, values):
-        limit = time.monotonic() + 30
-        while len(calls) < 6:
-            assert time.monotonic() < limit
-            time.sleep(0.001)
+        wait_until(lambda: len(calls) >= 6)
         kept[1](store, name, box, values)
 
     monkeypatch.setattr(sweep_stub, "stub", stub)

@@ -1,7 +1,6 @@
 """What members read beside their specification, identified by its content."""
 
 import hashlib
-import importlib.util
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ import yaml
 
 from ..files import find_file
 from ..spec import Spec
+from .modules import imported_files, is_users, module_file
 
 
 _MAP_SERVER = (".yaml", ".yml")
@@ -19,19 +19,26 @@ _MAP_SERVER = (".yaml", ".yml")
 def digests(spec: Spec) -> dict[str, str]:
     """The SHA-256 of each file that the members of a sweep read, by its name.
 
-    These are the files that a parameter or a fixed value names, where there is one; the images of
-    such files in the format of map_server; and the module of a task that is none of ours, under the
-    name of the task. What that module imports is not checked.
+    These are the files that a parameter or a fixed value names; the images of such files in the
+    format of map_server; the module of a task, or of a value such as a system, that is the user's
+    own (`FILE.py:NAME` or `MODULE:NAME`); and the user's modules that this module imports.
     """
     found = {}
-    for text in sorted(set(_texts(spec))):
+    texts = sorted(set(_texts(spec)))
+    for text in texts:
         if (path := find_file(spec, text)) is None or not path.is_file():
             continue
         found[text] = _digest(path)
         if (image := _image(path)) is not None and os.path.isfile(path.parent / image):
             found[os.path.join(os.path.dirname(text), image)] = _digest(path.parent / image)
-    if ":" in spec.task and (source := _source(spec, spec.task.partition(":")[0])) is not None:
-        found[f"task {spec.task}"] = _digest(source)
+    for text in (spec.task, *texts):
+        module, colon, _ = text.rpartition(":")
+        if colon and (source := _source(spec, module)) is not None:
+            name = "" if module.endswith(".py") else module
+            if text == spec.task or is_users(name, source):
+                found[f"task {text}" if text == spec.task else text] = _digest(source)
+                for imported, file in imported_files(source, name).items():
+                    found[f"module {imported} ({file.name})"] = _digest(file)
     return found
 
 
@@ -76,12 +83,8 @@ def _source(spec: Spec, module: str) -> Path | None:
     """The file of a module, if there is one."""
     if module.endswith(".py"):
         return find_file(spec, module)
-    try:
-        found = importlib.util.find_spec(module)
-    except (ImportError, ValueError):
-        return None
-    origin = "" if found is None else found.origin or ""
-    return Path(origin) if os.path.isfile(origin) else None
+    dotted = all(part.isidentifier() for part in module.split("."))
+    return module_file(module) if dotted else None
 
 
 def _digest(path: Path) -> str:

@@ -4,11 +4,13 @@ An engine takes jobs as it can work on them, so that only a few are on their way
 gives back outcomes in the order in which they come. Closing its generator ends its workers at once.
 """
 
+import asyncio
 import contextlib
 import functools
 import importlib.util
 import itertools
 import json
+import logging
 import math
 import multiprocessing.connection
 import os
@@ -18,7 +20,7 @@ import secrets
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +41,12 @@ _DIED = Failed(f"its worker died each of {_MAX_DEATHS} times: out of memory?")
 _TOGETHER = 16
 # So often we look whether workers of a cluster have come.
 _LOOK_SECONDS = 1.0
-_GONE = "{}: the scheduler of the cluster is gone"
+_GONE = (
+    "{}: the scheduler of the cluster cannot be reached, or is gone; what is done is kept for a "
+    "run with resume"
+)
+# The parts of Dask that log a lost connection.
+_CONNECTION = ("batched", "client", "comm", "core")
 # Ours does not wait for Dask's half a minute.
 _CONNECT_SECONDS = 10
 # Two clusters on a machine would quarrel about the usual one.
@@ -234,21 +241,29 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     most, looked = 0, -math.inf
-    with Client(address, timeout=_CONNECT_SECONDS, set_as_default=False) as client:
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_without_log())
+        with _reaching(address):
+            client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+        stack.enter_context(client)
         try:
             while True:
                 if time.monotonic() >= looked + _LOOK_SECONDS:
                     # Workers come and go.
-                    threads = sum(_asked(address, client.nthreads).values())
+                    with _reaching(address):
+                        threads = sum(client.nthreads().values())
                     most, looked = max(threads, 1) * _JOBS_EACH, time.monotonic()
                 while jobs := _some(take, min(most - len(pending), _TOGETHER)):
-                    for job, future in zip(jobs, client.map(work, jobs, pure=False), strict=True):
+                    with _reaching(address):
+                        begun = client.map(work, jobs, pure=False)
+                    for job, future in zip(jobs, begun, strict=True):
                         pending[future] = job
                         future.add_done_callback(ended.put)
                 if not pending:
                     return
                 futures = _waiting(ended)
-                found = client.gather({one.key: one for one in futures}, errors="skip")
+                with _reaching(address):
+                    found = client.gather({one.key: one for one in futures}, errors="skip")
                 for future in futures:
                     if future.cancelled():
                         raise ConnectionError(_GONE.format(address))
@@ -275,11 +290,27 @@ def _waiting(ended: "queue.SimpleQueue[Any]") -> list[Any]:
     return found
 
 
-def _asked(address: str, ask: Callable[[], dict[str, int]]) -> dict[str, int]:
+@contextlib.contextmanager
+def _reaching(address: str) -> Iterator[None]:
+    """Raise `ConnectionError` of one line if the scheduler is not reached in the block."""
     try:
-        return ask()
-    except OSError as error:
+        yield
+    except (OSError, RuntimeError, asyncio.CancelledError) as error:
         raise ConnectionError(_GONE.format(address)) from error
+
+
+@contextlib.contextmanager
+def _without_log() -> Iterator[None]:
+    """Keep Dask from printing tracebacks of a lost scheduler, of which our error says enough."""
+    loggers = [logging.getLogger(f"distributed.{part}") for part in _CONNECTION]
+    kept = [logger.disabled for logger in loggers]
+    for logger in loggers:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger, disabled in zip(loggers, kept, strict=True):
+            logger.disabled = disabled
 
 
 # The processes beside the threads of a worker of Dask, by run and thread: a thread cannot be ended.

@@ -35,12 +35,13 @@ class Progress:
 
 
 class Count:
-    """What a run has done so far."""
+    """The work that a run has done so far, by a clock in seconds."""
 
-    def __init__(self, chunks: int, done: int) -> None:
+    def __init__(self, chunks: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.chunks, self.done, self.failed = chunks, done, 0
         self._left, self._ended, self._members = chunks - done, 0, 0
-        self._began = time.monotonic()
+        self._clock = clock
+        self._began = clock()
 
     def add(self, members: int) -> None:
         """Count a chunk that has ended, of which so many members were computed."""
@@ -50,7 +51,7 @@ class Count:
 
     def progress(self, failures: tuple[Failure, ...]) -> Progress:
         self.failed += len(failures)
-        seconds = max(time.monotonic() - self._began, 1e-9)
+        seconds = max(self._clock() - self._began, 1e-9)
         each = seconds / self._ended if self._ended else float("nan")
         return Progress(
             self.chunks,
@@ -63,8 +64,10 @@ class Count:
 
 
 @contextlib.contextmanager
-def written_down(folder: Path) -> Iterator[Callable[[Progress], None]]:
-    """Keep in the folder how fast a run is."""
+def written_down(
+    folder: Path, clock: Callable[[], float] = time.time
+) -> Iterator[Callable[[Progress], None]]:
+    """Keep the rate of a run in its folder."""
     path = folder / _FILE
     path.unlink(missing_ok=True)
     last = -math.inf
@@ -74,7 +77,7 @@ def written_down(folder: Path) -> Iterator[Callable[[Progress], None]]:
         if math.isfinite(progress.left) and time.monotonic() >= last + _SECONDS_BETWEEN:
             last = time.monotonic()
             with replacing(path) as temporary:
-                now = {"rate": progress.rate, "left": progress.left, "at": time.time()}
+                now = {"rate": progress.rate, "left": progress.left, "at": clock()}
                 temporary.write_text(json.dumps(now), encoding="utf-8")
 
     try:
@@ -83,11 +86,13 @@ def written_down(folder: Path) -> Iterator[Callable[[Progress], None]]:
         path.unlink(missing_ok=True)
 
 
-def read_down(folder: Path) -> tuple[float | None, float | None]:
-    """Members a second and seconds left of the run at work, once it knows."""
+def read_down(
+    folder: Path, clock: Callable[[], float] = time.time
+) -> tuple[float | None, float | None]:
+    """Read the members per second and the seconds left of the run at work, once it knows."""
     try:
         kept = json.loads((folder / _FILE).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None, None
-    since = max(time.time() - float(kept["at"]), 0.0)
+    since = max(clock() - float(kept["at"]), 0.0)
     return float(kept["rate"]), max(float(kept["left"]) - since, 0.0)

@@ -1,0 +1,110 @@
+"""Documented commands that cannot run in a test as they are written, and the form in which they do.
+
+There is no other way out: a line of a page that is in neither list is run as it is.
+"""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import tomllib
+import urllib.request
+from pathlib import Path
+from unittest import mock
+
+from distributed import LocalCluster
+from packaging.requirements import Requirement
+from wheels import body_in, map_cells
+
+from jaxcell.cli import main
+from jaxcell.robot.emulation.emulator import Emulator, Line
+
+
+ROOT = Path(__file__).parents[1]
+# The centre of a cell at the left of the topmost row of the lab, towards East.
+LAB, START = map_cells("lab_a.json"), (0.5, 3.5, 0.0)
+
+
+def in_a_browser(line):
+    """A page for a browser in place of a window, read once and then closed."""
+    words = shlex.split(line)
+    words += ["--web"] * ("view" in words and "--web" not in words)
+    words += ["--speedup", "1000"] * ("--simulate" in words)
+    hidden = {"DISPLAY", "WAYLAND_DISPLAY"}
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    command = [sys.executable, "-m", *words]
+    pipe = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment, **pipe) as process:
+        try:
+            address = awaited(process, r"(http://\S+)\?url=rerun")[1]
+            with urllib.request.urlopen(address) as page:
+                assert "Rerun" in page.read().decode()
+            if "--live" in words:
+                awaited(process, "The page stays until Ctrl-C")
+        finally:
+            process.send_signal(signal.SIGTERM)
+            rest = process.stderr.read()
+    assert process.returncode == 128 + signal.SIGTERM, rest
+
+
+def awaited(process, wanted):
+    """The place in what a process says on standard error where it says what is wanted."""
+    told = []
+    for line in process.stderr:
+        told.append(line)
+        if found := re.search(wanted, line):
+            return found
+    raise AssertionError(f"{process.args} ended without {wanted}:\n{''.join(told)}")
+
+
+def on_an_emulated_line(line):
+    """An emulated robot on a pseudo-terminal; who is asked answers what it did."""
+    body = body_in(LAB, int(LAB.index(*START)))
+    with (
+        Emulator(body, line=Line(speedup=20.0)) as robot,
+        mock.patch("builtins.input", side_effect=["1.0", "360"]),
+    ):
+        assert main(shlex.split(line.replace("/dev/ttyUSB0", robot.port))[1:]) == 0, line
+
+
+def on_a_cluster_of_this_machine(line):
+    """A scheduler in this process."""
+    options = {"processes": False, "protocol": "tcp://", "dashboard_address": ":0"}
+    with LocalCluster(n_workers=1, threads_per_worker=1, **options) as cluster:
+        address = cluster.scheduler_address.replace("tcp://", "dask://")
+        assert main(shlex.split(line.replace("dask://scheduler:8786", address))[1:]) == 0, line
+
+
+def with_known_extras(line):
+    """The requirement is read, and its extras are those of the project, without an installation."""
+    (wanted,) = shlex.split(line.removeprefix("pip install "))
+    found = Requirement(re.sub(r"^\.", "jaxcell", wanted))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert found.name == project["name"]
+    assert found.extras <= set(project["optional-dependencies"])
+
+
+def of_a_recipe(line):
+    """A target of the Makefile, which runs the tests, or what a test has of its own."""
+    target = line.removeprefix("make ")
+    recipes = {"demo": ("tests/cli/test_demo.py", 'main(["demo"'), "test": (".ci/run", "make test")}
+    place, text = recipes[target]
+    assert text in (ROOT / place).read_text()
+
+
+# What a line contains, and how it runs instead.
+SUBSTITUTES = {
+    "jaxcell view ": in_a_browser,
+    "--live here": in_a_browser,
+    "/dev/ttyUSB0": on_an_emulated_line,
+    "dask://scheduler:8786": on_a_cluster_of_this_machine,
+    "pip install ": with_known_extras,
+    "make ": of_a_recipe,
+}
+
+
+def substitute(line):
+    """The form in which a line runs; `None` for a line that runs as it is."""
+    return next((run for text, run in SUBSTITUTES.items() if text in line), None)

@@ -1,0 +1,59 @@
+"""Clusters of Dask whose scheduler is gone, or was never there."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from waiting import wait_until
+
+from jaxcell.cli import main
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_scheduler_that_goes_is_told_in_one_line(tmp_path, number):
+    file, begun = tmp_path / "scheduler.json", tmp_path / "begun"
+    begun.mkdir()
+    (tmp_path / "some.toml").write_text(
+        'task = "sweep_stub:stub"\nchunk = 1\n[fixed]\nseconds = 0.1\n'
+        f'folder = "{begun}"\n[grid]\nx = {{count = 1000}}\n'
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    processes = []
+
+    def start(module, *options, **more):
+        command = [sys.executable, "-m", module, *options, "--scheduler-file", str(file)]
+        process = subprocess.Popen(command, cwd=tmp_path, env=environment, **more)
+        processes.append(process)
+        return process
+
+    quiet = {"stderr": subprocess.DEVNULL}
+    alone = ["--no-dashboard", "--host", "127.0.0.1"]
+    try:
+        scheduler = start("distributed.cli.dask_scheduler", *alone, "--port", "0", **quiet)
+        wait_until(file.exists)
+        start("distributed.cli.dask_worker", *alone, "--nthreads", "1", "--no-nanny", **quiet)
+        driver = start("jaxcell", "sweep", "some.toml", stderr=subprocess.PIPE, text=True)
+        wait_until(lambda: any(begun.iterdir()))
+        scheduler.send_signal(number)
+        told = driver.communicate()[1]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+    assert driver.returncode == 2
+    lines = [line for line in told.splitlines() if " ... (0:" not in line]
+    assert len(lines) == 1, told
+    assert lines[0].startswith("jaxcell sweep: tcp://127.0.0.1:")
+    assert "the scheduler of the cluster cannot be reached, or is gone" in lines[0]
+
+
+def test_a_scheduler_that_was_never_there_is_told_in_one_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("jaxcell.sweep.workers.engines._CONNECT_SECONDS", 0.2)
+    spec = tmp_path / "some.toml"
+    spec.write_text('task = "sweep_stub:stub"\n[grid]\nx = {count = 4}\n')
+    out = ["--out", str(tmp_path / "out"), "--engine", "dask://127.0.0.1:1"]
+    assert main(["sweep", str(spec), *out]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("jaxcell sweep: tcp://127.0.0.1:1: the scheduler of the cluster cannot")
