@@ -17,7 +17,7 @@ from ..base.quantities import Result, derived, quantity
 from ..mapping import Chain, ChainSequence
 from ..mapping.classes import reaching
 from ..mapping.generalized import leaving_rows
-from ..mapping.sequence import as_sequence
+from ..mapping.sequence import as_sequence, push_on_host
 from ..markov.hitting import leaving_times
 from .behaviour import LongTermBehaviour
 from .flow import steps_in
@@ -110,12 +110,7 @@ class Exchange(Result):
     @functools.cached_property
     def after(self) -> Float[np.ndarray, "regions cells"]:
         """The share of the drifters of each region in each cell then."""
-        chain = as_sequence(self.chain)
-        later = []
-        for one in self._begin:
-            *_, last = chain.pushed(one, self.steps)
-            later.append(last)
-        return np.stack(later)
+        return np.stack([push_on_host(self.chain, one, self.steps) for one in self._begin])
 
 
 def read_regions(

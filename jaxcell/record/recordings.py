@@ -12,6 +12,7 @@ from ..base.quantities import Result
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
     "AdaptivelyLocalized": "bounce.policy:log_localization_policy",
+    "Anywhere": "bounce.anywhere:log_anywhere",
     "Basins": "dynamics.basins:log_basins",
     "BounceGroups": "bounce.groups:log_groups",
     "Continuation": "dynamics.basins:log_continuation",

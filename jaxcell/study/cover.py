@@ -32,6 +32,12 @@ class Cover(MapStudy):
     directions: AtLeastOne | None = 360
     """Number of directions."""
 
+    def check_files(self) -> None:
+        from .target import check_target
+
+        super().check_files()
+        check_target(self.target)
+
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 

@@ -80,7 +80,7 @@ class Dynamics(Study):
             return dynamics.continuation(system.map, system.box, params, say=say, **options)
         return dynamics.basins(system.map, system.box, params, say=say, **options)
 
-    def heading(self, spec: dict[str, Any]) -> str:
+    def headline(self, spec: dict[str, Any]) -> str:
         return self.asked.about or f"The system {self.system}"
 
 
@@ -89,9 +89,14 @@ def load_system(reference: str) -> "System":
 
     **Raises:** `ValueError` that says what is wrong with the reference.
     """
+    module, colon, name = reference.rpartition(":")
+    try:
+        found = getattr(load_module(module), name) if colon else None
+    except (ImportError, AttributeError, SyntaxError) as error:
+        raise ValueError(f"system: {reference}: {error}") from None
+    # This takes seconds.
     from ..dynamics import System, systems
 
-    module, colon, name = reference.rpartition(":")
     if not colon:
         ours = {name: one for name, one in vars(systems).items() if isinstance(one, System)}
         if reference not in ours:
@@ -99,10 +104,6 @@ def load_system(reference: str) -> "System":
                 f"system: expected FILE.py:NAME or one of {', '.join(ours)}, got {reference!r}"
             )
         return ours[reference]
-    try:
-        found = getattr(load_module(module), name)
-    except (ImportError, AttributeError, SyntaxError) as error:
-        raise ValueError(f"system: {reference}: {error}") from None
     if not isinstance(found, System):
         raise ValueError(f"system: {reference}: expected a jaxcell.dynamics.System, got {found!r}")
     return found

@@ -4,20 +4,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from .map_study import MapStudy, Slip, cell_at
+from .anywhere import AnywhereStudy
+from .map_study import Slip, cell_at
 from .study import Degrees, Say, refuse, silent
 
 
 if TYPE_CHECKING:
     from ..base.quantities import Result
-    from ..bounce import AdaptivelyLocalized, Localized, Slipped
+    from ..bounce import AdaptivelyLocalized, Anywhere, Localized, OffsetLocalized, Slipped
     from ..space import CellSpace
     from ..space.extent import Extent
     from ..verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Localize(MapStudy):
+class Localize(AnywhereStudy):
     """Build the localization filter of a map, or the policy of a robot that chooses among bouncing
     angles, and localize a simulated robot with it."""
 
@@ -35,13 +36,17 @@ class Localize(MapStudy):
     """Whether it is to take few bumps at worst, or in the mean over all starts."""
     start: str | None = None
     """Start of the simulated robot: "x,y,heading" in m and degrees, or a cell; else random."""
-    seed: int = 0
-    """Seed of the random start."""
+    offsets: bool = False
+    """Put the robot down anywhere in a cell, where walls run along the edges of cells: the filter
+    loses no robot whose walker knows the heading."""
     open_world: bool = False
     """Give the filter a trap for observations that cannot occur on the map."""
     slip: Slip | None = None
     """How much the robot slips: the relative error of its steps and turns, and its veer in radians
     a metre. Then a belief localizes it, in place of a filter."""
+    bump_turn: Degrees = 0.0
+    """With a slip: turn of the robot toward the wall by a bump at 45 degrees, unseen by its wheels,
+    in degrees; at an incidence i it is sin(2 i) times as much."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -49,16 +54,30 @@ class Localize(MapStudy):
             raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
         if (self.bounce is None) == (not self.bounces):
             raise ValueError("bounce: expected one angle, or several in bounces")
+        if self.anywhere:
+            return
+        if self.offsets:
+            if self.bounces:
+                raise ValueError("offsets: expected one angle, in bounce, got several")
+            refuse(self, "with offsets", "collision", "start", "slip")
         if self.slip is not None:
             refuse(self, "for a robot that slips", "open_world", "goal", "aim")
-        elif self.bounces:
+            return
+        refuse(self, "without a slip", "bump_turn")
+        if self.bounces:
             refuse(self, "for several bounces, which always have a trap", "open_world")
         else:
             refuse(self, "for one angle, which leaves no choice", "goal", "aim")
 
+    @property
+    def of_cells(self) -> tuple[str, ...]:
+        return (*super().of_cells, "open_world", "goal", "aim", "slip", "offsets")
+
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
+        if self.anywhere:
+            return 0
         if self.slip is not None:
             from ..bounce.slip.fine_cells import needed
 
@@ -74,17 +93,28 @@ class Localize(MapStudy):
         return "`jaxcell groups` writes the groups alone a direction at a time, or "
 
     def spec(self, result: "Result") -> dict[str, Any]:
+        if self.anywhere:
+            return super().spec(result)
         absent = {"bounce_deg", "open_world"} if self.bounces else {"bounces_deg", "goal", "aim"}
+        if not self.offsets:
+            absent |= {"offsets"}
         if self.slip is not None:
             absent |= {"goal", "aim"}
         elif self.bounces:
             absent |= {"slip"}
         return {name: one for name, one in super().spec(result).items() if name not in absent}
 
-    def run(self, say: Say = silent) -> "Localized | AdaptivelyLocalized | Slipped":
+    def run(
+        self, say: Say = silent
+    ) -> "Localized | AdaptivelyLocalized | OffsetLocalized | Slipped | Anywhere":
         import numpy as np
 
+        if self.anywhere:
+            bounces = self.bounces if self.bounce is None else (self.bounce,)
+            return self.localized_anywhere(bounces, self.start, say)
         cells = self.cells()
+        if self.offsets:
+            return self._at_any_offset(cells, say)
         if self.start is None:
             start = int(np.random.default_rng(self.seed).integers(cells.size))
         else:
@@ -104,6 +134,18 @@ class Localize(MapStudy):
         say(f"building the filter of {cells.size:,} cells")
         filter = localization_filter(mapped, open_world=self.open_world)
         return Localized(filter, cells, self.motion, bounce, localize(mapped, filter, start))
+
+    def _at_any_offset(self, cells: "CellSpace", say: Say) -> "OffsetLocalized":
+        from ..bounce import OffsetLocalized, Offsets, localization_filter
+
+        assert self.bounce is not None
+        bounce = math.radians(self.bounce)
+        say("finding the classes of offsets")
+        offsets = Offsets.of(cells, step=self.step)
+        mapped = offsets.bounce_map(bounce)
+        say(f"building the filter of {mapped.image.size:,} configurations")
+        filter = localization_filter(mapped, open_world=self.open_world)
+        return OffsetLocalized(filter, cells, offsets, bounce)
 
     def _choose(self, cells: "CellSpace", start: int, say: Say) -> "AdaptivelyLocalized":
         import numpy as np
@@ -128,7 +170,9 @@ class Localize(MapStudy):
         bounces = np.radians(self.bounces if self.bounce is None else [self.bounce])
         if self.bounces:
             different_shifts(bounces, cells.directions)
-        slip = Slip.of(self.slip, give=bumper_give(cells.cell))
+        slip = Slip.of(
+            self.slip, give=bumper_give(cells.cell), bump_turn=math.radians(self.bump_turn)
+        )
         fine = FineCells.within(cells, slip)
         say(f"mapping {fine.size:,} fine cells")
         hidden = slip_map(fine, bounces.tolist(), slip, step=self.step)
@@ -149,11 +193,17 @@ class Localize(MapStudy):
         from .. import record
 
         spec = self.spec(result)
+        if self.anywhere:
+            self.save_task(result, out)
+            return
         if self.slip is not None:
             dataclasses.replace(result.hidden, metadata=spec).save(out / "belief.jxb")
             return
         if self.bounces:
             dataclasses.replace(result.policy, metadata=spec).save(out / "policy.jxf")
+            return
+        if self.offsets:
+            result.of_cells(spec).save(out / "filter.jxf")
             return
         dataclasses.replace(result.filter, metadata=spec).save(out / "filter.jxf")
         record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")
@@ -162,10 +212,14 @@ class Localize(MapStudy):
         from ..bounce import bounce_map
         from ..verify import compare_filter, compare_groups, compare_policy, compare_slip
 
+        if self.anywhere:
+            return []
         if self.slip is not None:
             return compare_slip(result)
 
         if self.bounces:
             return compare_policy(result)
+        if self.offsets:
+            return compare_filter(result, result.offsets.bounce_map(result.bounce))
         mapped = bounce_map(result.cells, result.bounce, **self.motion)
         return [*compare_groups(result.groups), *compare_filter(result, mapped)]

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 # A map, the side of a cell, the directions, and the radius of the robot.
 _Cut: TypeAlias = tuple[Path, float | None, int | None, float | None]
+# A heading in degrees may be rounded by as much.
+_DIRECTION_DEG = 0.01
 Slip: TypeAlias = Annotated[float, Limit("a number from 0 to 1", lambda x: 0 <= x <= 1)]
 
 
@@ -80,7 +82,7 @@ class CellStudy(Study):
         about = {"name": cells.workspace.name, "cell_m": cells.cell, "positions": cells.positions}
         return {**super().spec(result), **about}
 
-    def heading(self, spec: dict[str, Any]) -> str:
+    def headline(self, spec: dict[str, Any]) -> str:
         return f"{spec['name'] or spec['map']}: {spec['positions']:,} cells"
 
 
@@ -117,7 +119,7 @@ class MapStudy(CellStudy):
             "step_m": cells.cell if self.step is None else self.step,
         }
 
-    def heading(self, spec: dict[str, Any]) -> str:
+    def headline(self, spec: dict[str, Any]) -> str:
         pieces = spec["pieces"]
         return (
             f"{spec['name'] or spec['map']}: {spec['positions']:,} positions x "
@@ -137,6 +139,12 @@ def cell_at(cells: "CellSpace", text: str, parameter: str) -> int:
         return int(text)
     expected = '"x,y,heading" in metres and degrees, or a cell number'
     x, y, heading = numbers(parameter, text, 3, expected)
+    width = 360 / cells.directions
+    if abs(math.remainder(heading, width)) > _DIRECTION_DEG:
+        raise ValueError(
+            f"{parameter} {text!r}: expected a heading that is one of the {cells.directions} "
+            f"directions, a multiple of {width:g} degrees, got {heading:g}"
+        )
     with about(f"{parameter} {text!r}"):
         return int(cells.index(x, y, math.radians(heading)))
 

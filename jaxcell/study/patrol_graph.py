@@ -129,7 +129,7 @@ class PatrolGraph(GraphStudy):
         found = GraphPatrol.of(graph, **walk, game=game, **options)
         return dataclasses.replace(found, **self.more(found, say))
 
-    def heading(self, spec: dict[str, Any]) -> str:
+    def headline(self, spec: dict[str, Any]) -> str:
         return f"{self.file}: {self.strategy}"
 
     def verify(self, result: Any) -> "Sequence[Comparison]":

@@ -60,5 +60,5 @@ class Rooms(Study):
         free, bounce = self.free(), np.radians(self.bounce)
         return RoomGroups.of_room(free, bounce, self.directions, collision=self.collision)
 
-    def heading(self, spec: dict[str, Any]) -> str:
+    def headline(self, spec: dict[str, Any]) -> str:
         return f"Room {self.room} of seed {self.seed}"

@@ -31,7 +31,7 @@ class SeaStudy(Study):
         asked = super().spec(result)
         return {**asked, "file": " ".join(asked["file"])}
 
-    def heading(self, spec: dict[str, Any]) -> str:
+    def headline(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])
 
     def verify(self, result: Any) -> "Sequence[Comparison]":

@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from ..robot.emulation.body import Body
 
 
-# Runs of the emulated robot.
-_RUNS = 50
+# Runs of the emulated robot, and of the plan without cells, which blur where a robot is.
+_RUNS, _PLAN_RUNS = 50, 20_000
+_CONFIDENCE = 0.99
 # How long a policy is followed, in plans or in its own mean times, whichever is more.
 _PLANS, _MEANS, _MOST = 4, 4, 4000
 
@@ -32,13 +33,13 @@ def slipped_plan(
     - `say`: called with what is being done.
     """
     import numpy as np
+    from scipy.stats import binomtest
 
     from ..bounce import (
         FineCells,
         SlippedPlan,
         arrival_by,
-        bounce_shift,
-        plan_probability,
+        plan_runs,
         slip_map,
         slip_policy,
     )
@@ -53,13 +54,13 @@ def slipped_plan(
     say(f"mapping {fine.size:,} fine cells")
     hidden = slip_map(fine, bounces, slip, step=step)
     start, goal = fine.at(plan.start), fine.coarse == plan.goal
-    shifts = bounce_shift(np.asarray(bounces), cells.directions).tolist()
-    turns = bounce_shift(plan.actions, cells.directions).tolist()
-    events = [
-        1 + shifts.index(turn) if action else 0
-        for action, turn in zip(plan.actions, turns, strict=True)
-    ]
-    weight = plan_probability(hidden, start, events)
+    foretold, there, interval = 0, 0, (0.0, 0.0)
+    if plan.found:
+        say("simulating the plan")
+        ends = plan_runs(cells, plan.start, plan.actions.tolist(), slip, runs=_PLAN_RUNS, step=step)
+        foretold = len(ends)
+        there = int(np.count_nonzero(nearest_cell(cells, *ends.T) == plan.goal))
+        interval = binomtest(there, _PLAN_RUNS).proportion_ci(_CONFIDENCE)
     say("improving the policy")
     policy = slip_policy(hidden, goal, start)
     mean = float(start @ np.where(start > 0, policy.time, 0.0)) if policy.sure else math.inf
@@ -71,8 +72,8 @@ def slipped_plan(
         if plan.found:
             walker, body = _robot(plan, error, step, seed)
             outcome = run_plan(walker, plan.actions.tolist())
-            there = int(nearest_cell(cells, *body.pose)) == plan.goal
-            plans.append(outcome.result == "arrived" and there)
+            at_goal = int(nearest_cell(cells, *body.pose)) == plan.goal
+            plans.append(outcome.result == "arrived" and at_goal)
         walker, body = _robot(plan, error, step, _RUNS + seed)
         policies.append(
             driven(
@@ -88,8 +89,11 @@ def slipped_plan(
     return SlippedPlan(
         **{one.name: getattr(plan, one.name) for one in dataclasses.fields(plan)},
         fine_cells=fine.size,
-        plan_as_foretold=float(weight.sum()) if plan.found else 0.0,
-        plan_arrives=float(weight[goal].sum()) if plan.found else 0.0,
+        plan_runs=_PLAN_RUNS if plan.found else 0,
+        plan_as_foretold=foretold / _PLAN_RUNS,
+        plan_arrives=there / _PLAN_RUNS,
+        plan_arrives_from=float(interval[0]),
+        plan_arrives_to=float(interval[1]),
         policy_surely_arrives=policy.sure,
         policy_mean_steps=mean,
         policy_arrival=arrival_by(hidden, policy.choice, goal, start, limit),

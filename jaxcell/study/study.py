@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar, get_type_hints
 
-from ..base.files import name_in_results
+from ..base.bundled import bundled
+from ..base.files import existing, name_in_results
 from ..base.quantities import Result
 
 
@@ -68,6 +69,9 @@ class Study:
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
+        for name in _paths(kind):
+            if str(value := getattr(self, name)).startswith("@"):
+                object.__setattr__(self, name, bundled(str(value)))
         for name, limit in _limits(kind).items():
             value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):
@@ -81,6 +85,17 @@ class Study:
         sought; `RuntimeError` if there is none.
         """
         raise NotImplementedError
+
+    def check_files(self) -> None:
+        """Refuse parameters that name files which do not exist, before anything slow is imported.
+
+        **Raises:** `FileNotFoundError` that names the file.
+        """
+        for name in parameters(type(self)):
+            value = getattr(self, name)
+            for one in value if isinstance(value, tuple) else (value,):
+                if isinstance(one, Path):
+                    existing(one)
 
     def memory(self, written: bool = False) -> float | int:
         """The bytes that the answer takes at its peak, by estimate; 0 where that is not known.
@@ -108,7 +123,7 @@ class Study:
         suffix = unit(parameters(cls)[parameter])
         return parameter if suffix is None else f"{parameter}_{suffix}"
 
-    def heading(self, spec: dict[str, Any]) -> str:
+    def headline(self, spec: dict[str, Any]) -> str:
         """The line above the tables of a result."""
         return self.name
 
@@ -131,6 +146,16 @@ def parameters(study: type[Study]) -> dict[str, Any]:
     """The parameters of a study with their annotations, in their order."""
     hints = get_type_hints(study, include_extras=True)
     return {field.name: hints[field.name] for field in dataclasses.fields(study)}
+
+
+@functools.cache
+def _paths(study: Any) -> list[str]:
+    """The parameters that are paths, or names of bundled data such as `@lab_a`."""
+
+    def is_path(annotation: Any) -> bool:
+        return annotation is Path or any(map(is_path, getattr(annotation, "__args__", ())))
+
+    return [name for name, annotation in parameters(study).items() if is_path(annotation)]
 
 
 def unit(annotation: Any) -> str | None:

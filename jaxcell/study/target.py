@@ -17,6 +17,21 @@ _MAX_VALUES = 100_000_000
 _LARGEST_COORDINATE = 1e9
 
 
+def check_target(text: str) -> None:
+    """Refuse a target whose file does not exist.
+
+    **Raises:** `ValueError` that names the parameter.
+    """
+    file, _, _ = text.rpartition(":")
+    if file.endswith(".nc") and not Path(file).is_file():
+        raise ValueError(f"target {text}: there is no file {file}")
+    if text != "uniform" and not file.endswith(".nc") and not Path(text).is_file():
+        raise ValueError(
+            f"target {text}: there is no such file; expected 'uniform', an image, or "
+            "FILE.nc:VARIABLE"
+        )
+
+
 def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]:
     """The share of each position that the parameter `target` names.
 
@@ -32,6 +47,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
 
     if text == "uniform":
         return coverage_target(cells)
+    check_target(text)
     try:
         file, colon, variable = text.rpartition(":")
         if colon and file.endswith(".nc"):
@@ -51,8 +67,6 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
 
     from ..space.maps.images import read_image
 
-    if not path.is_file():
-        raise ValueError("there is no such file; expected 'uniform', an image, or FILE.nc:VARIABLE")
     try:
         image = read_image(path.read_bytes())
     except UnidentifiedImageError:
@@ -65,8 +79,6 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
 def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray, "positions"]:
     from ..drift.currents.netcdf import open_netcdf
 
-    if not path.is_file():
-        raise ValueError(f"there is no file {path}")
     with open_netcdf(path) as file:
         if variable not in file.dataset:
             names = ", ".join(map(str, file.dataset.data_vars)) or "no variables"

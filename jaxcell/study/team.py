@@ -21,7 +21,7 @@ class Team(MapStudy):
 
     name: ClassVar[str] = "team"
 
-    bounce: tuple[Degrees, ...]
+    bounces: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise: one for all robots, or one for each."""
     robots: int | None = None
     """Number of robots that start at random, by default 2."""
@@ -36,8 +36,8 @@ class Team(MapStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.bounce:
-            raise ValueError("bounce: expected at least one angle in degrees")
+        if not self.bounces:
+            raise ValueError("bounces: expected at least one angle in degrees")
         if self.starts and self.robots not in (None, len(self.starts)):
             raise ValueError(
                 f"robots {self.robots}: starts names {len(self.starts)}; give one of them"
@@ -61,7 +61,7 @@ class Team(MapStudy):
         return team_trajectory(
             cells,
             starts,
-            np.radians(self.bounce),
+            np.radians(self.bounces),
             **self.motion,
             max_parts=self.max_parts,
             part_steps=self.part_steps,
@@ -80,7 +80,7 @@ class Team(MapStudy):
         spec = self.spec(result)
         steps = free_steps(result.cells, spec["step_m"] / result.cells.cell, self.collision)
         x, y, theta = (each.tolist() for each in result.cells.centre(result.starts))
-        bounces = self.bounce * (1 if len(self.bounce) > 1 else len(x))
+        bounces = self.bounces * (1 if len(self.bounces) > 1 else len(x))
         save_team(
             out / "team.json",
             spec,
@@ -94,7 +94,7 @@ class Team(MapStudy):
 
         from ..verify import compare_team
 
-        return compare_team(result, np.radians(self.bounce), **self.motion)
+        return compare_team(result, np.radians(self.bounces), **self.motion)
 
     def _starts(self, cells: "CellSpace") -> list[int]:
         """The starts that are given, or random ones in different positions."""

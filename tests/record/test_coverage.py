@@ -129,8 +129,11 @@ def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
         for k, picture in pictures.items():
             np.testing.assert_array_equal(picture[cells.free], heat_levels(scale, heat[k]))
 
-    bars = found.static("/alpha", "BarChart:values")
-    assert bars
+    bars, share = found.picture("/alpha/share"), 100 * np.asarray(policy.alpha)
+    heights = bars.sum(axis=0) / bars.shape[0] * share.max()
+    np.testing.assert_allclose(heights[2::5], share, atol=share.max() / 250)
+    labels = found.static("/alpha/labels", "Points2D:labels")
+    assert labels[: share.size] == [f"{one:g}" for one in policy.bounce_deg.tolist()]
     text = found.static("/text", "TextDocument:text")[0]
     assert f"| 90° | {100 * float(policy.alpha[1]):.4g} % |" in text
     assert "| map | a map |" in text

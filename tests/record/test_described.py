@@ -56,6 +56,25 @@ def test_summaries_say_where_positions_are(watch):
     }
 
 
+def test_zeros_have_no_sign():
+    @dataclasses.dataclass(frozen=True, eq=False)
+    class Clock(Result):
+        late: Annotated[float, quantity("", "how late it is", "s", kind="time")]
+        off: Annotated[np.ndarray, quantity("day", "how far it is off", "s", listed=True)]
+
+        def checks(self):
+            return {"late": (-self.late, 0.0)}
+
+    off = np.array([-0.0, 0.0, -1.0])
+    for clock in (Clock(-0.0, off), Clock(0.0, off)):
+        found = dataset(clock)
+        checks = (found.attrs["check_late"], found.attrs["check_late_below_0"])
+        assert str([*checks, found.late.item()]) == "[0.0, 0.0, 0.0]"
+        assert str(found.off.values.tolist()) == "[0.0, 0.0, -1.0]"
+        assert str(summary(clock)) == "{'late': 0.0, 'off': [0.0, 0.0, -1.0]}"
+    assert np.signbit(off[0])
+
+
 def test_tables_say_where_positions_are(watch, capsys):
     show(watch, "The watch")
     out = capsys.readouterr().out

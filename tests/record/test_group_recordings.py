@@ -1,3 +1,4 @@
+import math
 import os
 import subprocess
 import sys
@@ -5,12 +6,16 @@ import sys
 import numpy as np
 import pytest
 import rerun as rr
+import shapely
 
 import jaxcell.record.bounce.groups
+from jaxcell import bundled
+from jaxcell.bounce import BounceGroups
 from jaxcell.record import save_recording
 from jaxcell.record.canvas.map import CellMap
 from jaxcell.record.canvas.palette import FREE, OBSTACLE
 from jaxcell.record.canvas.stream import new_stream
+from jaxcell.space import CellSpace
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +113,31 @@ def test_walls_of_a_map(hall, read, tmp_path):
     squares = np.array(squares[0]).reshape(hall.cells.free.shape)
     np.testing.assert_array_equal(squares == 1, hall.cells.free)
     assert squares[0, 0] == 2, "0.125 m from the wall, with a radius of 0.15 m"
-    assert squares[1, 18] == 0, "in the obstacle by the wall"
+    beyond = recorded.picture("/map/beyond")
+    side = 0.25 / 8
+    rows, columns = np.indices(beyond.shape)
+    environment = hall.cells.workspace.environment
+    inside = shapely.intersects_xy(environment, (columns + 0.5) * side, (rows + 0.5) * side)
+    np.testing.assert_array_equal(beyond == 0, inside)
+    (stretch,) = recorded.static("/map/beyond", "Transform3D:scale")
+    assert stretch == [side, side, 1]
+
+
+def test_walls_cover_squares_that_reach_past_them(read, tmp_path):
+    """Pixels of 0.1 m beside cells of 0.25 m: what is beyond the walls is exact."""
+    for cell in (0.1, 0.25):
+        cells = CellSpace.load(bundled("office"), cell=cell, directions=4)
+        save_recording(BounceGroups.of(cells, math.radians(90)), tmp_path / "office.rrd")
+        recorded = read(tmp_path / "office.rrd")
+        if cell == 0.1:
+            assert "/map/beyond" not in recorded.entities
+            continue
+        ((side, *_),) = recorded.static("/map/beyond", "Transform3D:scale")
+        pixels = round(0.1 / side)
+        beyond = recorded.picture("/map/beyond")[::pixels, ::pixels]
+        native = CellSpace.load(bundled("office"), directions=4).free
+        rows, columns = native.shape
+        np.testing.assert_array_equal(beyond[:rows, :columns] == 0, native)
 
 
 def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_path):
@@ -138,8 +167,12 @@ def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_pat
             assert legend[place].startswith(
                 f"group {group}: period {host.period[host.group == group][0]},"
             )
-        if len(ranked) > 7:
-            assert legend[7].startswith(f"{len(ranked) - 7} more, pale")
+        if len(ranked) == 8:
+            assert legend[7].startswith(f"group {ranked[7]}: period")
+        elif len(ranked) > 7:
+            assert legend[7].startswith(f"{len(ranked) - 7} more, in pale colours")
+        assert "dark shade of a colour: on the group itself" in legend
+        assert "on no such group" in legend
         shares = [float(t.split()[-4]) for t in legend if t.endswith("% of cells")]
         assert sum(shares) == pytest.approx(100, abs=1.5)
         assert f"heading {15 * direction}°" in legend

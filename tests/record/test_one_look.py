@@ -25,11 +25,14 @@ COMMANDS = {
     "policy": "localize {room} --directions 8 --bounces 45 135",
     "slip": "localize {room} --directions 8 --bounces 45 135 --slip 0.02 --start 100",
     "groups": "groups {room} --directions 8 --bounce 45 90",
+    "anywhere": "localize {room} --bounce 135 --anywhere --robots 3 --bumps 6",
+    "home": "navigate {room} --bounces 45 135 --goal 1.5,1.5 --anywhere --heading unknown "
+    "--errors turn=1 --measured --robots 3 --slices 72",
     "navigation": "navigate {room} --directions 8 --bounces 45 90 135 "
     "--start 1.5,1.5,0 --goal 5.5,2.5,0",
     "no_plan": "navigate {room} --directions 8 --bounces 180 --start 1.5,1.5,0 --goal 5.5,2.5,0",
     "coverage": "cover {room} --directions 8 --bounces 45 90 --error 45 --reliability 0.8",
-    "team": "team {room} --directions 8 --robots 2 --bounce 135",
+    "team": "team {room} --directions 8 --robots 2 --bounces 135",
     "patrol": "patrol graph {data}/graphs/eight.json --robots 2 --game",
     "charger": "patrol graph {data}/graphs/eight.json --charger 3 --every 8 --base 2",
     "patrol_map": "patrol map {room} --robots 2 --range 3 --attack-times 4 --runs 200",
@@ -38,7 +41,17 @@ COMMANDS = {
 }
 FAMILIES = [*COMMANDS, "robot", "sweep"]
 MAX_WORDS = 60
-TIMELINES = {"step", "direction", "cover", "observation", "seconds", "second", "minute", "hour"}
+TIMELINES = {
+    "bump",
+    "step",
+    "direction",
+    "cover",
+    "observation",
+    "seconds",
+    "second",
+    "minute",
+    "hour",
+}
 # What is drawn, plotted or read, without the styles of it.
 CONTENT = {
     "Arrows2D:vectors",
@@ -63,6 +76,11 @@ THINGS = {
         "/map/robot": palette.ROBOT,
         "/map/belief": palette.BELIEF,
         "/map/candidates": palette.KNOWN,
+    },
+    "home": {
+        "/map/robot": palette.ROBOT,
+        "/map/stretches": palette.BELIEF,
+        "/map/goal": palette.GOAL,
     },
     "navigation": {
         "/map/robot": palette.ROBOT,

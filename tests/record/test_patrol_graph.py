@@ -58,6 +58,16 @@ def with_game(patrol, game):
     return dataclasses.replace(patrol, game=game)
 
 
+def test_the_text_names_strategy_attack_and_capture(eight, read, tmp_path):
+    found = patrol_of(eight[0], names=eight[1], attack_time=4)
+    save_recording(found, tmp_path / "a.rrd", spec={"strategy": "capture", "attack_time": 4})
+    (text,) = read(tmp_path / "a.rrd").static("/text", "TextDocument:text")
+    place = int(np.argmin(found.captured))
+    assert "The strategy is **capture**." in text
+    assert "An attack takes **4 steps**." in text
+    assert f"**{found.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
+
+
 def test_the_dataset_holds_the_walk(eight, weights, patrol, tmp_path):
     graph, names = eight
     file = tmp_path / "patrol.nc"
@@ -326,7 +336,7 @@ def test_what_does_not_belong_together_is_refused(eight, weights, patrol, game, 
     for on, more, message in (
         (other, {}, "from vertex 1 to 6, between which there is no edge"),
         (Graph([[0, 1]]), {}, "chain: expected one of 2 vertices, got 8"),
-        (graph, {"names": names[:3]}, "names: expected 8, one a vertex, got 3"),
+        (graph, {"names": names[:3]}, "names: expected 8, one per vertex, got 3"),
         (graph, {"robots": 0}, "robots: expected at least 1, got 0"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -422,13 +422,13 @@ def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
 
 def test_what_does_not_belong_together_is_refused(alone, based):
     for change, message in (
-        ({"graph": Graph([[0, 1]])}, "graph: expected that of 46 cells, got 2"),
-        ({"capture": alone.capture[:, :5]}, "capture: expected that of 46 cells, got 5"),
-        ({"capture": alone.capture[:1]}, "capture: expected 3 rows, one an attack time, got 1"),
-        ({"reassignment": based.reassignment}, "reassignment: expected regions too"),
+        ({"graph": Graph([[0, 1]])}, "graph: expected 46 cells, got 2"),
+        ({"capture": alone.capture[:, :5]}, "capture: expected 46 cells, got 5"),
+        ({"capture": alone.capture[:1]}, "capture: expected 3 rows, one per attack time, got 1"),
+        ({"reassignment": based.reassignment}, "reassignment: expected regions with it"),
         (
             {"cells": CellSpace.of_grid(np.ones((2, 23), bool), 8)},
-            "cells: expected those of a map, got those of a grid",
+            "cells: expected the cells of a map, got a grid",
         ),
     ):
         with pytest.raises(ValueError, match=message):

@@ -3,6 +3,7 @@ import pytest
 
 from jaxcell.bounce import AdaptivelyLocalized, localization_policy
 from jaxcell.record import dataset, save_recording, summary
+from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT
 
 
@@ -38,6 +39,25 @@ def test_lights_up_one_state_at_a_time(found, recorded):
     for time, row in colors.items():
         (state,) = (i for i, color in enumerate(row) if color == current)
         assert state == found.run.states[time]
+
+
+def test_a_large_policy_is_a_tree_with_the_run(found):
+    tree = _tree(found.policy, run := found.run.states.tolist())
+    assert set(run) <= set(tree)
+    small, path = 12, list(dict.fromkeys(run))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxcell.record.bounce.policy._MAX_DRAWN", small)
+        tree = _tree(found.policy, run)
+    assert set(path) <= set(tree)
+    assert len(tree) <= max(small, len(path))
+    assert tree[0] == -1
+    for state, above in tree.items():
+        assert above == -1 or state in found.policy.after(above).values()
+
+
+def test_the_legend_names_both_greys(recorded):
+    labels = recorded.static("/tree/legend/text", "Points2D:labels")
+    assert {"its trail", "the start, until the first bump"} <= set(labels)
 
 
 def test_the_dataset_and_the_summary_have_its_numbers(found):

@@ -1,12 +1,15 @@
+import contextlib
 import math
 import signal
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
+from waiting import wait_until
 from wheels import bounce_filter, map_cells
 
 from jaxcell.record import RecordedRobot, RobotRecording
@@ -184,23 +187,33 @@ def test_a_real_robot_without_a_map(tmp_path):
 
 def test_what_a_killed_process_recorded_can_be_read(tmp_path):
     program = """
-import os, signal, sys, time
+import sys, time
 from wheels import map_cells
 from jaxcell.record import RecordedRobot, RobotRecording
 with RobotRecording(sys.argv[1], [RecordedRobot()], cells=map_cells("lab_a.json")) as recording:
     for second in range(5):
         recording.event("observation", {"seconds": float(second), "observation": 1})
-    time.sleep(3)
-    os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(600)
 """
     path = tmp_path / "run.rrd"
-    ended = subprocess.run(
-        [sys.executable, "-c", program, path], cwd="tests", capture_output=True, check=False
-    )
-    assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()
+
+    def bumps():
+        return over(path, "observation", "/robot/robot/bumped", "Scalars:scalars")
+
+    def written():
+        # Part of a file may be no recording yet.
+        with warnings.catch_warnings(), contextlib.suppress(Exception):
+            warnings.simplefilter("ignore")
+            return process.poll() is not None or len(bumps()) == 5
+
+    with subprocess.Popen([sys.executable, "-c", program, path], cwd="tests") as process:
+        try:
+            wait_until(written)
+        finally:
+            process.kill()
+    assert process.returncode == -signal.SIGKILL
     with pytest.warns(rr.error_utils.RerunWarning, match="no footer"):
-        bumps = over(path, "observation", "/robot/robot/bumped", "Scalars:scalars")
-    assert bumps == {time: [1.0] for time in range(1, 6)}
+        assert bumps() == {time: [1.0] for time in range(1, 6)}
 
 
 @pytest.mark.parametrize(
@@ -227,3 +240,16 @@ def test_bad_input(tmp_path, monkeypatch, options, message):
     with pytest.raises((ValueError, OSError), match=message):
         RobotRecording(path, options.pop("robots", [RecordedRobot()]), **options)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_body_and_the_touches_of_walls_are_shown_while_they_last(tmp_path):
+    path = tmp_path / "run.rrd"
+    trace = [(0.1 * tick, 1.0 + 0.01 * tick, 2.0, 0.0) for tick in range(10)]
+    robot = RecordedRobot(start=START, trace=trace, radius=0.174, touches=[(0.42, 1.2, 2.0)])
+    with RobotRecording(path, [robot], cells=LAB) as recording:
+        recording.event("end", {"seconds": 1, "result": "arrived", "reason": "it is there"})
+    bodies = over(path, "seconds", "/map/robots/robot/body", "Points2D:positions")
+    np.testing.assert_allclose(list(bodies.values()), [[pose[1:3]] for pose in trace], atol=1e-6)
+    touches = over(path, "seconds", "/map/robots/robot/touch", "Points2D:positions")
+    shown = {round(time / 1e9, 1) for time, places in touches.items() if places}
+    assert shown == {0.5}

@@ -133,6 +133,12 @@ def test_the_text_says_what_came_out(team, recorded):
     assert "| seed | 0 |" in text
 
 
+def test_the_legend_names_robots_and_marks(recorded):
+    labels = recorded.static("/legend/text", "Points2D:labels")
+    assert labels[:3] == ["robot 0", "robot 1", "robot 2"]
+    assert labels[-1] == "collided in the step before (black frame)"
+
+
 def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):
     monkeypatch.setattr("jaxcell.record.bounce.team._MAX_TIMES", 8)
     monkeypatch.setattr("jaxcell.record.bounce.team._MAX_PICTURES", 3)

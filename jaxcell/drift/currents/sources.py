@@ -1,9 +1,7 @@
 """What currents are read from: files, stores, addresses, and datasets in hand."""
 
 import contextlib
-import glob
 import os
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -11,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import xarray as xr
 
+from ...base.files import ADDRESS, existing
 from .axes.dimensions import axis_kind
 from .conventions import find
 from .netcdf import OceanFile, error_line, open_netcdf, open_undecoded, unwarned
@@ -18,10 +17,6 @@ from .records import join_records
 
 
 Source: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | xr.Dataset
-
-# A path has one slash of the two.
-_ADDRESS = re.compile("^(https?|dods):/+")
-_WILD = re.compile(r"[*?\[]")
 
 
 @contextlib.contextmanager
@@ -64,15 +59,7 @@ def _joined(names: Sequence[str]) -> str:
 def _paths(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
     """The paths that are meant, those that match a pattern in the order of their names."""
     several = [source] if isinstance(source, str | os.PathLike) else source
-    paths: list[str] = []
-    for path in (os.fspath(one) for one in several):
-        if _ADDRESS.match(path) or not _WILD.search(path) or os.path.exists(path):
-            paths.append(path)
-            continue
-        matching = sorted(glob.glob(path, recursive=True))
-        if not matching:
-            raise FileNotFoundError(f"{path}: no file has a name of this pattern")
-        paths += matching
+    paths = [path for one in several for path in existing(one)]
     if not paths:
         raise ValueError("path: expected a file or more, got none")
     return paths
@@ -93,8 +80,8 @@ def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
 
 def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
     """One file, Zarr store, or address of an OPeNDAP server."""
-    if _ADDRESS.match(path):
-        path = _ADDRESS.sub(r"\1://", path)
+    if ADDRESS.match(path):
+        path = ADDRESS.sub(r"\1://", path)
         engine, why = "netcdf4", "cannot be reached by OPeNDAP (no network, or no such dataset)"
     elif Path(path).is_dir():
         engine, why = "zarr", "cannot be read as a Zarr store"

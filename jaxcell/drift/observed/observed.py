@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from ...base.quantities import derived
 from ...mapping import Chain, persistent_groups
-from ...mapping.sequence import as_sequence
+from ...mapping.sequence import push_on_host
 from ...markov import absorption_times, limiting_distribution
 from ..behaviour import long_term_behaviour
 from ..closed_sets import ClosedSets
@@ -198,7 +198,7 @@ def _answers(
     if after is None:
         later = np.asarray(limiting_distribution(chain, groups, throw=False).value)
     else:
-        later = _pushed(chain, np.full(chain.cells, 1 / chain.cells), steps_in(after, lag))
+        later = push_on_host(chain, np.full(chain.cells, 1 / chain.cells), steps_in(after, lag))
     median = np.median(hours[~persistent]) if not persistent.all() else 0.0
     whole = [groups.count, persistent.sum(), median, max(0.0, round(1 - later.sum(), 12))]
     of_sets = () if sets is None else _leakage(chain, sets, lag)
@@ -214,12 +214,7 @@ def _leakage(
     inside = found.begin == np.arange(found.count)[:, None]
     begin = inside * area
     begin /= begin.sum(axis=1, keepdims=True)
-    later = (_pushed(chain, one, found.steps) for one in begin)
+    later = (push_on_host(chain, one, found.steps) for one in begin)
     stays = np.array([one[here].sum() for one, here in zip(later, inside, strict=True)])
     again = dataclasses.replace(found, leakage=(1 - stays).clip(0))
     return again.leakage, again.time * (lag / 3600)
-
-
-def _pushed(chain: Chain, begin: Float[np.ndarray, "cells"], steps: int) -> np.ndarray:
-    *_, last = as_sequence(chain).pushed(begin, steps)
-    return last

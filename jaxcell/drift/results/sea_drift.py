@@ -392,7 +392,7 @@ def _too_large(waters: Sequence[Water], phases: int) -> str | None:
     elif available is not None and needed > available:
         limit = (
             f"which need about {memory.gigabytes(needed)} of memory, and "
-            f"{memory.gigabytes(available)} are free"
+            f"{memory.shortage(available)}"
         )
     else:
         return None

@@ -19,6 +19,7 @@ from ..canvas.palette import (
     mix,
     ranks,
 )
+from ..canvas.plot import Plot, ticks
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
@@ -27,6 +28,7 @@ from ..canvas.stream import pace, send_blueprint
 # So many angles have maps, those with the largest shares of time.
 _MAX_ANGLES = 6
 _MAX_ROWS = 24
+_MAX_ANGLE_LABELS = 12
 # Levels double every second class, from this power of two.
 _LOWEST = -4
 _NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
@@ -97,16 +99,16 @@ def _log_shares(
     degrees: Float[np.ndarray, "angles"],
     alpha: Float[np.ndarray, "angles"],
 ) -> rrb.View:
-    width = float(np.diff(np.sort(degrees)).min(initial=30.0))
-    bars = rr.BarChart(
-        alpha, abscissa=degrees, widths=np.full(alpha.size, 0.8 * width), color=BELIEF
-    )
-    stream.log("alpha", bars, static=True)
-    return rrb.BarChartView(
-        origin="alpha",
-        name="Share of time by bouncing angle (degrees)",
-        plot_legend=rrb.PlotLegend(visible=False),
-    )
+    """Log the share of each angle as a bar; every bar, or every few, has its angle below it."""
+    count, high = alpha.size, 100 * float(alpha.max())
+    every = -(-count // _MAX_ANGLE_LABELS)
+    named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
+    plot = Plot(stream, "alpha", float(count), high)
+    plot.axes(named, ticks(high), "bouncing angle, degrees", "% of the time")
+    # A bar with a gap on both of its sides.
+    bars = np.kron(100 * alpha, [0, 1, 1, 1, 0])
+    plot.bars("share", bars, float(count), BELIEF)
+    return plot.view("Share of time by bouncing angle")
 
 
 def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:

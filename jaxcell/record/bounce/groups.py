@@ -17,10 +17,11 @@ from ..canvas.stream import pace, send_blueprint, send_changing
 
 
 _NO_GROUP = len(palette.GROUP_CLASSES)
-_HEADING_ROW = len(palette.CATEGORIES) + 2
+# The groups with colours, the others, two rows on shades, and an empty one.
+_HEADING_ROW = len(palette.CATEGORIES) + 4
 # After the heading: a row for it, one empty, and those of the steps.
 _LEGEND_ROWS = _HEADING_ROW + 8
-_ON_GROUP = "on a group"
+_ON_GROUP, _OFF_GROUPS = "on a group", "on no such group"
 _EMPTY = "", palette.CLEAR
 
 
@@ -121,7 +122,7 @@ class _OfAngle:
         for one in np.unique(self._family):
             # Larger basins have smaller classes: the largest group that passes a square shows.
             cycles[self._family == one] = passing[self._family == one].min(axis=0)
-        groups, none = palette.GROUP_CLASSES, PictureClass("on no such group", palette.FREE)
+        groups, none = palette.GROUP_CLASSES, PictureClass(_OFF_GROUPS, palette.FREE)
         away = self._steps.levels(self.step, {_ON_GROUP: on_group})
         return [
             ("The group that each cell leads to", "groups", groups, kind),
@@ -146,17 +147,22 @@ class _OfAngle:
         members = members[np.argsort(self._rank[members])]
         basin = self._basin[members]
         shares = 100 * basin / basin.sum()
-        named = zip(members, shares, palette.CATEGORIES.values(), strict=False)
-        entries = [
-            (f"group {group}: period {self.period[group]}, {share:.3g} % of cells", color)
-            for group, share, color in named
-        ]
+        named = zip(members.tolist(), shares.tolist(), palette.CATEGORIES.values(), strict=False)
+        entries = [(self._named(group, share), color) for group, share, color in named]
         more = members.size - len(entries)
         if more:
+            about = f"{more} more, in pale colours: {shares[len(entries) :].sum():.3g} % of cells"
+            if more == 1:
+                about = self._named(int(members[-1]), float(shares[-1]))
             pale = palette.group_class(np.array([len(palette.CATEGORIES)]))[0]
-            about = f"{more} more, pale: {shares[len(entries) :].sum():.3g} % of cells"
             entries.append((about, palette.GROUP_CLASSES[pale].color))
+        dark = palette.GROUP_CLASSES[2].color
+        entries.append(("dark shade of a colour: on the group itself", dark))
+        entries.append((_OFF_GROUPS, palette.FREE))
         return entries + [_EMPTY] * (_HEADING_ROW - len(entries))
+
+    def _named(self, group: int, share: float) -> str:
+        return f"group {group}: period {self.period[group]}, {share:.3g} % of cells"
 
 
 def _mappings(count: str) -> str:

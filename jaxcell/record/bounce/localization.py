@@ -6,13 +6,13 @@ from ...automata import Filter
 from ...bounce import Localized
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, directions_shown
-from ..canvas.page import log_text
-from ..canvas.palette import KNOWN, PLAIN, ROBOT, cycle_color
+from ..canvas.page import log_tab, log_text
+from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, Color, cycle_color
 from ..canvas.prose import Spec, bouncing, counted, described, made_with
 from ..canvas.stream import pace, send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
-from .run import SEEN, log_localized, log_states, observed
+from .run import SEEN, log_localized, log_states, observed, run_legend
 
 
 _MAX_ROWS = 12
@@ -34,7 +34,8 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Spec) -
     shown = directions_shown(found.cells, found.run.path)
     text = log_text(stream, "text", _text(found, drawing, spec))
     graph = _log_graph(stream, found, drawing)
-    beside = rrb.Vertical(text, graph, row_shares=[1, 1])
+    side = log_tab(stream, "filter", "Filter", graph, "", _legend(map, found), shares=(1, 1))
+    beside = rrb.Vertical(text, side, row_shares=[1, 1])
     tabs = [
         rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
         log_group_tab(map, found.groups, 0, "Groups", shown, spec),
@@ -64,6 +65,18 @@ def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -
     edges = map(tuple, drawing.edge.tolist())
     path, title, visited = "filter/graph", "The filter", run.states
     return log_states(stream, path, title, names, drawing.position, edges, size, colors, visited)
+
+
+def _legend(map: CellMap, found: Localized) -> list[tuple[str, Color]]:
+    """The meaning of the colours on the map and in the filter."""
+    cycles = [("on a knowledge cycle (its colour)", cycle_color(2)[1])]
+    return [
+        *run_legend(map),
+        ("the state of the filter", CURRENT),
+        ("a state that it was in", ROBOT),
+        ("a state that it was not in", PLAIN),
+        *(cycles if found.filter.cycles else []),
+    ]
 
 
 def _text(found: Localized, drawing: Drawing, spec: Spec) -> str:

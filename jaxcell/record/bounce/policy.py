@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import networkx as nx
 import numpy as np
@@ -14,15 +15,16 @@ from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
 from ..canvas.prose import Spec, counted, degrees, made_with, numbers, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
-from .run import SEEN, log_localized, log_states, log_turns
+from .run import SEEN, log_localized, log_states, log_turns, run_legend
 
 
 # Without the colours of the robot, and of what is known in the end.
 _ANGLES = [
     CATEGORIES[name] for name in ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
 ]
-_MAX_DRAWN = 300
+_MAX_DRAWN = 80
 _ACROSS, _DOWN = 26.0, 30.0
+_Tree: TypeAlias = dict[int, int]
 
 
 def log_localization_policy(
@@ -43,63 +45,67 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Spec) -> rrb.Contai
     stream, turns = map.stream, found.turned_by[found.turned_by >= 0]
     left = log_localized(map, found, "policy", ["turn"])
     log_turns(map, map.xy(found.run.path), found.turned_by >= 0, found.bounces[turns].tolist())
-    drawn = _drawn(found.policy, found.run.states.tolist())
-    tree = _log_tree(stream, found, drawn)
+    tree = _tree(found.policy, found.run.states.tolist())
+    drawing = _log_tree(stream, found, tree)
     legend = [
+        *run_legend(map),
         *((f"turns by {degrees(one)}", _angle_color(i)) for i, one in enumerate(found.bounces)),
-        ("localized", KNOWN),
+        ("a state where it is localized", KNOWN),
+        ("the start, until the first bump", PLAIN),
         ("the state of the robot", CURRENT),
     ]
-    text = log_text(stream, "text", _text(found, drawn, spec))
-    side = log_tab(stream, "tree", "Policy", tree, "", legend, shares=(5, 4))
+    text = log_text(stream, "text", _text(found, len(tree), spec))
+    side = log_tab(stream, "tree", "Policy", drawing, "", legend, shares=(5, 4))
     about = rrb.Vertical(text, side, row_shares=[1, 1])
     return rrb.Horizontal(left, about, column_shares=[1, 1], name="Localization")
 
 
-def _drawn(policy: Policy, visited: Sequence[int]) -> list[int]:
-    """The states to draw: all, or where these are too many, those of a run and their successors."""
-    if policy.turn.size <= _MAX_DRAWN:
-        return list(range(policy.turn.size))
+def _tree(policy: Policy, visited: Sequence[int]) -> _Tree:
+    """Choose the states to draw, each with a state that leads to it, or -1 for the start.
+
+    They are those of a run, the first levels of the tree while these are few, and the successors of
+    states of the run while there is space.
+    """
     run = list(dict.fromkeys(visited))
-    onward = [target for state in run for target in policy.after(state).values()]
-    kept = dict.fromkeys([*run, *onward[::-1]])
-    return sorted(list(kept)[:_MAX_DRAWN])
+    above = dict(zip(run, [-1, *run], strict=False))
+    level = run[:1]
+    while level:
+        below = {target: state for state in level for target in policy.after(state).values()}
+        level = [state for state in below if state not in above]
+        if len(above) + len(level) > _MAX_DRAWN:
+            break
+        level += [state for state in run if state in below]
+        above = below | above
+    beside = {target: state for state in run for target in policy.after(state).values()}
+    kept = [one for one in beside.items() if one[0] not in above]
+    return above | dict(kept[: _MAX_DRAWN - len(above)])
 
 
-def _log_tree(stream: rr.RecordingStream, found: AdaptivelyLocalized, drawn: list[int]) -> rrb.View:
-    """Log the policy as a graph, with the start at the top and a row for each bump."""
-    policy = found.policy
+def _log_tree(stream: rr.RecordingStream, found: AdaptivelyLocalized, tree: _Tree) -> rrb.View:
+    """Log the policy as a tree, with the start at the top and a row for each bump."""
+    policy, drawn = found.policy, sorted(tree)
     names = {state: _name(found, state) for state in drawn}
-    edges = [
-        (state, target)
-        for state in drawn
-        for target in dict.fromkeys(policy.after(state).values())
-        if target in names
-    ]
+    edges = [(above, state) for state, above in tree.items() if above >= 0]
     colors = np.array([_state_color(policy, state) for state in drawn], np.uint8)
-    place, size = _layout(policy, drawn), policy.uncertainty[drawn]
+    place, size = _layout(tree), policy.uncertainty[drawn]
     path, title, visited = "tree/graph", "The policy", found.run.states
     return log_states(stream, path, title, names, place, edges, size, colors, visited)
 
 
-def _layout(policy: Policy, drawn: list[int]) -> Float[np.ndarray, "drawn 2"]:
-    """A row for each bump, and each state over the middle of those that it is the way to."""
-    graph = nx.DiGraph()
-    graph.add_nodes_from(drawn)
-    edges = ((s, t) for s in drawn for t in policy.after(s).values())
-    graph.add_edges_from((s, t) for s, t in edges if t in graph)
-    generations = enumerate(nx.topological_generations(graph))
-    depth = {state: row for row, states in generations for state in states}
+def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
+    """A row for each bump, and each state over the middle of those below it."""
+    graph = nx.DiGraph((above, state) for state, above in tree.items())
+    depth = nx.single_source_shortest_path_length(graph, -1)
     # Ends are side by side, in the order of a walk through the tree.
-    below, order = nx.dfs_successors(graph, 0), list(nx.dfs_preorder_nodes(graph, 0))
+    below, order = nx.dfs_successors(graph, -1), list(nx.dfs_preorder_nodes(graph, -1))
     ends = [state for state in order if state not in below]
     across = {state: float(column) for column, state in enumerate(ends)}
     for state in reversed(order):
         if state in below:
             across[state] = float(np.mean([across[target] for target in below[state]]))
     # As wide as the view is for its height.
-    down = max(_DOWN, 0.55 * _ACROSS * len(ends) / (1 + max(depth.values())))
-    return np.array([[_ACROSS * across[s], down * depth[s]] for s in drawn])
+    down = max(_DOWN, 0.55 * _ACROSS * len(ends) / max(depth.values()))
+    return np.array([[_ACROSS * across[s], down * depth[s]] for s in sorted(tree)])
 
 
 def _name(found: AdaptivelyLocalized, state: int) -> str:
@@ -154,7 +160,7 @@ From each cell, how many bumps it takes until the robot knows where it is.
 """
 
 
-def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Spec) -> str:
+def _text(found: AdaptivelyLocalized, drawn: int, spec: Spec) -> str:
     """What the recording shows."""
     angles = ", ".join(degrees(one) for one in found.bounces)
     end = found.run.candidates.size
@@ -162,8 +168,9 @@ def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Spec) -> str:
     fixed = ", ".join(f"{one:g}°" for one in found.fixed_turns_deg.tolist())
     part = (
         ""
-        if len(drawn) == found.policy.turn.size
-        else f" Of {found.policy_states:,} states these are near this run."
+        if drawn == found.policy.turn.size
+        else f" Of {found.policy_states:,} states you see those of this run, with their "
+        "neighbours, and the first ones from the start."
     )
     return f"""# Which way to turn, to find out where one is
 
@@ -179,7 +186,7 @@ The tab **Bumps needed** shows how long it takes from everywhere.
 ## The policy
 
 The start is at the top, and each row is a bump. A dot is a set of cells where the robot may be, in
-the colour of the angle that it turns by.{part}
+the colour of the angle that it turns by, below one of the dots that lead to it.{part}
 
 {numbers(found)}
 

@@ -12,7 +12,7 @@ from ..canvas.belief import MAX_ARROWS, log_beliefs, robot_length
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
 from ..canvas.marks import Poses, log_robot, send_labels
-from ..canvas.palette import CURRENT, KNOWN, ROBOT, TRAIL
+from ..canvas.palette import BELIEF, CURRENT, KNOWN, ROBOT, TRAIL, Color
 from ..canvas.prose import degrees
 from ..canvas.stream import send_changing
 
@@ -24,10 +24,21 @@ _MARGIN = 40
 _MAX_OBSERVATIONS = 240
 SEEN = f"""Press play, or drag `step` at the bottom.
 
-- **vermilion arrow**: the true robot, and its trail.
+- **vermilion arrow**: the true robot; the grey line is its trail.
 - **blue arrows**: the cells where it may be; blue squares, while these are more than
   {MAX_ARROWS:,}.
 - **green squares**, at the end: the cells that are left."""
+
+
+def run_legend(map: CellMap) -> list[tuple[str, Color]]:
+    """The meaning of the colours on the map of a robot that is localized."""
+    return [
+        ("the true robot", ROBOT),
+        ("its trail", TRAIL),
+        ("where it may be", BELIEF),
+        ("left at the end", KNOWN),
+        *map.margin_legend,
+    ]
 
 
 def observed(word: str) -> str:

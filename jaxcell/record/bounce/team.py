@@ -8,7 +8,7 @@ from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
 from ..canvas.marks import log_robot
 from ..canvas.page import log_tab
-from ..canvas.palette import CLEAR, ROBOTS, Color, PictureClass, mix, robot_color, tint
+from ..canvas.palette import CLEAR, FREE, ROBOTS, Color, PictureClass, mix, robot_color, tint
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.stream import send_blueprint
 
@@ -33,7 +33,9 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
     _log_collisions(map, team, times)
     seen = map.view("The robots, and what they have visited", shown)
     views = rrb.Vertical(seen, _log_curves(stream, team, times), row_shares=[7, 3])
-    tab = log_tab(stream, "", "Team", views, _text(team, stride, spec), [], shares=(3, 2))
+    tab = log_tab(
+        stream, "", "Team", views, _text(team, stride, spec), _legend(team), shares=(3, 2)
+    )
     send_blueprint(stream, [tab], "step", max(4.0, team.steps / 60))
 
 
@@ -57,9 +59,8 @@ def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "time
     robots, poses = range(team.starts.size), (team.robot_x, team.robot_y, team.robot_theta)
     for robot in robots:
         x, y, theta = (one[:, robot] for one in poses)
-        color = mix(robot_color(robot)[1], (0, 0, 0), 0.15)
         path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
-        log_robot(map.stream, path, (x, y, theta), map.arrow, color, trail, times)
+        log_robot(map.stream, path, (x, y, theta), map.arrow, _shade(robot), trail, times)
     return [f"{kind}_{robot}" for kind in ("trail", "robot") for robot in robots]
 
 
@@ -86,6 +87,22 @@ def _log_curves(
         log_curve(stream, f"team/{name}", values[times], times=times)
         views.append(curve_view(f"team/{name}", title, team.steps, most))
     return rrb.Horizontal(*views, column_shares=[2, 1, 1])
+
+
+def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
+    """The meaning of each colour; robots past the colours have those of others."""
+    robots = [(f"robot {i}", _shade(i)) for i in range(min(team.starts.size, len(ROBOTS)))]
+    return [
+        *robots,
+        ("pale: first visited by the robot of that colour", tint(robot_color(0)[1], 0.55)),
+        ("not visited", FREE),
+        ("collided in the step before (black frame)", _MARK),
+    ]
+
+
+def _shade(robot: int) -> Color:
+    """The colour of the arrow of a robot, which is darker than the squares that it visited."""
+    return mix(robot_color(robot)[1], (0, 0, 0), 0.15)
 
 
 def _text(team: TeamTrajectory, stride: int, spec: Spec) -> str:

@@ -48,7 +48,12 @@ def log_curve_style(
 
 
 def curve_view(
-    path: str, title: str, last: int | None, most: float | int | None = None, legend: bool = False
+    path: str,
+    title: str,
+    last: int | None,
+    most: float | int | None = None,
+    legend: bool = False,
+    first: int = 0,
 ) -> rrb.TimeSeriesView:
     """A view of the curves at a path, from the start to the end and not near one time.
 
@@ -58,10 +63,11 @@ def curve_view(
     - `most`: the largest number, if the axis is to begin at 0 and end there. That of a count is an
         `int`, and its axis is so long that the viewer puts ticks at whole numbers only.
     - `legend`: whether to name the curves.
+    - `first`: the first time.
     """
     boundary = rrb.TimeRangeBoundary
-    end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, 1))
-    whole = rrb.TimeRange(start=boundary.absolute(seq=0), end=end)
+    end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))
+    whole = rrb.TimeRange(start=boundary.absolute(seq=first), end=end)
     least = _MIN_COUNT if isinstance(most, int) else 1
     return rrb.TimeSeriesView(
         origin=path,

@@ -7,6 +7,7 @@ first row is the lowest.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
@@ -18,9 +19,15 @@ import shapely
 from jaxtyping import Float, Int, Integer, UInt8
 
 from ...space import CellSpace
+from ...space.occupancy import rasterise
 from .marks import log_lines, points
-from .palette import FREE, MARGIN, OBSTACLE, WALL, Color, PictureClass
+from .palette import CLEAR, FREE, MARGIN, OBSTACLE, WALL, Color, PictureClass
 from .stream import plane, send_changing
+
+
+_TOO_NEAR = "too near a wall", MARGIN
+# Fine squares along the side of a cell that a wall cuts, and the most of them on a map.
+_FINE, _MAX_FINE = 8, 2**22
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,12 +40,29 @@ class CellMap:
     def __post_init__(self) -> None:
         stream, side = self.stream, self.cells.cell
         stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)
-        stretch = rr.Transform3D(translation=[*self.cells.origin, 0], scale=[side, side, 1])
-        stream.log("map/grid", stretch, static=True)
-        classes = ("obstacle", OBSTACLE), ("free", FREE), ("too near a wall", MARGIN)
+        stream.log("map/grid", _stretch(self.cells, side), static=True)
+        classes = ("obstacle", OBSTACLE), ("free", FREE), _TOO_NEAR
         named = [PictureClass(*one) for one in classes]
-        log_pictures(stream, "map/grid/free", named, _squares(self.cells), order=-20.0)
+        log_pictures(stream, "map/grid/free", named, self._squares, order=-20.0)
+        if self._sticks_out:
+            fine, beyond = _beyond(self.cells)
+            stream.log("map/beyond", _stretch(self.cells, fine), static=True)
+            named = [PictureClass("within the walls", CLEAR), PictureClass(*classes[0])]
+            log_pictures(stream, "map/beyond", named, beyond, order=-5.0)
         log_lines(stream, "map/walls", _walls(self.cells), WALL, 1.2, 10.0)
+
+    @functools.cached_property
+    def _sticks_out(self) -> bool:
+        return _sticks_out(self.cells)
+
+    @functools.cached_property
+    def _squares(self) -> UInt8[np.ndarray, "rows columns"]:
+        return _squares(self.cells)
+
+    @property
+    def margin_legend(self) -> list[tuple[str, Color]]:
+        """The meaning of the grey squares between cells and walls, if the map has such squares."""
+        return [_TOO_NEAR] if (self._squares == 2).any() else []
 
     @functools.cached_property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -140,7 +164,8 @@ class CellMap:
         left, bottom, right, top = self.bounds
         margin = 0.04 * self.extent
         box = left - margin, -top - margin, right + margin, margin - bottom
-        shown = [f"/map/{one}" for one in ("walls", "grid/free", *contents)]
+        ground = ("walls", "beyond", "grid/free") if self._sticks_out else ("walls", "grid/free")
+        shown = [f"/map/{one}" for one in (*ground, *contents)]
         return plane("/", title, box, shown, OBSTACLE)
 
 
@@ -211,10 +236,44 @@ def send_pictures(
     )
 
 
+def _stretch(cells: CellSpace, side: float) -> rr.Transform3D:
+    """The way of a picture of squares of a side to their places on the map."""
+    return rr.Transform3D(translation=[*cells.origin, 0], scale=[side, side, 1])
+
+
+def _sticks_out(cells: CellSpace) -> bool:
+    """Return whether walls cut squares, so that a free square may reach past them."""
+    if cells.workspace is None:
+        return False
+    strips = [(one - np.array(cells.origin)) / cells.cell for one in _walls(cells)]
+    aligned = all(np.allclose(one, np.rint(one), rtol=0, atol=1e-6) for one in strips)
+    # An edge along one axis keeps the other coordinate.
+    upright = all((np.abs(np.diff(one, axis=0)).min(axis=1) < 1e-6).all() for one in strips)
+    return not (aligned and upright)
+
+
+def _beyond(cells: CellSpace) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
+    """The side of fine squares in metres, and 1 for those beyond the walls.
+
+    They fit the pixels of a map that is a picture, of which the workspace knows the side.
+    """
+    assert cells.workspace is not None
+    rows, columns = cells.free.shape
+    pixel = cells.workspace.cell or cells.cell
+    side = pixel / math.ceil(_FINE * pixel / cells.cell)
+    side = max(side, cells.cell * math.sqrt(rows * columns / _MAX_FINE))
+    left, bottom = cells.origin
+    box = left, bottom, left + columns * cells.cell, bottom + rows * cells.cell
+    return side, rasterise(cells.workspace.environment, box, side).astype(np.uint8)
+
+
 def _squares(cells: CellSpace) -> UInt8[np.ndarray, "rows columns"]:
     """0 for squares in an obstacle, 1 for free ones, 2 for those that are too near a wall."""
     squares = cells.free.astype(np.uint8)
-    if cells.workspace is not None and cells.workspace.robot_radius > 0:
+    if _sticks_out(cells):
+        # What lies in an obstacle is covered.
+        squares[squares == 0] = 2
+    elif cells.workspace is not None and cells.workspace.robot_radius > 0:
         row, column = np.nonzero(~cells.free)
         x = cells.origin[0] + (column + 0.5) * cells.cell
         y = cells.origin[1] + (row + 0.5) * cells.cell

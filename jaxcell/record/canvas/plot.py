@@ -47,7 +47,7 @@ class Plot:
             self._lines("grid", grid, MARGIN, 0.5, 1.0)
         labels = [(one, at, 6.0) for one, (at, _) in zip(_names(x), across, strict=True)]
         labels += [(one, -8.0, at - 2.5) for one, (_, at) in zip(_names(y), up, strict=True)]
-        labels += [(about_x, _WIDTH / 2, 13.0), (about_y, 0.25 * _WIDTH, -_HEIGHT - _ABOVE)]
+        labels += [(about_x, _WIDTH / 2, 15.0), (about_y, 0.25 * _WIDTH, -_HEIGHT - _ABOVE)]
         log_labels(self.stream, f"{self.path}/labels", labels, order=40.0)
 
     def bars(
@@ -115,7 +115,7 @@ class Plot:
 
 
 def _names(ticks: Ticks) -> list[str]:
-    return [*ticks.values()] if isinstance(ticks, Mapping) else [f"{one:g}" for one in ticks]
+    return [*ticks.values()] if isinstance(ticks, Mapping) else [f"{one:zg}" for one in ticks]
 
 
 def ticks(most: float | int, about: int = 5) -> list[float]:

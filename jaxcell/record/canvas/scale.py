@@ -154,4 +154,4 @@ class Scale:
 
     def _written(self, value: float) -> str:
         large = 1000 <= abs(value) < 1e9
-        return f"{value:,.0f}" if large else f"{value:.{self.digits}g}"
+        return f"{value:,.0f}" if large else f"{value:z.{self.digits}g}"

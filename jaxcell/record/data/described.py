@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.quantities import PROBABILITY, Checks, Quantity, Result, parts, values
+from ...base.quantities import (
+    PROBABILITY,
+    Checks,
+    Quantity,
+    Result,
+    parts,
+    unsigned,
+    values,
+)
 from ...space import CellSpace
 from ..provenance import cell_coordinates, provenance
 from .summary import cells_of
@@ -87,7 +95,7 @@ def check_attributes(title: str, checks: Checks) -> dict[str, float | int]:
                 f"{title}: the result contradicts itself: {name} is {value:g}, "
                 f"expected at most {limit:g}"
             )
-    return {f"check_{name}": value for name, (value, _) in checks.items()}
+    return {f"check_{name}": unsigned(value) for name, (value, _) in checks.items()}
 
 
 def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:

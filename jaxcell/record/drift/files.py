@@ -68,9 +68,9 @@ def _rows(drift: SeaDrift) -> pd.DataFrame:
     group, transient = np.asarray(begins.groups.group), np.asarray(begins.transient.group)
     columns = {
         "number": np.arange(cells.size) + 1,
-        # A decimetre is more than enough.
-        "lon": lon.round(6),
-        "lat": lat.round(6),
+        # A decimetre is more than enough; a zero has no sign.
+        "lon": lon.round(6) + 0.0,
+        "lat": lat.round(6) + 0.0,
         "cell": cells,
         "purpose": ["reach"] * found.cells.size + ["view"] * views.size,
         "group": _known(group[cells]),

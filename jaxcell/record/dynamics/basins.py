@@ -6,17 +6,18 @@ from jaxtyping import Int, UInt8
 from ...dynamics import Basins, Continuation
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import log_pictures
-from ..canvas.marks import log_labels
+from ..canvas.marks import LABEL, log_labels
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES, MARGIN, OBSTACLE, PLAIN, Color, PictureClass, mix, tint
 from ..canvas.prose import Spec, described, made_with, numbers
 from ..canvas.scale import Scale
-from ..canvas.stream import plane, send_blueprint
+from ..canvas.stream import plane, send_blueprint, send_changing
+from ..canvas.timeline import along_values
 
 
 # Sides of the drawn box, whatever the units of its axes.
 _SIDE = 10.0
-_AROUND = -3, -0.6, _SIDE + 1, _SIDE + 1.4
+_AROUND = -3, -1.2, _SIDE + 1, _SIDE + 1.4
 _OUT: Color = MARGIN
 _MAX_NAMED = len(CATEGORIES)
 _SEEN = """Cells of one colour lead to the same attractor, which has a dark shade; grey cells lead
@@ -52,24 +53,37 @@ def log_basins(stream: rr.RecordingStream, found: Basins, spec: Spec) -> None:
 
 
 def log_continuation(stream: rr.RecordingStream, found: Continuation, spec: Spec) -> None:
-    """Log attractors and basins along parameters, over the timeline `member`."""
-    times = np.arange(len(found.members))
+    """Log attractors and basins along parameters, over a timeline of the values of the first."""
+    name, values = next(iter(found.params.items()))
+    line, times, meaning = along_values(name, values)
     each = zip(found.members, found.label, strict=True)
     middle = np.array(found.members[0].box.cells[2:3] or (0,)) // 2
     pictures = np.concatenate([_pictures(one, name, middle) for one, name in each])
-    log_pictures(stream, "box/basins", _classes(found.attractors), pictures, "member", times)
-    for name, share in enumerate(found.fraction.T):
-        curve = f"fractions/attractor_{name}"
-        log_curve(stream, curve, share, "member", times, _color(name), shape="Linear")
+    log_pictures(stream, "box/basins", _classes(found.attractors), pictures, line, times)
+    for number, share in enumerate(found.fraction.T):
+        curve = f"fractions/attractor_{number}"
+        log_curve(stream, curve, share, line, times, _color(number), shape="Linear")
     _log_ends(stream, found.members[0])
-    table = described(found, "parameters", "count", "outside_share", first={"": times.tolist()})
-    seen = _SEEN + _cut(found.members[0])
+    style = {**LABEL, "positions": [[_SIDE / 2, -0.6]]}
+    send_changing(
+        stream,
+        "box/parameters",
+        rr.Points2D,
+        times,
+        None,
+        line,
+        style=style,
+        labels=found.parameters,
+    )
+    table = described(found, "parameters", "count", "outside_share", first={"": range(times.size)})
+    seen = f"{_SEEN}{_cut(found.members[0])}\n\nA time of the slider `{line}` is {meaning}."
     text = "\n\n".join([f"# {found.title}", seen, table, made_with(spec)])
-    curves = curve_view("fractions", "Share of the box", len(times) - 1, 1.0)
-    views = [_view("Basins", "basins"), curves]
+    first, last = int(times.min()), int(times.max())
+    curves = curve_view("fractions", f"Share of the box, along {line}", last, 1.0, first=first)
+    views = [_view("Basins", "basins", "parameters"), curves]
     legend = _legend(found.attractors)
     tab = log_tab(stream, "", found.title, views, text, legend)
-    send_blueprint(stream, [tab], "member", speed=4.0)
+    send_blueprint(stream, [tab], line, speed=max(4.0, (last - first) / 10))
 
 
 def _classes(attractors: int) -> list[PictureClass]:
@@ -176,5 +190,5 @@ def _log_ends(stream: rr.RecordingStream, found: Basins) -> None:
     log_labels(stream, "box/ends", labels)
 
 
-def _view(title: str, picture: str) -> rrb.Spatial2DView:
-    return plane("box", title, _AROUND, [f"/box/{picture}", "/box/ends"])
+def _view(title: str, *shown: str) -> rrb.Spatial2DView:
+    return plane("box", title, _AROUND, [f"/box/{one}" for one in (*shown, "ends")])

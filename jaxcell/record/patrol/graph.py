@@ -271,6 +271,8 @@ def _text(patrol: GraphPatrol, spec: Spec) -> str:
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
 next one is drawn at random, whatever came before: the walk is a *Markov chain*.
 
+{_purpose(patrol, spec)}
+
 ## How to look
 
 Press play, or drag `step` at the bottom.
@@ -289,6 +291,24 @@ A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} eq
 {described(patrol, *columns)}
 {_more(patrol)}
 {made_with(spec)}"""
+
+
+def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
+    """The strategy of the walk, what it achieves, and the least probability of capture."""
+    parts = []
+    if spec.get("strategy"):
+        parts.append(f"The strategy is **{spec['strategy']}**.")
+    if patrol.goal is not None and patrol.value is not None:
+        parts.append(f"The walk makes large: {patrol.goal}, which is **{patrol.value:.4g}**.")
+    if patrol.captured is not None:
+        attack, unit = spec.get("attack_time"), "steps" if patrol.timed is None else "s"
+        steps = "as long as its vertex says" if attack is None else f"**{attack:,} {unit}**"
+        place = int(np.argmin(patrol.captured))
+        parts.append(
+            f"An attack takes {steps}. It is captured with a probability of at least "
+            f"**{patrol.captured[place]:.3f}**, at vertex {patrol.names[place]}."
+        )
+    return " ".join(parts)
 
 
 def _more(patrol: GraphPatrol) -> str:

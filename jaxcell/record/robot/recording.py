@@ -25,7 +25,7 @@ from ..canvas.curves import curve_view, log_curve_style
 from ..canvas.map import CellMap, on_squares
 from ..canvas.marks import points
 from ..canvas.page import log_text
-from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
+from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, mix, robot_color
 from ..canvas.prose import counted, made_with
 from ..canvas.stream import fixed, new_stream, recording_name
 from ..viewer import viewer_sink
@@ -38,6 +38,7 @@ _LOOK = 0.2
 # Seconds of the robot in a second, where a recording is played.
 _SPEED = 8.0
 _ESTIMATE: Color = CATEGORIES["pink"]
+_TOUCH: Color = CATEGORIES["sky blue"]
 _DONE = ("localized", "arrived", "patrolled")
 
 
@@ -204,6 +205,13 @@ class RobotRecording:
         heading = np.stack([np.cos(poses[:, 3]), np.sin(poses[:, 3])], axis=1)
         columns = rr.Arrows2D.columns(origins=poses[:, 1:3], vectors=self._length * heading)
         self._stream.send_columns(f"map/robots/{name}", index, columns)
+        if robot.about.radius:
+            body = rr.Points2D.columns(positions=poses[:, 1:3])
+            self._stream.send_columns(f"map/robots/{name}/body", index, body)
+        if robot.about.touches:
+            places, count = robot.touched(poses[:, 0])
+            touches = rr.Points2D.columns(positions=places).partition(count)
+            self._stream.send_columns(f"map/robots/{name}/touch", index, touches)
         robot.trail = longer_trail(robot.trail, poses[:, 1:3])
         self._set_time(float(poses[-1, 0]), int(observation[-1]))
         self._stream.log(f"map/trails/{name}", rr.LineStrips2D([robot.trail]))
@@ -270,6 +278,16 @@ class RobotRecording:
                 f"map/trails/{name}": _line(trail, 15.0),
                 f"{estimate}/trail": _line(_ESTIMATE, 14.0),
             }
+            if robot.about.radius:
+                styles[f"map/robots/{name}/body"] = rr.Points2D.from_fields(
+                    colors=mix(robot.color, (255, 255, 255), 0.6),
+                    radii=robot.about.radius,
+                    draw_order=17,
+                )
+            if robot.about.touches is not None:
+                styles[f"map/robots/{name}/touch"] = rr.Points2D.from_fields(
+                    colors=_TOUCH, radii=points(6.0), draw_order=29
+                )
             log_curve_style(self._stream, f"robot/{name}/bumped", robot.color)
         for path, style in styles.items():
             self._stream.log(path, style, static=True)
@@ -342,6 +360,10 @@ class RobotRecording:
         marks = ["- **Pink**: where the encoders of its wheels say that it is."]
         if any(robot.about.trace is not None for robot in self._robots):
             marks.insert(0, "- **Arrow and line**: where the emulated robot truly is, and was.")
+        if any(robot.about.radius for robot in self._robots):
+            marks.insert(1, "- **Disc**: its body.")
+        if any(robot.about.touches is not None for robot in self._robots):
+            marks.insert(2, "- **Light blue**: where a wall presses it.")
         if self._of_filter is not None:
             by = "filter"
             if isinstance(self._filter, Policy):

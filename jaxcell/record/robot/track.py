@@ -32,6 +32,11 @@ class RecordedRobot:
     trace: Sequence[tuple[float, float, float, float]] | None = None
     """Its time in seconds and its true pose, again and again: a list that grows while the robot
     drives, as that of an emulated one. `None` where nobody knows the truth."""
+    radius: float = 0.0
+    "The radius of its body in metres; that of a point is not drawn."
+    touches: Sequence[tuple[float, float, float]] | None = None
+    """Time in seconds, x and y of each touch of a wall, in the order of time: a list that grows.
+    `None` where touches are not known."""
 
 
 @dataclasses.dataclass(eq=False)
@@ -80,6 +85,18 @@ class Track:
             if off[-1]:
                 self.place = None
         return poses, observation
+
+    def touched(
+        self, times: Float[np.ndarray, "poses"]
+    ) -> tuple[Float[np.ndarray, "touches 2"], Int32[np.ndarray, "poses"]]:
+        """Find the last touch of a wall in the interval before each time, if any.
+
+        **Returns:** the places of these touches, and for each time their number, 0 or 1.
+        """
+        touches = np.array(self.about.touches or (), float).reshape(-1, 3)
+        last = np.searchsorted(touches[:, 0], times, side="right") - 1
+        there = (last >= 0) & (times - touches[last, 0] < _INTERVAL) if len(touches) else last >= 0
+        return touches[last[there], 1:], there.astype(np.int32)
 
     def observe(self) -> None:
         """Count an observation, made where the robot was last seen."""

@@ -7,10 +7,11 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
+from ..canvas.timeline import along_values
+
 
 QUANTILES = {"least": 0.0, "quarter": 0.25, "median": 0.5, "three quarters": 0.75, "most": 1.0}
 _NUMBERS = ("member", "sample")
-_EXACT_DIGITS, _MAX_DIGITS = 6, 12
 _MAX_LETTERS = 16
 
 
@@ -119,40 +120,13 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
         at, names = pd.factorize(values.astype(str))
         known = np.arange(len(names))
     share = -(-known.size // most)
-    first = known[::share]
-    labels = [f"{one:.6g}" if numeric else one for one in names[::share].tolist()]
-    times, digits = _scaled(first) if numeric else (first, None)
-    if digits is None:
-        timeline, meaning = f"{name} number", "the number of the value, from 0"
-        times = np.arange(first.size)
-    elif digits:
-        timeline, meaning = f"{name} x {10**digits}", f"the value times {10**digits}"
-    else:
-        timeline, meaning = name, "the value"
+    first = names[::share]
+    labels = [f"{one:.6g}" if numeric else one for one in first.tolist()]
+    timeline, times, meaning = along_values(name, first)
     if share > 1:
         meaning += f"; {share} neighbouring values share a step, at the first of them"
     short = tuple(map(_short, labels))
-    return Axis(name, dimension, timeline, times.astype(int), short, at.ravel() // share, meaning)
-
-
-def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """Whole numbers in proportion to different values, and how many decimal digits they took.
-
-    They are exact where six digits do, and else rounded to the fewest digits that
-    distinguish the values, at least four.
-    """
-    largest = float(np.abs(values).max())
-    for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):
-        for digits in range(most + 1):
-            scaled = values * 10.0**digits
-            whole = np.rint(scaled)
-            if largest * 10.0**digits >= 2**53:
-                break
-            near = np.allclose(scaled, whole, rtol=0, atol=1e-6)
-            fits = near if exact else largest * 10.0**digits >= 1e4
-            if fits and np.unique(whole).size == values.size:
-                return whole, digits
-    return values, None
+    return Axis(name, dimension, timeline, times, short, at.ravel() // share, meaning)
 
 
 def _short(text: str) -> str:

@@ -1,0 +1,148 @@
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+import shapely
+from jaxtyping import Float
+
+from ...bounce import Anywhere, HomeFromAnywhere
+from ..canvas import palette
+from ..canvas.curves import curve_view, log_curve
+from ..canvas.map import CellMap, log_pictures
+from ..canvas.marks import log_lines, points
+from ..canvas.page import Legend, log_tab
+from ..canvas.prose import Spec, made_with, numbers
+from ..canvas.stream import pace, send_blueprint, send_changing
+
+
+_TIMELINE = "bump"
+# Runs that the trail of the robot keeps.
+_RUNS = 5
+# Pixels along the larger side of the map, for the picture of the hull.
+_PIXELS = 400
+_HULL = palette.mix(palette.FREE, palette.BELIEF, 0.3)
+_LEGEND: Legend = (
+    ("first robot, and its extent", palette.ROBOT),
+    ("walls where it may be", palette.BELIEF),
+    ("hull of these places", _HULL),
+    ("extent: median of all", palette.PLAIN),
+    ("extent: nine tenths have less", palette.TARGET),
+)
+
+
+def log_anywhere(stream: rr.RecordingStream, found: Anywhere, spec: Spec) -> None:
+    """Log robots that start anywhere.
+
+    Over the timeline `bump`: the first robot, the stretches of walls where it may be, and their
+    hull; their extent, and the share of robots that are known, or at the goal.
+    """
+    map, last, legend = CellMap(stream, found.cells), found.bump.size, _LEGEND
+    if isinstance(found, HomeFromAnywhere):
+        _log_goal(map, found)
+        last = int(min(found.bumps_until_home[0], last))
+        legend = (*_LEGEND, ("goal, and robots that are there", palette.GOAL))
+    possible = [stretches(found, bump) for bump in range(1, last + 1)]
+    _log_stretches(map, possible)
+    _log_hulls(map, possible)
+    _log_robot(map, found, last)
+    marks = "hull", "stretches", "trail", "robot", "goal"
+    seen = map.view("Where the robot is, and where it may be", marks)
+    views = rrb.Vertical(seen, rrb.Horizontal(*_log_curves(stream, found)), row_shares=[7, 3])
+    tab = log_tab(stream, "", "Start anywhere", views, _text(found, spec), legend)
+    send_blueprint(stream, [tab], _TIMELINE, pace(last))
+
+
+def stretches(found: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
+    """The ends of the stretches of walls where the first robot may be after a bump, in metres."""
+    possible, boundary = found.trial.sets[bump - 1], found.filter.boundary
+    one = possible._replace(slice=np.zeros_like(possible.slice)).joined()
+    return np.stack([boundary.point(one.wall, arc) for arc in (one.begin, one.end)], axis=1)
+
+
+def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
+    """Log the stretches after each bump; before the first a robot is not at a wall."""
+    strips = np.concatenate([np.empty((0, 2, 2)), *possible])
+    # A stretch that is hardly more than a point is drawn as a dash, so that it is seen.
+    dash = 0.004 * map.extent * np.array([[-1.0, 0.0], [1.0, 0.0]])
+    point = np.ptp(strips, axis=1).max(axis=1) < 0.004 * map.extent
+    strips += point[:, None, None] * dash
+    lengths = [0, *(len(one) for one in possible)]
+    style = {"colors": palette.BELIEF, "radii": points(4.0), "draw_order": 22.0}
+    path, kind, times = "map/stretches", rr.LineStrips2D, np.arange(len(lengths))
+    send_changing(map.stream, path, kind, times, lengths, _TIMELINE, style=style, strips=strips)
+
+
+def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
+    """Log the free space within the hull of the stretches, and all of it before the first bump."""
+    workspace, path = map.cells.workspace, "map/hull"
+    if workspace is None:
+        return
+    (left, bottom, right, top), side = map.bounds, map.extent / _PIXELS
+    x, y = np.meshgrid(np.arange(left, right, side), np.arange(bottom, top, side))
+    hulls = [shapely.MultiPoint(one.reshape(-1, 2)).convex_hull for one in possible]
+    areas = [workspace.free_space, *(hull & workspace.free_space for hull in hulls)]
+    shapely.prepare(areas)
+    pictures = np.stack(
+        [shapely.contains_xy(area, x + side / 2, y + side / 2) for area in areas]
+    ).astype(np.uint8)
+    onto = rr.Transform3D(translation=[left, bottom, 0], scale=[side, side, 1])
+    map.stream.log(path, onto, static=True)
+    classes = [palette.PictureClass("", palette.CLEAR), palette.PictureClass("hull", _HULL)]
+    log_pictures(map.stream, path, classes, pictures, _TIMELINE, np.arange(len(areas)))
+
+
+def _log_robot(map: CellMap, found: Anywhere, last: int) -> None:
+    """Log the first robot as an arrow whose tip is at the wall, and its last runs."""
+    place = np.concatenate([found.trial.start[:1], found.trial.place[0, :last]])
+    theta = np.append(found.theta[0, 0], found.theta[0, :last])
+    vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    origins = place - np.where(np.arange(last + 1)[:, None] > 0, vectors, 0.0)
+    stream, times, line = map.stream, np.arange(last + 1), rr.LineStrips2D
+    style = {"colors": palette.ROBOT, "radii": map.arrow / 8, "draw_order": 30.0}
+    arrows = {"origins": origins, "vectors": vectors}
+    send_changing(stream, "map/robot", rr.Arrows2D, times, None, _TIMELINE, style=style, **arrows)
+    # A strip of one point is none.
+    trail = [place[[0, 0]], *(place[max(0, time - _RUNS) : time + 1] for time in times[1:])]
+    style = {"colors": palette.TRAIL, "radii": points(1.5), "draw_order": 20.0}
+    send_changing(stream, "map/trail", line, times, None, _TIMELINE, style=style, strips=trail)
+
+
+def _log_goal(map: CellMap, found: HomeFromAnywhere) -> None:
+    turn, home = np.linspace(0, 2 * np.pi, 65), found.homing
+    rim = np.array(home.goal) + home.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    log_lines(map.stream, "map/goal", [rim], palette.GOAL, 3.0, 25.0)
+
+
+def _log_curves(stream: rr.RecordingStream, found: Anywhere) -> list[rrb.View]:
+    extents = found.extent_of_nine_tenths, found.median_extent, found.extent[0]
+    colors = palette.TARGET, palette.PLAIN, palette.ROBOT
+    for name, values, color in zip(
+        ("nine_tenths", "median", "first"), extents, colors, strict=True
+    ):
+        log_curve(stream, f"extent/{name}", values, _TIMELINE, found.bump, color, shape="Linear")
+    share, title = found.trial.extent <= 2 * found.radius, "Share of robots that are known"
+    if isinstance(found, HomeFromAnywhere):
+        share = found.bumps_until_home[:, None] <= found.bump
+        title = "Share of robots at the goal"
+    log_curve(stream, "share", share.mean(axis=0), _TIMELINE, found.bump, palette.KNOWN)
+    last, most = found.bump.size, float(found.extent.max())
+    extent = curve_view("extent", "Extent of what is possible, m", last, most)
+    return [extent, curve_view("share", title, last, 1.0)]
+
+
+def _text(found: Anywhere, spec: Spec) -> str:
+    title, task = "Where is the robot?", "Where is it?"
+    if isinstance(found, HomeFromAnywhere):
+        title, task = "Home from anywhere", "It finds out where it is, and comes to the goal."
+    return f"""# {title}
+
+A robot is put down anywhere. It drives straight until it bumps, turns, and goes on; of each run
+it knows the length only. {task}
+
+Drag `bump`, or press play. Blue walls are all the places where the robot can be, whatever
+its errors within their bounds.
+
+## Numbers
+
+{numbers(found)}
+
+{made_with(spec, found.cells)}"""

@@ -1,0 +1,57 @@
+"""Timelines that show the values of a parameter, although their times are whole numbers."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+
+_EXACT_DIGITS, _MAX_DIGITS = 6, 12
+
+
+class Timeline(NamedTuple):
+    """A timeline along the values of a parameter."""
+
+    name: str
+    "Its name, which says how times follow from values."
+    times: Int[np.ndarray, "values"]
+    meaning: str
+    "What a time of the timeline is."
+
+
+def along_values(name: str, values: np.ndarray) -> Timeline:
+    """Choose a timeline for the values of a parameter, by which its slider shows them.
+
+    **Arguments:**
+
+    - `name`: the name of the parameter.
+    - `values`: its values. Texts and equal numbers are counted instead.
+    """
+    times, digits = _scaled(values) if values.dtype.kind in "iuf" else (values, None)
+    if digits is None:
+        return Timeline(f"{name} number", np.arange(values.size), "the number of the value, from 0")
+    if digits:
+        name, meaning = f"{name} x {10**digits}", f"the value times {10**digits}"
+    else:
+        meaning = "the value"
+    return Timeline(name, times.astype(int), meaning)
+
+
+def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
+    """Whole numbers in proportion to different values, and how many decimal digits they took.
+
+    They are exact where six digits do, and else rounded to the fewest digits that
+    distinguish the values, at least four.
+    """
+    largest = float(np.abs(values).max())
+    for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):
+        for digits in range(most + 1):
+            scaled = values * 10.0**digits
+            whole = np.rint(scaled)
+            if largest * 10.0**digits >= 2**53:
+                break
+            near = np.allclose(scaled, whole, rtol=0, atol=1e-6)
+            fits = near if exact else largest * 10.0**digits >= 1e4
+            if fits and np.unique(whole).size == values.size:
+                return whole, digits
+    return values, None
