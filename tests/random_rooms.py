@@ -1,7 +1,12 @@
-"""Random obstacles for property tests of maps."""
+"""Random obstacles and rooms for property tests of maps."""
 
+import math
+
+import numpy as np
 import shapely
 from hypothesis import strategies as st
+
+from jaxcell.space import Workspace
 
 
 @st.composite
@@ -14,3 +19,21 @@ def slanted_obstacles(draw, number):
         if hull.geom_type == "Polygon" and hull.area > 0.01:
             obstacles.append(shapely.get_coordinates(hull)[:-1])
     return obstacles
+
+
+def slanted_room(seed: int) -> Workspace:
+    """A room in one piece, some 8 m wide, with a slanted boundary and up to four obstacles."""
+    rng = np.random.default_rng(seed)
+    while True:
+        angles = (np.arange(7) + rng.uniform(0, 0.8, 7)) * math.tau / 7
+        boundary = rng.uniform(2, 5, (7, 1)) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        obstacles = []
+        for centre in rng.uniform(-3, 3, (rng.integers(5), 2)):
+            corners = centre + rng.uniform(-0.8, 0.8, (5, 2))
+            obstacles.append(shapely.get_coordinates(shapely.MultiPoint(corners).convex_hull)[:-1])
+        try:
+            room = Workspace(boundary, obstacles)
+        except ValueError:  # an obstacle wholly outside
+            continue
+        if room.pieces == 1:
+            return room

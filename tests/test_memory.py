@@ -88,7 +88,7 @@ def test_nothing_is_refused_where_nothing_is_known(system, monkeypatch):
     memory.check(1e30, "this", "that")
 
 
-def test_a_refusal_is_one_line_with_both_numbers(monkeypatch):
+def test_a_refusal_is_one_line_with_both_numbers(system, monkeypatch):
     monkeypatch.setattr(memory, "free", lambda: 2 * 10**9)
     memory.check(2e9, "this", "that")
     with pytest.raises(MemoryError) as refused:
@@ -97,14 +97,45 @@ def test_a_refusal_is_one_line_with_both_numbers(monkeypatch):
     assert str(refused.value) == expected
 
 
+@pytest.mark.parametrize(
+    ("wished", "job", "said"),
+    [
+        ("", "max", "5.1 GB are free"),
+        (
+            "",
+            "3000000000",
+            "2.0 GB are free: the control group of this container or batch job allows 3.0 GB",
+        ),
+        (
+            "100M",
+            "3000000000",
+            "0.0 GB are free: --memory or JAXCELL_MEMORY allows 100M, of which Python and its "
+            "libraries take 0.2 GB",
+        ),
+    ],
+)
+def test_a_refusal_says_which_limit_leaves_so_little(system, monkeypatch, wished, job, said):
+    system("proc/meminfo", "MemAvailable: 5000000 kB\n")
+    system("proc/self/cgroup", "0::/\n")
+    system("groups/memory.max", f"{job}\n")
+    system("groups/memory.current", "1000000000\n")
+    monkeypatch.setenv(memory.LIMIT, wished)
+    with pytest.raises(MemoryError) as refused:
+        memory.check(1e11, "this", "that would fit")
+    expected = f"this needs about 100 GB of memory, and {said}; that would fit"
+    assert str(refused.value) == expected
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are known on Linux")
 def test_the_limit_of_addresses_counts():
     code = (
         "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9));"
-        "from jaxcell.base.memory import free; print(free())"
+        "from jaxcell.base.memory import free, shortage; print(free(), shortage(free()))"
     )
     root = Path(memory.__file__).parents[1]
     told = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=root, check=True
     )
-    assert 10**8 < int(told.stdout) < 10**9
+    left, _, said = told.stdout.partition(" ")
+    assert 10**8 < int(left) < 10**9
+    assert said.endswith(" GB are free: ulimit -v allows 1.0 GB of addresses\n")

@@ -10,8 +10,10 @@ from typing import Any
 from ..base.bundled import found
 from ..base.memory import LIMIT, read_size
 from . import studies
+from .completion import OPTION as COMPLETION, print_completion
 from .demo import Demo
 from .docs import Docs
+from .encoding import allow_any_encoding
 from .export import Export
 from .help import option, overview, parsed, unknown
 from .info import Info
@@ -74,6 +76,7 @@ def _line(error: ValueError | OSError | MemoryError) -> str:
 
 
 def run(args: Sequence[str]) -> int:
+    allow_any_encoding()
     if list(args) == ["--version"]:
         from .. import __version__
 
@@ -100,8 +103,6 @@ def run(args: Sequence[str]) -> int:
             text += "; this command needs all of jaxcell: pip install jaxcell"
         print(f"jaxcell {name}: {text}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        return 130
 
 
 def _limited(args: Sequence[str]) -> list[str]:
@@ -137,7 +138,9 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
     else:
         if not (name := _name(words)):
             group = {one: kind for one, kind in COMMANDS.items() if one.split()[:1] == words[:1]}
-            if not words or words[0] in ("-h", "--help"):
+            if words[:1] == [COMPLETION]:
+                print_completion(COMMANDS, words)
+            elif not words or words[0] in ("-h", "--help"):
                 overview(COMMANDS)
             elif group and words[1:2] in (["-h"], ["--help"]):
                 overview(group, words[0])

@@ -13,7 +13,7 @@ from .terminal import note, note_results, stdout_on_stderr
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Demo:
-    """Tour groups, localization, navigation, coverage, patrols and drifters on bundled data."""
+    """Tour homing, groups, localization, plans, coverage, patrols and drifters on bundled data."""
 
     out: Path = Path("runs/demo")
     """Directory for the results, a folder for each stop of the tour."""
@@ -62,6 +62,15 @@ class Stop:
     @property
     def line(self) -> str:
         return f"jaxcell {self.command.called} {self.options}"
+
+
+def _home(result: Any) -> list[str]:
+    return [
+        f"{result.arrived_share:.0%} of {result.robots} robots find out where they are and come "
+        f"home, after {result.median_bumps_until_home:g} bumps in the median.",
+        f"The filter loses {result.lost_share:.0%} of them, though runs, turns and the first "
+        "heading are uncertain.",
+    ]
 
 
 def _groups(result: Any) -> list[str]:
@@ -138,6 +147,14 @@ def _drifted(result: Any) -> list[str]:
 
 STOPS = (
     Stop(
+        "home",
+        "A robot is put down anywhere and comes home by its bumps",
+        Navigate,
+        "@complex --bounces 45 100 135 --goal 1,1 --anywhere --heading unknown "
+        "--errors run=0.02 distance=0.05 turn=1 --measured --robots 20 --bumps 20",
+        _home,
+    ),
+    Stop(
         "groups",
         "Where a robot ends that turns by one angle at each wall",
         Groups,
@@ -148,7 +165,7 @@ STOPS = (
         "localize",
         "A robot with a bump sensor and a clock finds out where it is",
         Localize,
-        "@lab_a --bounces 45 135 --collision endpoint",
+        "@lab_a --bounces 45 135",
         _localized,
     ),
     Stop(
@@ -169,7 +186,7 @@ STOPS = (
         "team",
         "Four robots cover the room together",
         Team,
-        "@complex --robots 4 --bounce 135",
+        "@complex --robots 4 --bounces 135",
         _team,
     ),
     Stop(

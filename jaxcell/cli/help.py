@@ -39,8 +39,8 @@ _EXAMPLES = {
     "robot calibrate": "--port /dev/ttyUSB0",
     "robot check": "--port /dev/ttyUSB0",
     "robot replay": "runs/emulated/run.jsonl",
-    "robot run": "runs/lab/filter.jxf --simulate @lab_a --out runs/emulated",
-    "robot sketch": "runs/lab/filter.jxf --out localize.ino",
+    "robot run": "runs/lab/filter.jxf --simulate @lab_a --heading 0 --out runs/emulated",
+    "robot sketch": "runs/lab/filter.jxf --heading 0 --out localize.ino",
     "run": "my_study.py:MyStudy --help",
     "sweep": "@rooms --engine processes --out runs/rooms",
     "sweep indices": "runs/samples",
@@ -48,7 +48,7 @@ _EXAMPLES = {
     "sweep status": "runs/rooms",
     "sweep verify": "runs/rooms",
     "sweep view": "runs/rooms",
-    "team": "@complex --robots 4 --bounce 135",
+    "team": "@complex --robots 4 --bounces 135",
     "view": "runs/lab",
 }
 # By commands, the options and files of which one is needed.
@@ -94,7 +94,8 @@ def parsed(kind: type, name: str, words: Sequence[str]) -> Any:
     about = inspect.cleandoc(kind.__doc__ or "")
     if name in _EXAMPLES:
         about += f"\n\nExample: {example(name)}"
-    shown = _shown(kind)
+    shown = displayed(kind)
+    _check_options(shown, name, words)
     page = _Page(sys.stdout)
     try:
         with contextlib.redirect_stdout(page):
@@ -107,6 +108,20 @@ def parsed(kind: type, name: str, words: Sequence[str]) -> Any:
             )
     finally:
         print(re.sub(r"\Ausage: .*", lambda _: _usage(shown, name), page.getvalue()), end="")
+
+
+def _check_options(shown: type, name: str, words: Sequence[str]) -> None:
+    """End with the most similar option if a command has no option of a name."""
+    hints = get_type_hints(shown, include_extras=True)
+    options = [_option(field.name, hints[field.name]) for field in dataclasses.fields(shown)]
+    known = ["--help", *(one for one in options if one.startswith("--"))]
+    for word in words:
+        given = word.partition("=")[0].replace("_", "-")
+        if word.startswith("--") and given not in known and not given.startswith("--tyro-"):
+            near = difflib.get_close_matches(given, known, 1, 0.7)
+            meant = f"did you mean {near[0]}?" if near else f"jaxcell {name} --help lists them"
+            print(f"jaxcell {name}: there is no option {given}; {meant}", file=sys.stderr)
+            sys.exit(2)
 
 
 def option(kind: type, parameter: str) -> str:
@@ -151,7 +166,7 @@ def _first_sentence(kind: type) -> str:
 
 # To read a source takes as long as all else that is said of a command.
 @functools.cache
-def _shown(kind: type) -> type:
+def displayed(kind: type) -> type:
     """A class whose fields are in the order in which help shows them, and as it shows them.
 
     First is what is required, then what the command has of its own, then what it has in common with

@@ -6,12 +6,16 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from ..base.files import replacing
 from .terminal import status
+
+
+if TYPE_CHECKING:
+    from ..robot.tasks.task import Task
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,6 +57,18 @@ def direction_at(heading: float, directions: int) -> int:
             "between the directions"
         )
     return round(turn) % directions
+
+
+def check_heading(task: "Task") -> None:
+    """Refuse a task whose robot needs its heading, where the heading is not known.
+
+    **Raises:** `ValueError`.
+    """
+    if task.needs_heading:
+        raise ValueError(
+            f"--heading: the steps of {task.path} differ between directions, so the robot needs to "
+            "know its own; expected its heading at the start, in degrees"
+        )
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:

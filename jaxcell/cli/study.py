@@ -78,6 +78,7 @@ class Command(Printing):
 
     def run(self) -> int:
         asked = self.asked
+        asked.check_files()
         try:
             with status(f"reading for {self.called}"):
                 needed = asked.memory(written=self.out is not None)
@@ -104,7 +105,7 @@ class Command(Printing):
         else:
             from .tables import show
 
-            show(result, asked.heading(asked.spec(result)), summary["seconds"])
+            show(result, asked.headline(asked.spec(result)), summary["seconds"])
             if self.out is not None and drawn:
                 note_results(self.out)
             elif self.out is not None:

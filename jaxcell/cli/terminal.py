@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..base.extras import has_module
+from .encoding import encodable
 
 
 # Seconds until the first line and between others, away from a terminal.
@@ -23,10 +24,12 @@ _FIRST_LINE, _LINES = 1.5, 60.0
 
 
 @contextlib.contextmanager
-def status(text: str) -> Iterator[Callable[[str], None]]:
+def status(
+    text: str, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callable[[str], None]]:
     """Show that work goes on: by a spinner on a terminal, elsewhere by a line now and then.
 
-    Yields a function that changes the text.
+    Yields a function that changes the text. The clock is in seconds.
     """
     console = Console(stderr=True)
     if console.is_terminal:
@@ -34,29 +37,32 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
             yield lambda text: shown.update(text + " ...")
         return
     now = [text]
-    with _in_lines(lambda: now[0]):
+    with _in_lines(lambda: now[0], clock):
         yield lambda text: now.__setitem__(0, text)
 
 
 @contextlib.contextmanager
-def progress(text: str) -> Iterator[Callable[..., None]]:
+def progress(
+    text: str, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callable[..., None]]:
     """Show what is being done, how much of it, and how long the rest will take at the rate so far.
 
-    Yields a function that takes what is being done, how much of how much, and more about it.
+    Yields a function that takes what is being done, how much of how much, and more about it. The
+    clock is in seconds.
     """
-    with status(text) as change:
+    with status(text, clock) as change:
         current, began, first = None, 0.0, 0
 
         def say(doing: str, done: int = 0, total: int = 0, more: str = "") -> None:
             nonlocal current, began, first
             if doing != current:
-                current, began, first = doing, time.monotonic(), done
+                current, began, first = doing, clock(), done
             if not total:
                 change(doing)
                 return
             parts = [f"{doing}: {done:,} of {total:,}", more]
             if done > first:
-                each = (time.monotonic() - began) / (done - first)
+                each = (clock() - began) / (done - first)
                 parts.append(f"{duration(each * (total - done))} left")
             change(", ".join(filter(None, parts)))
 
@@ -64,15 +70,15 @@ def progress(text: str) -> Iterator[Callable[..., None]]:
 
 
 @contextlib.contextmanager
-def _in_lines(line: Callable[[], str]) -> Iterator[None]:
+def _in_lines(line: Callable[[], str], clock: Callable[[], float]) -> Iterator[None]:
     """Print what is being done after a moment, and then every minute."""
-    ended, began = threading.Event(), time.monotonic()
+    ended, began = threading.Event(), clock()
 
     def report() -> None:
         wait = _FIRST_LINE
         while not ended.wait(wait):
             wait = _LINES
-            note(f"{line()} ... ({duration(time.monotonic() - began)})")
+            note(f"{line()} ... ({duration(clock() - began)})")
 
     reporter = threading.Thread(target=report, daemon=True)
     reporter.start()
@@ -138,10 +144,18 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     Few rows of more columns than there is space for stand side by side.
     """
     console = Console()
-    body = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in row] for row in rows]
-    if not _fits(console, [columns, *body]) and len(body) < len(columns):
-        columns, *body = map(list, zip(columns, *body, strict=True))
+    title, *columns = (encodable(one, console.encoding) for one in (title, *columns))
+    body = [
+        [
+            f"{cell:,}" if isinstance(cell, int) else encodable(str(cell), console.encoding)
+            for cell in row
+        ]
+        for row in rows
+    ]
     whole = _fits(console, [columns, *body])
+    if not whole and len(body) < len(columns):
+        columns, *body = map(list, zip(columns, *body, strict=True))
+        whole = _fits(console, [columns, *body])
     grid = Table(title=title, title_justify="left", title_style="bold")
     for head, *cells in zip(columns, *body, strict=True):
         numeric = all(cell.replace(",", "").replace(".", "").isdigit() for cell in cells)

@@ -1,11 +1,14 @@
+import contextlib
 import dataclasses
 import os
+import signal
 import socket
 import subprocess
 import sys
 import time
 import urllib.parse
 import webbrowser
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import tyro
@@ -37,9 +40,9 @@ class View:
         if not has_module("rerun"):
             raise missing_module("rerun")
         recordings = [str(path) for path in recordings_in(self.results)]
-        viewer = [sys.executable, "-m", "rerun", "--memory-limit", _MEMORY]
         if self.web:
-            return _serve(viewer, recordings)
+            with _served(recordings) as (server, _):
+                return server.wait()
         if not has_display():
             web = f"{own_command('jaxcell')} view --web {self.results}"
             copied = " ".join(recordings)
@@ -48,19 +51,54 @@ class View:
                 f"Elsewhere, with rerun-sdk of the same version: rerun {copied}"
             )
             return 1
-        return subprocess.call([*viewer, *recordings])
+        return subprocess.call([*_viewer(), *recordings])
 
 
-def _serve(viewer: list[str], recordings: list[str]) -> int:
-    """Serve recordings to a browser, which is opened if there is a display."""
+@contextlib.contextmanager
+def shown_live(viewer: str) -> Iterator[str]:
+    """Have a viewer for a recording while it is made.
+
+    Without a display, `here` is a page for a browser, which stays until Ctrl-C.
+
+    **Arguments:**
+
+    - `viewer`: as for `jaxcell.record.RobotRecording`.
+
+    **Yields:** the same, or the address of the page's viewer.
+    """
+    if not has_module("rerun"):
+        raise missing_module("rerun")
+    if viewer != "here" or has_display():
+        yield viewer
+        return
+    with _served(()) as (server, address):
+        yield address
+        if server.poll() is None:
+            note("The page stays until Ctrl-C.")
+            with contextlib.suppress(KeyboardInterrupt):
+                server.wait()
+
+
+def _viewer() -> list[str]:
+    return [sys.executable, "-m", "rerun", "--memory-limit", _MEMORY]
+
+
+@contextlib.contextmanager
+def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes]", str]]:
+    """Serve recordings to a browser, which is opened if there is a display.
+
+    **Yields:** the process that serves, and the address to which it takes more.
+    """
     page, data = _free_port(_PAGE_PORT), _free_port(_DATA_PORT)
     ports = ["--web-viewer-port", str(page), "--port", str(data)]
-    served = urllib.parse.quote(f"rerun+http://{_HERE}:{data}/proxy", safe="")
-    address = f"http://{_HERE}:{page}?url={served}"
-    command = [*viewer, "--bind", _HERE, *ports, "--serve-web", *recordings]
+    served = f"rerun+http://{_HERE}:{data}/proxy"
+    address = f"http://{_HERE}:{page}?url={urllib.parse.quote(served, safe='')}"
+    command = [*_viewer(), "--bind", _HERE, *ports, "--serve-web", *recordings]
     # Its log has addresses too, of which one does not work and one is for another viewer.
     handled = end_by_signals()
-    with subprocess.Popen(command, env={"RUST_LOG": "error", **os.environ}) as server:
+    log = {"RUST_LOG": "error", **os.environ}
+    # Rerun runs in a child of this process, which is ended with it.
+    with subprocess.Popen(command, env=log, start_new_session=True) as server:
         try:
             until = time.monotonic() + _MAX_WAIT
             while server.poll() is None and not _answers(page) and time.monotonic() < until:
@@ -69,9 +107,10 @@ def _serve(viewer: list[str], recordings: list[str]) -> int:
                 note(address)
                 if has_display():
                     webbrowser.open(address)
-            return server.wait()
+            yield server, served
         finally:
-            server.terminate()
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(server.pid, signal.SIGTERM)
             leave_signals(handled)
 
 

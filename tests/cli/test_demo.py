@@ -24,6 +24,8 @@ def test_the_tour_shows_strengths(tmp_path, capsys):
         stop.folder: json.loads((tmp_path / stop.folder / "summary.json").read_text())
         for stop in STOPS
     }
+    assert out["home"]["lost_share"] == 0
+    assert out["home"]["arrived_share"] > 0.9
     (groups,) = out["groups"]["groups"]
     assert groups["count"] > 2
     assert groups["largest_basin"] < out["groups"]["cells"] / 2

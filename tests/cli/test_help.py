@@ -94,13 +94,95 @@ def test_a_mistyped_command_is_corrected(capsys, args, meant):
     assert capsys.readouterr().err == f"jaxcell: there is no command {meant}\n"
 
 
-def test_a_mistyped_option_is_corrected(capsys):
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("localize @lab_a --bounec 90", "--bounec; did you mean --bounce?"),
+        ("localize @lab_a --bounec=90", "--bounec; did you mean --bounce?"),
+        ("localize --bounec 90", "--bounec; did you mean --bounce?"),
+        ("navigate @lab_a --bounces 45 --star 0 --goal 1", "--star; did you mean --start?"),
+        ("robot run a.jxf --simulat @lab_a", "--simulat; did you mean --simulate?"),
+        ("sweep @rooms --xyzzy 3", "--xyzzy; jaxcell sweep --help lists them"),
+        ("sweep status runs --jsno", "--jsno; did you mean --json?"),
+    ],
+)
+def test_a_mistyped_option_is_corrected(capsys, line, told):
     with pytest.raises(SystemExit) as ended:
-        main(["localize", "@lab_a", "--bounec", "90"])
+        main(line.split())
     assert ended.value.code == 2
-    said = capsys.readouterr().err
-    assert "Perhaps you meant" in said
-    assert "--bounce DEG" in said
+    command = next(name for name in reversed(COMMANDS) if line.startswith(f"{name} "))
+    assert capsys.readouterr().err == f"jaxcell {command}: there is no option {told}\n"
+
+
+def test_options_may_be_written_with_underscores(capsys):
+    _, found = read(["localize", "@lab_a", "--bounce", "90", "--robot_radius=0.1"])
+    assert found.robot_radius == 0.1
+
+
+@pytest.fixture(scope="module")
+def completions(tmp_path_factory):
+    """What Bash proposes for the last word of a line, in a folder with one file."""
+    folder = tmp_path_factory.mktemp("shell")
+    (folder / "my_map.json").touch()
+    command = [sys.executable, "-m", "jaxcell", "--tyro-print-completion", "bash"]
+    script = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    (folder / "jaxcell.bash").write_text(script)
+
+    def proposed(line):
+        words = line.split(" ")
+        program = f"""
+. ./jaxcell.bash
+COMP_WORDS=({" ".join(f"'{word}'" for word in words)}) COMP_CWORD={len(words) - 1}
+_jaxcell jaxcell '{words[-1]}' '{words[-2]}'
+echo "${{#COMPREPLY[@]}} ${{COMPREPLY[*]}}"
+complete -p jaxcell
+"""
+        told = subprocess.run(
+            ["bash", "--norc", "-c", program],
+            cwd=folder,
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        assert told.stderr == ""
+        found, registered = told.stdout.splitlines()
+        assert registered == "complete -o default -F _jaxcell jaxcell"
+        count, *found = found.split()
+        assert int(count) == len(found)
+        return set(found)
+
+    return proposed
+
+
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("jaxcell lo", {"localize"}),
+        ("jaxcell patrol ", {"-h", "--help", "graph", "map"}),
+        ("jaxcell sweep s", {"status"}),
+        ("jaxcell sweep --re", {"--resume"}),
+        ("jaxcell sweep status --js", {"--json"}),
+        ("jaxcell localize @lab_a --bou", {"--bounce", "--bounces"}),
+        ("jaxcell localize @lab_a --collision ", {"swept", "endpoint"}),
+        ("jaxcell groups @lab_a --out my", {"my_map.json"}),
+        # Bash proposes files itself.
+        ("jaxcell localize my", set()),
+    ],
+)
+def test_a_shell_completes_commands_options_and_choices(completions, line, wanted):
+    assert completions(line) == wanted
+
+
+def test_a_shell_completes_each_command(completions):
+    assert {name.split()[0] for name in COMMANDS} <= completions("jaxcell ")
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_other_shells_have_a_script_too(capsys, shell):
+    with pytest.raises(SystemExit) as ended:
+        main(["--tyro-print-completion", shell])
+    assert not ended.value.code
+    assert "_tyro_jaxcell" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

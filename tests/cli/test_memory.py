@@ -17,7 +17,7 @@ COMMANDS = {
     "localize": ["--bounce", 45],
     "navigate": ["--bounces", 45, "--start", 0, "--goal", 1],
     "cover": ["--bounces", 45, "--error", 1, "--reliability", 0.8],
-    "team": ["--bounce", 45],
+    "team": ["--bounces", 45],
     "patrol map": [],
 }
 
@@ -51,6 +51,8 @@ def test_a_limit_is_an_option_of_all_commands(capsys, monkeypatch, place, option
     assert main([*args[:place], *option, *args[place:]]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("jaxcell groups: groups needs about 0.2 GB of memory, and 0.")
+    size = option[-1].split("=")[-1]
+    assert f": --memory or JAXCELL_MEMORY allows {size}, of which Python and its" in line
     assert line.endswith(" m would fit")
     assert os.environ[memory.LIMIT] == option[-1].split("=")[-1]
 

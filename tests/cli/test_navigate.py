@@ -106,6 +106,7 @@ def test_people_read_a_table(capsys, ends):
         ({"--start": "2,2,0"}, "--start '2,2,0': the point (2, 2) lies in an obstacle"),
         ({"--goal": "99,2,0"}, "--goal '99,2,0': the point (99, 2) is off the map"),
         ({"--goal": "152"}, "--goal '152': cell 152 does not exist"),
+        ({"--start": "0.5,0.5,7"}, "--start '0.5,0.5,7': expected a heading that is one of the 8"),
         ({"--goal": "here"}, "--goal 'here': expected \"x,y,heading\""),
         ({"--bounces": "50"}, "bounces: 50 deg is not a whole number"),
         ({"--bounces": "360"}, "--bounces: 360 deg leaves the robot at its wall"),

@@ -1,6 +1,8 @@
 """What all commands have in common: where they write, in which order, and how they refuse."""
 
 import ast
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +15,8 @@ from jaxcell import bundled
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS
+from jaxcell.cli.help import option
+from jaxcell.study import parameters
 
 
 LAB, GRAPH = str(bundled("maps/lab_a.json")), str(bundled("graphs/eight.json"))
@@ -33,7 +37,7 @@ WRITING = {
     "robot sketch": ["{filter}"],
     "sweep": ["{spec}"],
     "sweep view": ["{folder}"],
-    "team": [LAB, "--robots", "2", "--bounce", "45"],
+    "team": [LAB, "--robots", "2", "--bounces", "45"],
 }
 FILES = {"robot sketch": "a.ino", "sweep view": "a.rrd"}
 
@@ -119,6 +123,77 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
     assert told.count("\n") == 1
 
 
+COVER = "--bounces 45 --error 45 --reliability 0.8"
+# A line for each file that a command reads, which is not there.
+MISSING = [
+    f"cover none.json {COVER}",
+    f"cover @lab_a {COVER} --target none.png",
+    f"cover @lab_a {COVER} --target none.nc:v",
+    "drift none.nc",
+    "drift 'none*.nc'",
+    "drift @gyres --grid none.nc",
+    "drift @gyres --regions none.geojson",
+    "drifters @drifters none.nc",
+    "dynamics none.py:x",
+    "export none.jxf a.dot",
+    "groups none.json --bounce 45",
+    "info none.json",
+    "localize none.json --bounce 45",
+    "navigate none.json --bounces 45 --start 0 --goal 1",
+    "patrol graph none.json",
+    "patrol graph @random --constraints none.json",
+    "patrol graph @random --strategy capture --attack-times none.json",
+    "patrol graph @random --strategy mixing --visits none.json",
+    "patrol graph @random --game --values none.json",
+    "patrol map none.json",
+    "robot replay none.jsonl",
+    "robot run none.jxf --simulate @lab_a",
+    "robot sketch none.jxf",
+    "run none.py:Study",
+    "sweep none.toml",
+    "sweep @rooms --scheduler-file none.json",
+    "sweep indices none",
+    "sweep merge none",
+    "sweep status none",
+    "sweep verify none",
+    "sweep view none",
+    "team none.json --bounces 45",
+    "view none",
+]
+
+
+def test_every_file_of_a_command_is_among_the_missing():
+    for name, kind in COMMANDS.items():
+        lines = [line for line in MISSING if line.startswith(f"{name} ")]
+        for parameter, hint in parameters(kind.study).items() if hasattr(kind, "study") else ():
+            if "Path" in str(hint):
+                said = option(kind, parameter)
+                said = said if said.startswith("--") else name
+                assert any(f"{said} none" in line or f"{said} @" in line for line in lines), said
+        assert lines or name in ("demo", "docs", "maps", "robot calibrate", "robot check")
+
+
+def test_missing_files_are_refused_before_jax_is_loaded(tmp_path):
+    program = f"""
+import contextlib, io, json, shlex, sys
+from jaxcell.cli import main
+for line in {MISSING!r}:
+    with contextlib.redirect_stderr(io.StringIO()) as told:
+        status = main(shlex.split(line))
+    print(json.dumps([line, status, told.getvalue(), "jax" in sys.modules]))
+"""
+    told = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, check=True, stdout=subprocess.PIPE
+    ).stdout.splitlines()
+    assert len(told) == len(MISSING)
+    for line, status, said, loaded in map(json.loads, told):
+        assert status == 2, line
+        assert not loaded, line
+        last = said.splitlines()[-1]
+        assert last.startswith("jaxcell "), said
+        assert "none" in last, said
+
+
 def test_output_keeps_its_order_in_one_file():
     code = """
 from jaxcell.cli.terminal import note, say, table
@@ -146,3 +221,68 @@ def test_what_people_read_is_printed_in_one_way():
             text = ast.unparse(call)
             alone = text.startswith("print(json.dumps(") or "file=sys.stderr" in text
             assert alone or "flush=True" in text or not names & {"table", "note", "show"}, text
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "tyro",
+        "rich.console",
+        "shapely",
+        "numpy",
+        "jax",
+        "jax._src.api",
+        "scipy.linalg",
+        "jaxcell.record",
+    ],
+)
+def test_an_interrupt_during_an_import_ends_without_traceback(module):
+    """As if Ctrl-C were pressed when the module is looked for."""
+    program = f"""
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+stdout = os.dup(1)
+class Interrupting:
+    def find_spec(self, name, path, target=None):
+        if name == {module!r} and self in sys.meta_path:
+            sys.meta_path.remove(self)
+            os.write(stdout, b"interrupted")
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupting())
+from jaxcell.cli import main
+sys.exit(main(["cover", "@lab_a", "--directions", "8", *{COVER.split()!r}]))
+"""
+    command = [sys.executable, "-c", program]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert ended.stdout == "interrupted"
+    # Lines of work that lasts may come before.
+    assert [line for line in ended.stderr.splitlines() if " ... (0:" not in line] == []
+    assert ended.returncode == 130
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "ascii:surrogateescape", "cp437", "latin-1"])
+def test_a_table_is_printed_in_any_encoding(tmp_path, encoding):
+    """All of it, and the files are those of an output in UTF-8."""
+    told = {}
+    for one in ("utf-8", encoding):
+        command = f"{sys.executable} -m jaxcell groups @lab_a --bounce 45 --out {one}".split()
+        environment = {**os.environ, "PYTHONIOENCODING": one, "COLUMNS": "120"}
+        ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True)
+        assert ended.returncode == 0, ended.stderr
+        told[one] = ended.stdout.decode(one.partition(":")[0])
+        assert (tmp_path / one / "groups.nc").exists()
+    assert "45° " in told["utf-8"]
+    plain = told[encoding]
+    assert ("45 deg" if "ascii" in encoding else "45° ") in plain
+    assert len(plain.splitlines()) == len(told["utf-8"].splitlines())
+    if "ascii" in encoding:
+        table = [line.rstrip() for line in plain.splitlines() if "deg" in line or "basin" in line]
+        assert len({len(line) for line in table}) == 1, plain
+
+
+def test_a_map_is_drawn_in_ascii(tmp_path):
+    command = [sys.executable, "-m", "jaxcell", "maps"]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.isascii()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import jax
 import pytest
+from documented import SUBSTITUTES, substitute
 
 from jaxcell.cli import app, main
 
@@ -18,9 +19,6 @@ README = ROOT / "README.md"
 PAGES = [README, *sorted((ROOT / "docs").rglob("*.md"))]
 FENCE = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 INCLUDED = re.compile(r'^--8<-- "([^":]+)"$', re.MULTILINE)
-# What needs a network, a screen, a robot, a cluster or half an hour is read, and not run.
-NOT_HERE = ("jaxcell view", "/dev/tty", "dask://", "--live", "jaxcell demo")
-SHELL = ("pip install ",)
 GALLERY = ROOT / "docs" / "pages" / "gallery.md"
 SHOWN = re.findall(r"\(pictures/(\w+)\.png", GALLERY.read_text(encoding="utf-8"))
 # The sections of these stand by themselves, and take seconds.
@@ -67,7 +65,7 @@ def test_blocks_are_of_known_kinds(page):
         if block.title:
             assert Path(block.title).name == block.title
         elif block.language == "text":
-            assert before == "python", "text below code is what it prints"
+            assert before in ("python", "sh"), "text below code is what it prints"
         elif block.language == "python":
             ast.parse(block.body)
         else:
@@ -86,7 +84,7 @@ def test_commands_can_be_read(page):
             elif words[0] == "jaxcell":
                 assert words[1] == "run" or app.read(words[1:])
             else:
-                assert line.startswith(SHELL)
+                assert line.startswith("pip install ")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
@@ -100,7 +98,10 @@ def test_links_lead_somewhere(page):
 
 @pytest.fixture
 def as_users_have_it(tmp_path, monkeypatch, few_drifters):
-    """An empty folder, and JAX not as strict as in these tests; robots slip among few cells."""
+    """An empty folder, a terminal of 80 letters, JAX not as strict as in these tests, few cells."""
+    monkeypatch.setenv("COLUMNS", "80")
+    # Calibrations of robots are kept there.
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxcell.bounce.slip.fine_cells.MAX_CELLS", 3000)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
@@ -108,14 +109,18 @@ def as_users_have_it(tmp_path, monkeypatch, few_drifters):
 
 
 def do(line):
-    """Give a command, whose emulated robot nobody watches."""
-    words = shlex.split(line)
+    """Give a command, or what stands for it; nobody watches an emulated robot."""
+    if (instead := substitute(line)) is not None:
+        instead(line)
+        return
+    name, *words = shlex.split(line)
+    assert name == "jaxcell", f"{line}: it is run in no form; add one to tests/documented.py"
     assert main(words + ["--speedup", "1000"] * ("--simulate" in words)) == 0, line
 
 
 def run(section, capsys):
     """Do what the blocks of a section say, from the first to the last."""
-    names, printed = {}, ""
+    names, printed, before = {}, "", ""
     for block in section:
         if block.title:
             Path(block.title).write_text(block.body)
@@ -124,15 +129,50 @@ def run(section, capsys):
             printed = capsys.readouterr().out
             assert printed
         elif block.language == "text":
-            assert printed == block.body
+            if before == "python":
+                assert printed == block.body
+            else:
+                check_lines(printed, block.body)
         else:
             for line in commands(block):
-                if line.startswith("jaxcell") and not any(one in line for one in NOT_HERE):
-                    do(line.removeprefix("jaxcell"))
-            capsys.readouterr()
+                do(line)
+            printed = capsys.readouterr().out
+        before = block.language
 
 
-@pytest.mark.usefixtures("as_users_have_it")
+def test_each_substitute_stands_for_a_line_of_a_page():
+    lines = [
+        line
+        for page in PAGES
+        for block in blocks(page)
+        if block.language == "sh"
+        for line in commands(block)
+    ]
+    assert {run for line in lines if (run := substitute(line))} == set(SUBSTITUTES.values())
+    assert all(any(text in line for line in lines) for text in SUBSTITUTES)
+
+
+def check_lines(printed, shown):
+    """Check that a command printed the lines of a page, of which `...` stands for any others."""
+    rest = [line.rstrip() for line in printed.splitlines()]
+    after_gap = False
+    for line in shown.splitlines():
+        assert line == "..." or line in rest, line
+        if line != "...":
+            assert after_gap or rest[0] == line
+            rest = rest[rest.index(line) + 1 :]
+        after_gap = line == "..."
+    assert after_gap or not rest
+
+
+def test_lines_of_a_page_are_those_of_its_command():
+    check_lines("a\nb\nc \n", "a\n...\nc\n")
+    for wrong in ("a\nc\n", "a\nb\n", "c\n...\na\n", "...\nd\n"):
+        with pytest.raises(AssertionError):
+            check_lines("a\nb\nc\n", wrong)
+
+
+@pytest.mark.usefixtures("as_users_have_it", "patient")
 @pytest.mark.parametrize(
     "section",
     [
@@ -157,8 +197,22 @@ def pictures():
 @pytest.mark.parametrize("picture", SHOWN)
 def test_the_commands_of_a_picture(pictures, picture):
     for line in pictures[picture].commands:
-        do(line)
+        do(f"jaxcell {line}")
     assert Path("runs", pictures[picture].recording).exists()
+
+
+def test_one_place_says_which_tables_of_the_dissertation_agree():
+    others = [*ROOT.glob("data/*/README.md"), *ROOT.glob("experiments/**/README.md")]
+    said = {
+        page
+        for page in [*PAGES, *others]
+        for sentence in re.split(r"\.\s|\n\n|\|", page.read_text(encoding="utf-8"))
+        if re.search(r"Tables? \d\.\d", sentence) and re.search(r"\bagree", sentence)
+    }
+    assert said == {ROOT / "experiments" / "README.md"}
+    page = (ROOT / "docs" / "pages" / "dissertation.md").read_text(encoding="utf-8")
+    for part in ("summary", "figures"):
+        assert f'--8<-- "experiments/README.md:{part}"' in page
 
 
 def test_readme_is_short():

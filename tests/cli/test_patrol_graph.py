@@ -413,7 +413,7 @@ def test_constraints_that_contradict_are_status_1(capsys, tmp_path):
         ),
         ({"edges": [["1", "2"]]}, "expected least, most or both"),
         ({"edges": [["1", "2"]], "most": "low"}, "most: expected a finite number, got 'low'"),
-        ({"edges": [["1", "2"]], "least": 0.2, "most": 0.1}, "most: expected at least 0.2, as"),
+        ({"edges": [["1", "2"]], "least": 0.2, "most": 0.1}, "most: expected at least 0.2, the"),
         ({"edges": "all", "vertices": "all"}, "expected either edges, vertices or same"),
         ({"edges": "all", "must": 0.1}, "must: expected one of label, edges, vertices"),
         ({"same": [["1", "2"]]}, "same: expected two or more edges"),

@@ -1,16 +1,19 @@
-import functools
 import json
 import math
 import re
+import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from wheels import MAPS, bounce_filter, bounce_tables, map_cells, pose_of
 
+from jaxcell.cli import app, main
 from jaxcell.cli.robot.check import RobotCheck
 from jaxcell.cli.robot.emulation import Emulation
 from jaxcell.cli.robot.replay import RobotReplay, show
+from jaxcell.cli.robot.resume import resume_command
 from jaxcell.cli.robot.run import RobotRun
 from jaxcell.robot.calibration import Calibration, calibration_file
 from jaxcell.robot.create.driver import RobotStopped
@@ -45,7 +48,7 @@ def simulated(file, name="lab_a.json", **fields) -> RobotRun:
 
 def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):
     out = tmp_path / "out"
-    code, found = run(simulated(filter_file, start="70", out=out), capsys)
+    code, found = run(simulated(filter_file, start="70", heading=135.0, out=out), capsys)
     assert code == 0
     assert found["result"] == "localized"
     assert found["emulated"]["start"] == 70
@@ -64,7 +67,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
 
     recorded = (out / "run.rrd").read_bytes()
     with pytest.raises(FileExistsError, match=r"^--out .*: run\.jsonl of another run is there"):
-        simulated(filter_file, start="70", out=out).run()
+        simulated(filter_file, start="70", heading=135.0, out=out).run()
     assert (out / "run.rrd").read_bytes() == recorded
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
     with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
@@ -75,7 +78,9 @@ def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
     filter = bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45, "name": LAB.workspace.name})
     filter.save(filter_file)
     out = tmp_path / "out"
-    code, found = run(simulated(filter_file, "lab_b.json", start="101", out=out), capsys)
+    code, found = run(
+        simulated(filter_file, "lab_b.json", start="101", heading=225.0, out=out), capsys
+    )
     # Its cells are not those of the map that the robot is in.
     chunks = RrdReader(out / "run.rrd").stream().to_chunks()
     beliefs = [c for c in chunks if c.entity_path == "/map/belief" and not c.is_static]
@@ -86,17 +91,36 @@ def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
     assert found["observations"] in found["reason"]
 
 
-def test_a_plan_runs_from_its_start(tmp_path, capsys):
-    image, bumped = bounce_tables(LAB, 135)
-    cell, actions = 20, []
-    for _ in range(5):
-        actions.append(135 * int(bumped[cell]))
+PLAN_START = 20
+
+
+def plan_file(folder, **about):
+    """A plan of five actions from `PLAN_START`, where the robot heads North East."""
+    path = folder / "summary.json"
+    actions = [135 * int(one) for one in model_run(135, PLAN_START, 5)[1]]
+    plan = {**SPEC, "found": True, "start": PLAN_START, "actions_deg": actions}
+    path.write_text(json.dumps(plan | about))
+    return path
+
+
+def model_run(bounce, cell, count):
+    """The cell where the model has a robot after a number of steps, and what it observes."""
+    image, bumped = bounce_tables(LAB, bounce)
+    observed = ""
+    for _ in range(count):
+        observed += str(int(bumped[cell]))
         cell = int(image[cell])
-    path = tmp_path / "summary.json"
-    path.write_text(json.dumps({**SPEC, "found": True, "start": 20, "actions_deg": actions}))
-    code, found = run(simulated(path, out=tmp_path / "out"), capsys)
+    return cell, observed
+
+
+@pytest.mark.parametrize("about", [{"positions": LAB.positions}, {}], ids=["whole", "no map"])
+def test_a_plan_runs_from_its_start(tmp_path, capsys, about):
+    path = plan_file(tmp_path, **about)
+    # The file of a plan says its heading if it has the number of positions.
+    heading = None if about else 45.0
+    code, found = run(simulated(path, heading=heading, out=tmp_path / "out"), capsys)
     assert (code, found["result"]) == (0, "arrived")
-    assert found["emulated"]["end"] == cell
+    assert found["emulated"]["end"] == model_run(135, PLAN_START, 5)[0]
     code, again = run(RobotReplay(log=tmp_path / "out" / "run.jsonl", json=True), capsys)
     assert (code, again["result"]) == (0, "arrived")
 
@@ -129,22 +153,19 @@ STOPS = [
 def test_a_run_that_is_stopped_says_so(
     filter_file, tmp_path, capsys, monkeypatch, error, status, why, to_files
 ):
-    observed = iter("010")
-
-    def step(walker):
-        if (one := next(observed, None)) is None:
+    def step(walker, step=Walker.step):
+        if walker.drives and len(walker.observations) == 3:
             raise error
-        walker.observations += one
-        return one == "1"
+        return step(walker)
 
     monkeypatch.setattr(Walker, "step", step)
-    monkeypatch.setattr(Walker, "rotate", lambda *_: None)
+    observed = model_run(45, 70, 3)[1]
     out = tmp_path / "out" if to_files else None
-    code = simulated(filter_file, start="70", out=out).run()
+    code = simulated(filter_file, start="70", heading=135.0, out=out).run()
     told = capsys.readouterr()
     found = json.loads(told.out)
     assert why in told.err
-    assert (code, found["result"], found["observations"]) == (status, "stopped", "010")
+    assert (code, found["result"], found["observations"]) == (status, "stopped", observed)
     assert found["reason"].startswith(f"{why}; not localized after 3 observations; ")
     assert len(found["colors"]) == 3
     assert found["cells"]
@@ -162,7 +183,7 @@ def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, mon
         raise RobotStopped("it is on the charger")
 
     monkeypatch.setattr(Create, "arm", arm)
-    code, found = run(simulated(filter_file, start="70"), capsys)
+    code, found = run(simulated(filter_file, start="70", heading=135.0), capsys)
     assert (code, found["result"], found["observations"]) == (1, "stopped", "")
     assert found["reason"] == "the robot was stopped: it is on the charger"
 
@@ -188,29 +209,47 @@ def test_a_line_that_does_not_open_is_told_in_words(tmp_path, port, message, fir
 def test_bad_options(filter_file):
     with pytest.raises(ValueError, match="one of --port, --ros and --simulate"):
         RobotRun(file=filter_file).run()
-    with pytest.raises(ValueError, match="--live: expected --out as well"):
-        simulated(filter_file, live="here").run()
+    with pytest.raises(ValueError, match="viewer 'there': expected here, or the address of a"):
+        simulated(filter_file, heading=0.0, live="there").run()
     with pytest.raises(ValueError, match="--heading 30: expected a multiple of the 45 degrees"):
         simulated(filter_file, heading=30.0).run()
     with pytest.raises(ValueError, match="--heading inf: expected a multiple of the 45 degrees"):
         simulated(filter_file, heading=math.inf).run()
+    with pytest.raises(ValueError, match=r"give: expected a finite number from 0, got -0\.1"):
+        simulated(filter_file, heading=0.0, give=-0.1).run()
+    with pytest.raises(ValueError, match="--until cycle: only a filter has knowledge cycles"):
+        simulated(plan_file(filter_file.parent), heading=45.0, until="cycle").run()
     with pytest.raises(ValueError, match=r"--start '0\.5,9,0'"):
-        simulated(filter_file, start="0.5,9,0").run()
+        simulated(filter_file, start="0.5,9,0", heading=0.0).run()
     with pytest.raises(ValueError, match="distance: expected a finite number from 0"):
-        simulated(filter_file, noise=math.nan).run()
+        simulated(filter_file, heading=0.0, noise=math.nan).run()
+
+
+def test_a_command_to_go_on_has_the_options_of_the_run(filter_file, tmp_path):
+    fields = {"remap": ("a:=b", "c:=d"), "out": tmp_path / "my run-2", "until": "cycle"}
+    command = RobotRun(file=filter_file, ros="base", heading=0.0, json=True, **fields)
+    for name in ("my run-2", "my run-3"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.jsonl").touch()
+    words = shlex.split(resume_command(command, tmp_path / "run.jsonl", None))
+    _, read = app.read(words[1:])
+    resumed = {"heading": None, "resume": tmp_path / "run.jsonl", "out": tmp_path / "my run-4"}
+    assert vars(read) == vars(command) | resumed
+    words = shlex.split(resume_command(command, tmp_path / "run.jsonl", "-0.5,1,90"))
+    assert app.read(words[1:])[1].start == "-0.5,1,90"
 
 
 def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
     emulated = {"start": 0, "end": 1, "truth_is_a_candidate": False}
     summary = {"result": "localized", "reason": "", "observations": "01", "cells": [0, 5000]}
-    show("belief.jxb", summary | {"emulated": emulated}, Emulation(None, LAB, 0))
+    show("belief.jxb", summary | {"emulated": emulated}, Emulation(None, LAB, 0, (0.5, 0.5, 0.0)))
     shown = capsys.readouterr().out
     assert "0 (0.5 m, 0.5 m, 0°)" in shown
     assert "5000, of another map" in shown
 
 
 def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypatch):
-    code, whole = run(simulated(filter_file, start="70"), capsys)
+    code, whole = run(simulated(filter_file, start="70", heading=135.0), capsys)
     assert (code, len(whole["observations"]) > 4) == (0, True)
 
     def lifted(robot, distance, forward=Create.forward, **fields):
@@ -222,27 +261,28 @@ def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypat
     lifted.left = 3
     with monkeypatch.context() as patched:
         patched.setattr(Create, "forward", lifted)
-        code = simulated(filter_file, start="70", out=tmp_path / "one").run()
+        code = simulated(filter_file, start="70", heading=135.0, out=tmp_path / "one").run()
     said = capsys.readouterr()
     log = tmp_path / "one" / "run.jsonl"
-    assert f"To go on from there: the same with --resume {log}" in said.err
+    command = said.err.splitlines()[-1]
+    assert said.err.splitlines()[-2] == "To go on from there:"
     before = json.loads(said.out)
     assert (code, before["result"]) == (1, "stopped")
     count = len(before["observations"])
     assert 0 < count < len(whole["observations"])
 
-    # Where the model has it after the last whole step.
-    image, _ = bounce_tables(LAB, 45)
-    cell = functools.reduce(lambda z, _: int(image[z]), range(count), 70)
-    on = tmp_path / "on"
-    command = simulated(filter_file, start=str(cell), out=on, resume=log)
-    code = command.run()
+    words = shlex.split(command)
+    assert Path(words[0]).name == "jaxcell"
+    code = main(words[1:])
     said = capsys.readouterr()
     found = json.loads(said.out)
     assert code == 0
     for name in ("result", "observations", "colors", "cells", "reason"):
         assert found[name] == whole[name]
+    # It stands where the model has it after the last whole step.
+    assert found["emulated"]["start"] == model_run(45, 70, count)[0]
     assert found["emulated"]["truth_is_a_candidate"] is True
+    on = tmp_path / "one-2"
     assert "The run goes on where the robot is " in said.err
     header = json.loads((on / "run.jsonl").read_text().splitlines()[0])
     assert header["resumed"]["log"] == str(log)
@@ -314,3 +354,50 @@ def test_a_run_on_a_line_goes_by_the_calibration_of_its_user(
     assert whole == pytest.approx(1.0, abs=0.01)
     with pytest.raises(ValueError, match="--calibration: it is of the encoders"):
         simulated(filter_file, steps="clock", calibration=other).run()
+
+
+def test_a_filter_runs_on_a_robot_that_the_physics_engine_moves(tmp_path, capsys):
+    cells = map_cells("cafe.json", cell=0.5)
+    path, out = tmp_path / "filter.jxf", tmp_path / "out"
+    about = {**SPEC, "cell_m": 0.5, "step_m": 0.5, "robot_radius_m": 0.17, "directions": 16}
+    bounce_filter(cells, 90, metadata={**about, "bounce_deg": 90}).save(path)
+    command = simulated(path, "cafe.json", physics=True, limit=6, out=out, seed=3, heading=0)
+    _, found = run(command, capsys)
+    assert len(found["observations"]) > 0
+    chunks = RrdReader(out / "run.rrd").stream().to_chunks()
+    assert "/map/robots/robot/body" in {chunk.entity_path for chunk in chunks}
+
+
+def test_a_file_for_a_point_says_that_the_body_of_a_create_is_wider(filter_file, capsys):
+    simulated(filter_file, start="70", heading=135, physics=True, limit=1).run()
+    assert "is of a robot of radius 0 m, and the body of a Create 2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"friction": 0.5}, "--friction 0.5: expected more than 0, together with --physics"),
+        ({"friction": -1.0, "physics": True}, "--friction -1: expected more than 0"),
+        ({"noise": 0.1, "physics": True}, "--noise: with --physics"),
+        ({"speed": 0.6}, "--speed 0.6: expected more than 0 and at most 0.5 m/s"),
+        ({"speed": 0.3, "steps": "clock"}, "--speed: it is for a Create"),
+    ],
+)
+def test_options_of_the_physics_that_make_no_sense_are_refused(filter_file, fields, problem):
+    with pytest.raises(ValueError, match=re.escape(problem)):
+        simulated(filter_file, **fields).run()
+
+
+def test_physics_is_for_an_emulated_robot(filter_file):
+    with pytest.raises(ValueError, match="--physics: it is for --simulate"):
+        RobotRun(file=filter_file, port="/dev/ttyUSB0", physics=True).run()
+
+
+def test_a_faster_robot_takes_less_time(filter_file, capsys):
+    took = [
+        run(simulated(filter_file, start="70", heading=135, speed=speed), capsys)[1]["emulated"][
+            "seconds"
+        ]
+        for speed in (0.1, 0.4)
+    ]
+    assert took[1] < 0.6 * took[0]

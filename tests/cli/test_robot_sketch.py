@@ -29,12 +29,22 @@ def test_a_filter_becomes_a_sketch(filter_file, tmp_path, capsys):
     assert RobotSketch(file=filter_file, heading=-90.0, out=out).run() == 0
     assert capsys.readouterr().out == ""
     assert out.read_text() == filter_sketch(load_task(filter_file), direction=6)
-    assert RobotSketch(file=filter_file).run() == 0
-    assert capsys.readouterr().out == filter_sketch(load_task(filter_file))
+    assert RobotSketch(file=filter_file, heading=0.0).run() == 0
+    assert capsys.readouterr().out == filter_sketch(load_task(filter_file), direction=0)
+    with pytest.raises(ValueError, match=r"--heading: the steps of .* differ between directions"):
+        RobotSketch(file=filter_file).run()
+
+
+def test_a_filter_of_equal_steps_becomes_a_sketch_without_a_heading(tmp_path, capsys):
+    path = tmp_path / "filter.jxf"
+    cells = map_cells("lab_a.json", directions=4)
+    bounce_filter(cells, 90, metadata={**SPEC, "directions": 4, "bounce_deg": 90}).save(path)
+    assert RobotSketch(file=path).run() == 0
+    assert capsys.readouterr().out == filter_sketch(load_task(path))
 
 
 def test_a_minimal_filter_is_smaller(filter_file, capsys):
-    assert RobotSketch(file=filter_file, minimal=True).run() == 0
+    assert RobotSketch(file=filter_file, heading=0.0, minimal=True).run() == 0
     states = len(minimize(Filter.load(filter_file)).transition)
     assert states < 129
     assert f"#define FILTER_STATES {states}u\n" in capsys.readouterr().out
@@ -87,12 +97,12 @@ def test_bad_filters(filter_file, tmp_path):
         ({"step": 1.0}, "--step: it is for --bounce"),
         ({"heading": 30.0}, "--heading 30: expected a multiple of the 45 degrees"),
         ({"heading": math.inf}, "--heading inf: expected a multiple"),
-        ({"flash": 15_100}, "the tables have 516 bytes; there is room for 100, in 15,100"),
+        ({"flash": 15_100}, "the tables have 580 bytes; there is room for 100, in 15,100"),
         ({"flash": 100}, "there is room for 0, in 100"),
         ({"out": tmp_path / "sketch.c"}, r"sketch\.c: expected a name that ends in \.ino"),
     ]:
         with pytest.raises(ValueError, match=message):
-            RobotSketch(file=filter_file, **fields).run()
+            RobotSketch(file=filter_file, **{"heading": 0.0} | fields).run()
     plan = tmp_path / "summary.json"
     plan.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]}))
     with pytest.raises(ValueError, match=r"summary\.json: expected a filter"):

@@ -164,7 +164,9 @@ def test_a_filter_by_the_clock_alone(tmp_path, capsys):
     lab = map_cells("lab_a.json")
     path = tmp_path / "filter.jxf"
     bounce_filter(lab, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
-    code, found = run(simulated(path, "lab_a.json", start="70", steps="clock"), capsys)
+    code, found = run(
+        simulated(path, "lab_a.json", start="70", heading=135.0, steps="clock"), capsys
+    )
     assert (code, found["result"]) == (0, "localized")
     assert found["emulated"]["truth_is_a_candidate"] is True
 
@@ -183,6 +185,6 @@ def test_bad_options(patrol_file, tmp_path):
     with pytest.raises(ValueError, match="it is for one robot"):
         simulated(path, robot=0).run()
     with pytest.raises(ValueError, match="--intruder has a meaning only"):
-        simulated(path, intruder="1,1").run()
+        simulated(path, heading=0.0, intruder="1,1").run()
     with pytest.raises(ValueError, match="a robot does not read NetCDF"):
         simulated(tmp_path / "plans.nc").run()

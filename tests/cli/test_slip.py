@@ -79,7 +79,17 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     for observation, turn in zip(found["word"], turned[1:].tolist(), strict=True):
         state = belief.observe(state, int(observation))
         assert state.turn == (None if turn < 0 else turn)
-    run_it = ("robot", "run", out / "belief.jxb", "--simulate", room, "--noise", 0.02)
+    run_it = (
+        "robot",
+        "run",
+        out / "belief.jxb",
+        "--simulate",
+        room,
+        "--heading",
+        0,
+        "--noise",
+        0.02,
+    )
     status, driven, _ = run(capsys, *run_it, "--out", again, "--speedup", 1000)
     assert status == 0
     status, replayed, _ = run(capsys, "robot", "replay", again / "run.jsonl")
@@ -96,8 +106,10 @@ def test_plans_of_a_robot_that_slips(capsys, room):
     assert found["policy_surely_arrives"]
     assert found["policy_mean_steps"] >= 1
     assert found["simulated_runs"] == 50
-    # Among coarse cells a robot scatters more than it does.
-    assert found["simulated_plan_arrives"] > found["plan_arrives"] - 0.15
+    least, most = found["plan_arrives_from"], found["plan_arrives_to"]
+    assert least <= found["plan_arrives"] <= most <= least + 0.02
+    # Runs of the emulated robot, of which there are 50, share no code with those of the plan.
+    assert found["simulated_plan_arrives"] == pytest.approx(found["plan_arrives"], abs=0.2)
     assert found["simulated_policy_arrives"] > 0.3
 
 

@@ -110,6 +110,8 @@ def test_the_filter_of_a_member(ran):
         "largest_uncertainty": max(uncertainty),
         "periodic_groups": found["periodic_groups"],
         "longest_transient": found["longest_transient"],
+        "lost_share": found["lost_share"],
+        "wrong_share": found["wrong_share"],
     }
 
 

@@ -30,7 +30,7 @@ def two_rooms(tmp_path):
 
 
 def test_a_team_covers_a_map(capsys):
-    args = (LAB, "--bounce", 135, "--starts", "1.5,3.5,0", "0.5,1.5,90", 7)
+    args = (LAB, "--bounces", 135, "--starts", "1.5,3.5,0", "0.5,1.5,90", 7)
     status, found, _ = run(capsys, *args)
     assert status == 0
     assert (found["robots"], found["uncovered"], found["uncovered_positions"]) == (3, 0, [])
@@ -50,21 +50,21 @@ def test_a_team_covers_a_map(capsys):
 
 def test_each_robot_can_have_its_own_angle(capsys):
     starts = ("--starts", 0, 30)
-    _, own, _ = run(capsys, LAB, "--bounce", 135, 45, *starts)
-    _, common, _ = run(capsys, LAB, "--bounce", 135, *starts)
-    assert (own["bounce_deg"], common["bounce_deg"]) == ([135, 45], [135])
+    _, own, _ = run(capsys, LAB, "--bounces", 135, 45, *starts)
+    _, common, _ = run(capsys, LAB, "--bounces", 135, *starts)
+    assert (own["bounces_deg"], common["bounces_deg"]) == ([135, 45], [135])
     assert own["ends"] != common["ends"]
 
 
 def test_random_starts_are_apart_and_reproducible(capsys):
-    args = (LAB, "--bounce", 135, "--robots", 8, "--max-parts", 1, "--part-steps", 1)
+    args = (LAB, "--bounces", 135, "--robots", 8, "--max-parts", 1, "--part-steps", 1)
     first, again, other = (run(capsys, *args, "--seed", s)[1]["starts"] for s in (1, 1, 2))
     assert first == again != other
     assert len({z % 19 for z in first}) == len(first) == 8
 
 
 def test_what_stays_uncovered_is_said(capsys, two_rooms):
-    args = (two_rooms, "--bounce", 90, "--starts", "0.5,0.5,0", "1.5,1.5,90")
+    args = (two_rooms, "--bounces", 90, "--starts", "0.5,0.5,0", "1.5,1.5,90")
     status, found, _ = run(capsys, *args)
     assert status == 1
     assert found["outcome"] == "out_of_reach"
@@ -79,7 +79,7 @@ def test_what_stays_uncovered_is_said(capsys, two_rooms):
 
 def test_results_are_left_to_look_at(capsys, tmp_path):
     folder = tmp_path / "new" / "folder"
-    status, found, _ = run(capsys, LAB, "--bounce", 135, "--robots", 2, "--out", folder)
+    status, found, _ = run(capsys, LAB, "--bounces", 135, "--robots", 2, "--out", folder)
     assert status == 0
     assert {path.name for path in folder.iterdir()} == {
         "team.nc",
@@ -91,24 +91,24 @@ def test_results_are_left_to_look_at(capsys, tmp_path):
     with xr.open_dataset(folder / "team.nc") as dataset:
         assert dataset.cell.isel(time=0).values.tolist() == found["starts"]
         assert dataset.sizes["move"] == found["steps"]
-        assert json.loads(dataset.attrs["spec"])["bounce_deg"] == [135]
+        assert json.loads(dataset.attrs["spec"])["bounces_deg"] == [135]
 
 
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (("--bounce",), "--bounce: expected at least one angle"),
-        (("--bounce", 50), "bounce: 50 deg is not a whole number of the 8 directions"),
-        (("--bounce", 45, 90, 135), "bounces: got 3 angles for 2 robots"),
-        (("--bounce", 135, "--robots", 0), "--robots 0: expected from 1 to 19"),
-        (("--bounce", 135, "--robots", 20), "--robots 20: expected from 1 to 19"),
-        (("--bounce", 135, "--robots", 3, "--starts", 1, 2), "--robots 3: starts names 2"),
-        (("--bounce", 135, "--starts", 1, 20), "robots 0 and 1 are both at position 1"),
-        (("--bounce", 135, "--starts", 1, 152), "--starts '152': cell 152 does not exist"),
-        (("--bounce", 135, "--starts", "9,9,0"), "--starts '9,9,0': the point (9, 9) is off the"),
-        (("--bounce", 135, "--starts", "1,2"), 'expected "x,y,heading"'),
-        (("--bounce", 135, "--max-parts", 0), "--max-parts: expected at least 1, got 0"),
-        (("--bounce", 135, "--part-steps", 0), "--part-steps: expected at least 1, got 0"),
+        (("--bounces",), "--bounces: expected at least one angle"),
+        (("--bounces", 50), "bounce: 50 deg is not a whole number of the 8 directions"),
+        (("--bounces", 45, 90, 135), "bounces: got 3 angles for 2 robots"),
+        (("--bounces", 135, "--robots", 0), "--robots 0: expected from 1 to 19"),
+        (("--bounces", 135, "--robots", 20), "--robots 20: expected from 1 to 19"),
+        (("--bounces", 135, "--robots", 3, "--starts", 1, 2), "--robots 3: starts names 2"),
+        (("--bounces", 135, "--starts", 1, 20), "robots 0 and 1 are both at position 1"),
+        (("--bounces", 135, "--starts", 1, 152), "--starts '152': cell 152 does not exist"),
+        (("--bounces", 135, "--starts", "9,9,0"), "--starts '9,9,0': the point (9, 9) is off the"),
+        (("--bounces", 135, "--starts", "1,2"), 'expected "x,y,heading"'),
+        (("--bounces", 135, "--max-parts", 0), "--max-parts: expected at least 1, got 0"),
+        (("--bounces", 135, "--part-steps", 0), "--part-steps: expected at least 1, got 0"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(capsys, args, message):

@@ -1,10 +1,12 @@
-import os
 import socket
 import subprocess
 import sys
+import urllib.parse
 import webbrowser
+from pathlib import Path
 
 import pytest
+from waiting import wait_until
 
 from jaxcell import bundled
 from jaxcell.cli import main, view
@@ -34,12 +36,12 @@ def test_all_recordings_of_a_directory_are_opened(results, calls, monkeypatch):
 
 
 SERVER = """
-import socket, sys, time
+import socket, sys
 place = (sys.argv[sys.argv.index(one) + 1] for one in ("--bind", "--web-viewer-port"))
 with socket.create_server((next(place), int(next(place)))) as server:
     server.accept()
-# Whoever connects looks whether it goes on.
-time.sleep(0.3)
+# It goes on until its address is printed.
+sys.stdin.read()
 """
 
 
@@ -48,13 +50,20 @@ time.sleep(0.3)
 def test_a_browser_is_opened_at_the_one_address_that_is_printed(
     results, monkeypatch, capsys, display, taken
 ):
-    opened, started = [], []
-    popen = subprocess.Popen
+    opened, started, servers = [], [], []
+    popen, note = subprocess.Popen, view.note
 
     def start(command, **options):
         started.append(command)
-        return popen([sys.executable, "-c", SERVER, *command], **options)
+        script = [sys.executable, "-c", SERVER, *command]
+        servers.append(popen(script, stdin=subprocess.PIPE, **options))
+        return servers[-1]
 
+    def noted(text):
+        note(text)
+        servers[-1].stdin.close()
+
+    monkeypatch.setattr(view, "note", noted)
     monkeypatch.setattr(subprocess, "Popen", start)
     monkeypatch.setattr(webbrowser, "open", opened.append)
     monkeypatch.setattr(view, "has_display", lambda: display)
@@ -73,9 +82,9 @@ def test_a_browser_is_opened_at_the_one_address_that_is_printed(
 
 
 WAITING = """
-import sys, time
-print("ready", flush=True)
-time.sleep(60)
+import subprocess, sys
+waiting = "import os, time; print(os.getpid(), flush=True); time.sleep(600)"
+subprocess.call([sys.executable, "-c", waiting])
 """
 VIEWING = """
 import subprocess, sys
@@ -93,11 +102,41 @@ main(["view", "--web", sys.argv[1]])
 def test_the_server_ends_with_the_command(results):
     viewing = [sys.executable, "-c", VIEWING, str(results / "b.rrd"), WAITING]
     with subprocess.Popen(viewing, stdout=subprocess.PIPE, text=True) as command:
-        said = [command.stdout.readline().strip() for _ in range(2)]
+        # That of the server, and that of the process in which it runs.
+        pids = [int(command.stdout.readline()) for _ in range(2)]
         command.terminate()
-    said.remove("ready")
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(said[0]), 0)
+    wait_until(lambda: not any(map(runs, pids)))
+
+
+def runs(pid):
+    try:
+        state = Path("/proc", str(pid), "stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+@pytest.mark.parametrize("display", [True, False])
+def test_a_run_is_shown_in_a_window_or_else_on_a_page(monkeypatch, capsys, display):
+    popen = subprocess.Popen
+
+    def start(command, **options):
+        return popen([sys.executable, "-c", SERVER, *command], **options)
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    monkeypatch.setattr(view, "has_display", lambda: display)
+    # The usual ports may be taken by a page of another test at this moment.
+    monkeypatch.setattr(view, "_PAGE_PORT", 0)
+    monkeypatch.setattr(view, "_DATA_PORT", 0)
+    with view.shown_live("here") as viewer:
+        said = capsys.readouterr().err
+    if display:
+        assert (viewer, said) == ("here", "")
+    else:
+        assert viewer.startswith("rerun+http://127.0.0.1:")
+        assert urllib.parse.quote(viewer, safe="") in said
+    with view.shown_live("rerun+http://laptop:9876/proxy") as viewer:
+        assert viewer == "rerun+http://laptop:9876/proxy"
 
 
 def test_without_a_display_it_says_how(results, calls, monkeypatch, capsys):

@@ -32,7 +32,7 @@ COMMANDS = {
     "sweep merge": [LAB],
     "sweep status": [LAB],
     "sweep verify": [LAB],
-    "team": [LAB, "--bounce", 45],
+    "team": [LAB, "--bounces", 45],
     "view": [LAB],
 }
 

@@ -35,7 +35,7 @@ NEEDED = {
     "navigate": ["map.json", "--bounces", "45", "--start", "0", "--goal", "1"],
     "patrol graph": ["graph.json"],
     "patrol map": ["map.json"],
-    "team": ["map.json", "--bounce", "45"],
+    "team": ["map.json", "--bounces", "45"],
 }
 # No option takes these as they are.
 BAD = ["", " ", "-", "--", "nan", "-1", "x", "é", "nan,nan,nan", ",", "{}", "/", "x" * 300, "=b"]

@@ -24,6 +24,8 @@ _VOLATILE = {
     "battery_percent",
     "bytes",
     "attributes_sha256",
+    # Of a chaotic attractor rounding decides how many.
+    "cells_on",
     "created",
     "difference",
     "filter_seconds",
@@ -105,8 +107,8 @@ def _number(value):
         return value
     if not math.isfinite(value):
         return str(value)
-    # Noise about zero would make a new file each time.
-    return 0.0 if abs(value) < 1e-12 else float(f"{value:.10g}")
+    # Nothing but noise would be left of it.
+    return 0.0 if abs(value) < TOLERANCE / 2 else float(f"{value:.10g}")
 
 
 def _digest(data):
@@ -143,7 +145,10 @@ def netcdf(path):
         return {
             "dimensions": dict(dataset.sizes),
             "attributes": plain(_python(attributes)),
-            "variables": {name: _variable(one) for name, one in dataset.variables.items()},
+            "variables": {
+                name: _variable(one) | ({"values": "*"} if name in _VOLATILE else {})
+                for name, one in dataset.variables.items()
+            },
             "coordinates": sorted(dataset.coords),
         }
 
@@ -202,8 +207,8 @@ def dump(value, indent=0):
     return line
 
 
-def differences(expected, found, place=""):
-    """Where two values of plain JSON differ by more than noise, and how."""
+def differences(expected, found, tolerance=TOLERANCE, place=""):
+    """Find where two values of plain JSON differ by more than the tolerance, and how."""
     if isinstance(expected, dict) and isinstance(found, dict):
         for name in sorted({*expected, *found}):
             here = f"{place} > {name}" if place else name
@@ -212,18 +217,31 @@ def differences(expected, found, place=""):
             elif name not in expected:
                 yield f"{here}: is new: {_short(found[name])}"
             else:
-                yield from differences(expected[name], found[name], here)
+                yield from differences(expected[name], found[name], tolerance, here)
     elif isinstance(expected, list) and isinstance(found, list) and len(expected) == len(found):
         for i, (one, other) in enumerate(zip(expected, found, strict=True)):
-            yield from differences(one, other, f"{place}[{i}]")
-    elif not _alike(expected, found):
+            yield from differences(one, other, tolerance, f"{place}[{i}]")
+    elif not _alike(expected, found, tolerance):
         yield f"{place}: was {_short(expected)}, is {_short(found)}"
 
 
-def _alike(one, other):
+def settled(recorded, found, tolerance=TOLERANCE):
+    """Take what is recorded where it is within the tolerance, and what is found elsewhere."""
+    if isinstance(recorded, dict) and isinstance(found, dict):
+        return {
+            name: settled(recorded[name], one, tolerance) if name in recorded else one
+            for name, one in found.items()
+        }
+    if isinstance(recorded, list) and isinstance(found, list) and len(recorded) == len(found):
+        pairs = zip(recorded, found, strict=True)
+        return [settled(one, other, tolerance) for one, other in pairs]
+    return recorded if _alike(recorded, found, tolerance) else found
+
+
+def _alike(one, other, tolerance):
     if any(type(x) not in (int, float) for x in (one, other)) or {type(one), type(other)} == {int}:
         return one == other and isinstance(one, bool) == isinstance(other, bool)
-    return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+    return math.isclose(one, other, rel_tol=tolerance, abs_tol=tolerance)
 
 
 def _short(value):

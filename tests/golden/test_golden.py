@@ -13,7 +13,8 @@ _SHOWN = 12
 @pytest.mark.parametrize("name", record_golden.NAMES)
 def test_all_is_as_it_was(name):
     expected = load(record_golden.GOLDEN / f"{name}.json")
-    found = list(differences(expected, record_golden.record(name)))
+    tolerance = record_golden.tolerance(name)
+    found = list(differences(expected, record_golden.record(name), tolerance))
     assert not found, "\n".join([f"{len(found)} differences:", *islice(found, _SHOWN)])
 
 

@@ -1,20 +1,29 @@
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...study.map_study import cell_at
+from ..options import direction_at
+from ..terminal import note
 
 
 if TYPE_CHECKING:
     from ...robot.emulation.emulator import Emulator
     from ...robot.outcome import RunOutcome
+    from ...robot.tasks.anywhere_task import AnywhereTask
     from ...robot.tasks.files import AnyTask
     from ...robot.tasks.patrol_task import PatrolTask
-    from ...space import CellSpace
+    from ...space import CellSpace, Workspace
     from .run import RobotRun
+
+
+# A radius that is off by less than this is that of the body, rounded.
+_AS_WIDE = 0.01
+# Metres by which a body may be beyond its walls.
+_TOUCH = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,12 +33,12 @@ class Emulation:
     robot: "Emulator"
     cells: "CellSpace"
     start: int
-
-    @property
-    def pose(self) -> tuple[float, float, float]:
-        """Where it starts, in metres and radians."""
-        x, y, theta = self.cells.centre(self.start)
-        return float(x), float(y), float(theta)
+    pose: tuple[float, float, float]
+    "Where it starts, in metres and radians."
+    radius: float = 0.0
+    "The radius of its body, in metres."
+    touches: "Sequence[tuple[float, float, float]] | None" = None
+    "Time in seconds, x and y of each touch of a wall; only the physics engine knows them."
 
     @property
     def end(self) -> int | None:
@@ -40,34 +49,112 @@ class Emulation:
 
     def describe(self, outcome: "RunOutcome") -> dict[str, Any]:
         """The true state, for the summary."""
+        from ...robot.anywhere import AnywhereOutcome
+
         x, y, theta = self.robot.pose
+        among = self.end in outcome.cells if outcome.cells else None
+        if isinstance(outcome, AnywhereOutcome) and outcome.place is not None:
+            # A body that is in touch with a wall presses its bumper in.
+            among = math.dist((x, y), outcome.place) <= outcome.extent / 2 + _TOUCH
         return {
             "start": self.start,
             "end": self.end,
-            "pose": [round(x, 4), round(y, 4), round(math.degrees(theta) % 360, 2)],
+            "pose": [round(x, 4) + 0.0, round(y, 4) + 0.0, round(math.degrees(theta) % 360, 2)],
             "seconds": round(self.robot.seconds, 2),
-            "truth_is_a_candidate": self.end in outcome.cells if outcome.cells else None,
+            "truth_is_a_candidate": among,
         }
+
+
+def check_speed(options: "RobotRun") -> None:
+    """Refuse a friction and a speed that have no meaning.
+
+    **Raises:** `ValueError` that names the option.
+    """
+    if options.physics and options.simulate is None:
+        raise ValueError("--physics: it is for --simulate")
+    friction, speed = options.friction, options.speed
+    if friction is not None and not (options.physics and friction > 0):
+        raise ValueError(f"--friction {friction:g}: expected more than 0, together with --physics")
+    if speed is None:
+        return
+    if options.ros is not None or options.steps == "clock":
+        raise ValueError("--speed: it is for a Create that goes by its encoders")
+    if not 0 < speed <= 0.5:
+        raise ValueError(f"--speed {speed:g}: expected more than 0 and at most 0.5 m/s")
 
 
 def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulation:
     """Emulate a robot in a map, at the start of a task, or at that of the options."""
-    from ...robot.emulation.body import Body
+    from ...robot.emulation.body import Body, Noise, bumper_give
     from ...robot.emulation.emulator import Emulator, Line
-    from ...space import CellSpace, Workspace
+    from ...robot.tasks.anywhere_task import AnywhereTask
+    from ...space import CellSpace, Workspace, nearest_cell
 
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
-    if options.start is not None:
-        start = cell_at(cells, options.start, "--start")
+    if isinstance(task, AnywhereTask):
+        pose = _anywhere(workspace, task, options.start, rng)
+        start = int(nearest_cell(cells, *pose))
     else:
-        start = _start(cells, task, options.heading, rng)
-    body = Body.in_cell(cells, start, options.noise, rng)
-    return Emulation(Emulator(body, line=Line(speedup=options.speedup)), cells, start)
+        if options.start is not None:
+            start = cell_at(cells, options.start, "--start")
+        else:
+            start = _start(cells, task, options.heading, rng)
+        x, y, theta = cells.centre(start)
+        pose = float(x), float(y), float(theta)
+    if options.physics:
+        return _physical(cells, start, pose, task, options, rng)
+    give = bumper_give(cells.cell) if options.give is None else options.give
+    noise = Noise(distance=options.noise, rotation=options.noise, veer=options.noise)
+    body = Body(workspace, pose, give=give, noise=noise, rng=rng)
+    robot = Emulator(body, line=Line(speedup=options.speedup))
+    return Emulation(robot, cells, start, pose, task.radius)
+
+
+def _anywhere(
+    workspace: "Workspace", task: "AnywhereTask", start: str | None, rng: Any
+) -> tuple[float, float, float]:
+    """Put a robot down anywhere, with a heading that its task allows."""
+    from ...study.anywhere import pose_at
+    from ...walls import places_anywhere
+
+    if start is not None:
+        return pose_at(workspace, start, "--start")
+    x, y = places_anywhere(workspace, 1, rng)[0].tolist()
+    if task.headings is None:
+        return x, y, float(rng.uniform(0, math.tau))
+    return x, y, int(rng.integers(task.headings)) * math.tau / task.headings
+
+
+def _physical(
+    cells: "CellSpace",
+    start: int,
+    pose: tuple[float, float, float],
+    task: "AnyTask",
+    options: "RobotRun",
+    rng: Any,
+) -> Emulation:
+    """Emulate a robot that the physics engine moves."""
+    from ...robot.emulation.emulator import Emulator, Line
+    from ...robot.physics import LATENCY, RADIUS, Physics, PhysicsBody
+
+    if options.noise:
+        raise ValueError("--noise: with --physics the errors are those of the physics")
+    assert cells.workspace is not None
+    physics = Physics() if options.friction is None else Physics(floor=options.friction)
+    body = PhysicsBody(cells.workspace, pose, physics, rng=rng)
+    if abs(task.radius - RADIUS) > _AS_WIDE:
+        note(
+            f"{task.path.name} is of a robot of radius {task.radius:g} m, and the body of a "
+            f"Create 2 has {RADIUS:g} m: it meets corners that the other passes; "
+            "`--robot-radius 0.174` makes it for a Create"
+        )
+    line = Line(speedup=options.speedup, latency=LATENCY)
+    return Emulation(Emulator(body, line=line), cells, start, pose, RADIUS, body.touches)
 
 
 def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
-    """The cell that a task starts in; of a filter any."""
+    """Find the cell that a task starts in; for a filter draw one, with the heading if given."""
     from ...robot.tasks.files import PlanTask
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.team import MemberTask
@@ -80,6 +167,9 @@ def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any)
         case PatrolTask():
             x, y, _ = map(float, task.cells.centre(task.start))
             pose = x, y, math.radians(heading or 0)
+        case _ if heading is not None:
+            first = direction_at(heading, cells.directions) * cells.positions
+            return first + int(rng.integers(cells.positions))
         case _:
             return int(rng.integers(cells.size))
     try:

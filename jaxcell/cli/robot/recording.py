@@ -39,10 +39,17 @@ def recording_of(
     path.parent.mkdir(parents=True, exist_ok=True)
     estimator, about = _estimator(task), _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells
-    trace = None if emulation is None else emulation.robot.trace
+    robot = RecordedRobot(start=start)
+    if emulation is not None:
+        robot = RecordedRobot(
+            start=start,
+            trace=emulation.robot.trace,
+            radius=emulation.radius,
+            touches=emulation.touches,
+        )
     return RobotRecording(
         path,
-        [RecordedRobot(start=start, trace=trace)],
+        [robot],
         cells=cells,
         filter=None if isinstance(estimator, Belief) else estimator,
         belief=estimator if isinstance(estimator, Belief) else None,

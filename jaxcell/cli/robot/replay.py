@@ -101,10 +101,12 @@ def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
 
 def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
     from ...automata import Belief, Filter, HiddenMap, Policy
+    from ...robot.anywhere import replay_anywhere
     from ...robot.believer import replay_belief
     from ...robot.patrol import replay_patrol
     from ...robot.policy import replay_policy
     from ...robot.runner import plan_outcome, replay_filter
+    from ...robot.tasks.anywhere_task import AnywhereTask
     from ...robot.tasks.files import load_task
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.tasks.task import digest
@@ -124,6 +126,10 @@ def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
         return replay_policy(run, Policy.load(path))
     if kind == "belief":
         return replay_belief(run, Belief(HiddenMap.load(path)))
+    if kind == "anywhere":
+        task = load_task(path)
+        assert isinstance(task, AnywhereTask)
+        return replay_anywhere(run, task.settings)
     task = load_task(path, run.header["robot"])
     if not isinstance(task, PatrolTask):
         raise ValueError(

@@ -1,8 +1,13 @@
+import cmath
+import dataclasses
+import itertools
 import json
 import math
+import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
+from ..terminal import own_command
 from .replay import replayed
 
 
@@ -10,7 +15,11 @@ if TYPE_CHECKING:
     from ...robot.create.motion import Moved
     from ...robot.run_log import LoggedRun
     from ...robot.tasks.files import AnyTask
-    from ...robot.walker import Walker
+    from .run import RobotRun
+
+
+Place: TypeAlias = tuple[float, float, float]
+"""The metres ahead and to the left of the start of a run, and the radians turned since."""
 
 
 def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
@@ -60,14 +69,69 @@ class StandingStill(Exception):  # noqa: N818 (it says what happened, as StopIte
     """A robot that does not move was to drive."""
 
 
-def place_in_words(walker: "Walker") -> str:
-    """Where the robot of a run stands that goes on, for people."""
-    ahead, left, turned = walker.place
+def resume_command(options: "RobotRun", log: Path, start: str | None) -> str:
+    """The command that resumes a stopped run in a directory of its own.
+
+    **Arguments:**
+
+    - `options`: of the run that was stopped.
+    - `log`: of the same run.
+    - `start`: the place of the emulated robot, or `None` for a real one.
+    """
+    assert options.out is not None
+    resumed = dataclasses.replace(
+        options, heading=None, start=start, resume=log, out=_new_directory(options.out, log.name)
+    )
+    words = [own_command("jaxcell"), "robot", "run", str(options.file)]
+    for field in dataclasses.fields(resumed):
+        value = getattr(resumed, field.name)
+        if field.name != "file" and value != field.default:
+            words += _option(field.name, value)
+    return shlex.join(words)
+
+
+def _option(name: str, value: object) -> list[str]:
+    option = f"--{name.replace('_', '-')}"
+    if value is True:
+        return [option]
+    if isinstance(value, tuple):
+        return [option, *map(str, value)]
+    # A value that begins with a minus would be read as an option.
+    return [f"{option}={value}"] if str(value).startswith("-") else [option, str(value)]
+
+
+def _new_directory(out: Path, log: str) -> Path:
+    """Number a directory for the next run, which must hold no log."""
+    stem, dash, number = out.name.rpartition("-")
+    name = stem if dash and number.isdecimal() else out.name
+    numbered = (out.with_name(f"{name}-{i}") for i in itertools.count(2))
+    return next(place for place in numbered if not (place / log).exists())
+
+
+def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
+    """The pose of an emulated robot as an option: metres, metres, and degrees.
+
+    **Arguments:**
+
+    - `pose`: at the start of the emulation, in metres and radians.
+    - `before`, `after`: the place in the run at that time, and now.
+    """
+    x, y, heading = pose
+    way = complex(after[0] - before[0], after[1] - before[1])
+    there = complex(x, y) + way * cmath.rect(1.0, heading - before[2])
+    degrees = round(math.degrees(heading + after[2] - before[2]), 6) % 360
+    # The sum removes the sign of a zero.
+    return ",".join(f"{round(part, 6) + 0.0:.10g}" for part in (there.real, there.imag, degrees))
+
+
+def place_in_words(place: Place) -> str:
+    """Describe the place where the robot of a resumed run must stand."""
+    ahead, left, turned = place
     turned = math.degrees(math.remainder(turned, 2 * math.pi))
     parts = [_aside(ahead, "m ahead of", "m behind"), _aside(left, "m left of", "m right of")]
-    place = " and ".join(part for part in parts if part) or "0 m from"
+    where = " and ".join(part for part in parts if part) or "0 m from"
     facing = _aside(round(turned, 2), "degrees to the left", "degrees to the right")
-    return f"{place} where it first stood, turned by {facing or '0 degrees'} since"
+    return f"{where} where it first stood, turned by {facing or '0 degrees'} since"
 
 
 def _aside(amount: float, one: str, other: str) -> str:

@@ -10,15 +10,23 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import tyro
 
-from ...base.extras import has_module, missing_module
+from ...base.extras import has_module
 from ...base.files import name_in_results
 from ...study.study import Degrees
-from ..options import Printing, direction_at, write_text
+from ..options import Printing, check_heading, direction_at, write_text
 from ..terminal import note, note_results, say, status
-from .emulation import emulate
+from ..view import shown_live
+from .emulation import check_speed, emulate
 from .recording import cells_of, recording_of
 from .replay import replayed, show
-from .resume import Standing, StandingStill, place_in_words, run_before
+from .resume import (
+    Standing,
+    StandingStill,
+    place_in_words,
+    resume_command,
+    run_before,
+    start_after,
+)
 from .runners import patrol_start, runner_of
 
 
@@ -29,6 +37,7 @@ if TYPE_CHECKING:
     from ...robot.tasks.files import AnyTask
     from ...robot.walker import Drivable, Walker
     from .emulation import Emulation
+    from .resume import Place
     from .runners import Runner
 
     Listener: TypeAlias = Callable[[str, Mapping[str, Any]], None]
@@ -63,9 +72,9 @@ class RobotRun(Printing):
     """Start of the emulated robot, and of any that patrols: "x,y,heading" in m and degrees, or a
     cell; by default that of what is run, or random."""
     heading: Degrees | None = None
-    """Heading of the robot at the start in degrees, where steps in some directions are longer than
-    in others; the filter is not told. By default that of what is run or the emulated robot; without
-    any, all steps are of one length."""
+    """Heading of the robot at the start in degrees, by default that of the plan, team or patrol. A
+    filter, policy or belief does not use it, but steps along a diagonal are longer: where steps
+    differ between directions, the robot needs it, and an emulated robot does too."""
     steps: Literal["encoder", "clock"] = "encoder"
     """Whether the encoders of the wheels tell how far the robot has gone, or the time that it took
     at a known speed."""
@@ -74,15 +83,28 @@ class RobotRun(Printing):
     less for steps below 1 m."""
     turn_tolerance: float = 0.4
     """How near the end of a turn is near enough by the encoders, in degrees."""
+    give: float | None = None
+    """How far the bumper of the emulated robot goes in before it feels a wall, in metres; by
+    default 0.02 times the square of the cell, at most 0.02 and at least 0.0005."""
     noise: float = 0.0
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
     veer in radians a metre."""
+    physics: bool = False
+    """Let a physics engine move the emulated robot, a Create 2 of its true size among the walls of
+    the map: a bump turns it, and its wheels may slip."""
+    friction: float | None = None
+    """Coefficient of friction between the wheels and the floor, with --physics; by default 0.8."""
+    speed: float | None = None
+    """Speed of the robot on straight ways in m/s, up to 0.5; by default 0.2."""
     speedup: float = 10.0
     """Seconds of the emulated robot in a second, at most."""
     seed: int = 0
     """Seed of the random start, of the noise, and of the draws of a patrol."""
     limit: int = 10_000
     """Observations after which to give up."""
+    until: Literal["known", "cycle"] = "known"
+    """End of the run of a filter: one configuration left or a knowledge cycle, or only the
+    cycle."""
     visits: int = 100
     """Drawn cells after which a patrol is over."""
     bumps: int = 20
@@ -101,13 +123,18 @@ class RobotRun(Printing):
     out: Path | None = None
     """Directory for the log, which must not be there yet, the recording and summary.json."""
     live: str | None = None
-    """Viewer that shows the recording as the run goes: "here", or the address of one, such as
-    rerun+http://laptop:9876/proxy."""
+    """Viewer that shows the recording as the run goes: "here" (without a display a page for a
+    browser, until Ctrl-C), or the address of one, such as rerun+http://laptop:9876/proxy."""
 
     def run(self) -> int:
+        with contextlib.ExitStack() as kept:
+            return self._run_with(kept)
+
+    def _run_with(self, kept: contextlib.ExitStack) -> int:
         import numpy as np
 
-        from ...robot import RobotStopped
+        from ...robot import RobotStopped, read_log
+        from ...robot.tasks.anywhere_task import AnywhereTask
         from ...robot.tasks.files import load_task
 
         if sum(place is not None for place in (self.port, self.ros, self.simulate)) != 1:
@@ -116,13 +143,12 @@ class RobotRun(Printing):
             raise ValueError("--remap: it is for --ros")
         if self.ros is not None and self.steps == "clock":
             raise ValueError("--steps clock: a robot on ROS 2 goes by its odometry")
-        if self.live is not None and self.out is None:
-            raise ValueError("--live: expected --out as well, for the recording")
         if self.out is not None and (self.out / _LOG).exists():
             raise FileExistsError(
                 f"--out {self.out}: {_LOG} of another run is there, and no log is replaced; "
                 "expected another directory"
             )
+        check_speed(self)
         task = load_task(self.file, self.robot)
         before, calibration = self._before(task), self._calibration()
         emulation = None
@@ -135,14 +161,13 @@ class RobotRun(Printing):
             pose = before.header.get("pose")
             self._ask_for_place(task, emulation, direction, before)
         # Before the robot is there: what it needs takes seconds to load.
+        viewer = None if self.live is None else kept.enter_context(shown_live(self.live))
+        place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
+        place.mkdir(parents=True, exist_ok=True)
         recording = None
-        if self.live is not None and not has_module("rerun"):
-            raise missing_module("rerun")
-        if self.out is not None:
-            self.out.mkdir(parents=True, exist_ok=True)
-        if self.out is not None and has_module("rerun"):
+        if has_module("rerun") and (self.out or viewer):
             recording = recording_of(
-                task, self.out / _RECORDING, start=pose, emulation=emulation, viewer=self.live
+                task, place / _RECORDING, start=pose, emulation=emulation, viewer=viewer
             )
         runner[0].update(
             pose=pose,
@@ -150,21 +175,27 @@ class RobotRun(Printing):
             calibration=None if calibration is None else dataclasses.asdict(calibration),
         )
         code = None
-        with contextlib.ExitStack() as kept:
-            place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
-            try:
-                with contextlib.ExitStack() as stack:
-                    robot, listeners = self._robot(stack, task, emulation)
-                    moving = self._moving(robot, emulation, calibration)
-                    walker = self._walker(moving, task, emulation, direction, before)
-                    if recording is not None:
-                        listeners.append(stack.enter_context(recording).event)
-                    outcome = self._run(walker, runner, place / _LOG, listeners)
-            except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
-                outcome, code = _stopped(error, place / _LOG)
-                note(f"jaxcell robot run: {outcome.reason}")
-                if self.out is not None and outcome.observations:
-                    note(f"To go on from there: the same with --resume {self.out / _LOG}")
+        try:
+            with contextlib.ExitStack() as stack:
+                robot, listeners = self._robot(stack, task, emulation)
+                moving = self._moving(robot, emulation, calibration)
+                walker = self._walker(moving, task, emulation, direction, before)
+                if recording is not None:
+                    listeners.append(stack.enter_context(recording).event)
+                outcome = self._run(walker, runner, place / _LOG, listeners)
+        except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
+            outcome, code = _stopped(error, place / _LOG)
+            note(f"jaxcell robot run: {outcome.reason}")
+            goes_on = outcome.result == "stopped" and outcome.observations
+            if self.out is not None and goes_on and not isinstance(task, AnywhereTask):
+                after = read_log(self.out / _LOG)
+                start = None
+                if emulation is not None:
+                    places = (
+                        self._place(task, emulation, direction, run) for run in (before, after)
+                    )
+                    start = start_after(emulation.pose, *places)
+                note(f"To go on from there:\n{resume_command(self, self.out / _LOG, start)}")
         summary = {
             "command": "jaxcell robot run",
             "file": name_in_results(self.file),
@@ -219,36 +250,52 @@ class RobotRun(Printing):
         before: "LoggedRun",
     ) -> None:
         """Say where the robot must stand to go on, and wait until somebody says that it does."""
-        _, run = runner_of(task, self, emulation, direction, before)
-        walker = self._walker(Standing(), task, emulation, direction, before)
-        with contextlib.suppress(StandingStill):
-            run(walker, None)
-        note(f"The run goes on where the robot is {place_in_words(walker)}")
+        place = self._place(task, emulation, direction, before)
+        note(f"The run goes on where the robot is {place_in_words(place)}")
         if self.simulate is None and not self.json and sys.stdin.isatty():
             input("Press Enter when it stands there: ")
+
+    def _place(
+        self,
+        task: "AnyTask",
+        emulation: "Emulation | None",
+        direction: int | None,
+        run: "LoggedRun | None",
+    ) -> "Place":
+        """Compute the place of the robot after a logged run; without a run it is the start."""
+        _, follow = runner_of(task, self, emulation, direction, run)
+        walker = self._walker(Standing(), task, emulation, direction, run)
+        with contextlib.suppress(StandingStill):
+            follow(walker, None)
+        return walker.place
 
     def _direction(
         self, task: "AnyTask", emulation: "Emulation | None", before: "LoggedRun | None"
     ) -> int | None:
-        """The direction that the robot faces at the start, where it is known."""
-        from ...robot.tasks.files import PlanTask
-        from ...robot.tasks.patrol_task import PatrolTask
-        from ...robot.team import MemberTask
+        """The direction that the robot knows to face at the start, or `None`.
 
+        It is the same on an emulated robot as on a real one.
+
+        **Raises:** `ValueError` if the task needs a direction, and none is known.
+        """
+        from ...robot.tasks.anywhere_task import AnywhereTask
+        from ...robot.tasks.patrol_task import PatrolTask
+
+        if isinstance(task, AnywhereTask):
+            if self.heading is not None:
+                raise ValueError("--heading: a robot that starts anywhere needs none")
+            return None
         if before is not None:
-            return before.direction
-        if self.heading is not None:
-            return direction_at(self.heading, task.directions)
-        if emulation is not None:
-            return emulation.start // emulation.cells.positions
-        match task:
-            case PatrolTask():
-                return patrol_start(task, self.start) // task.cells.positions
-            case MemberTask():
-                return round(task.start[2] * task.directions / (2 * math.pi)) % task.directions
-            case PlanTask():
-                raise ValueError("--heading: a plan needs the heading that its robot starts with")
-        return None
+            direction = before.direction
+        elif self.heading is not None:
+            direction = direction_at(self.heading, task.directions)
+        elif isinstance(task, PatrolTask):
+            direction = patrol_start(task, self.start, emulation) // task.cells.positions
+        else:
+            direction = task.start_direction
+        if direction is None:
+            check_heading(task)
+        return direction
 
     def _calibration(self) -> "Calibration | None":
         """What the encoders of the robot miss, if that is known."""
@@ -280,10 +327,12 @@ class RobotRun(Printing):
         if emulation is not None:
             from ...robot.emulation.simulated import SimulatedCreate
 
-            return stack.enter_context(SimulatedCreate(emulation.robot)), []
-        assert self.port is not None
-        create = stack.enter_context(Create.open(self.port))
-        create.arm()
+            create: Create = stack.enter_context(SimulatedCreate(emulation.robot))
+        else:
+            assert self.port is not None
+            create = stack.enter_context(Create.open(self.port))
+            create.arm()
+        create.speed = self.speed or create.speed
         return create, []
 
     def _moving(
@@ -314,7 +363,8 @@ class RobotRun(Printing):
         return Walker(
             robot,
             task.step,
-            strides=None if direction is None else task.strides,
+            # Without a direction the strides are equal in all directions.
+            strides=task.strides,
             direction=direction or 0,
             recalled="" if before is None else before.observations,
             tolerance=self.tolerance,

@@ -35,10 +35,12 @@ def runner_of(
     - `direction`: the direction that the robot faces at the start, where it is known.
     - `before`: the run that goes on, if one does.
     """
+    from ...robot.anywhere import run_anywhere
     from ...robot.believer import run_belief
     from ...robot.patrol import Patrol, run_patrol
     from ...robot.policy import run_policy
     from ...robot.runner import run_filter, run_plan
+    from ...robot.tasks.anywhere_task import AnywhereTask
     from ...robot.tasks.files import BeliefTask, FilterTask, PlanTask, PolicyTask
     from ...robot.team import MemberTask, run_member
 
@@ -47,10 +49,13 @@ def runner_of(
         raise ValueError("--intruder has a meaning only for an emulated robot on patrol")
     if options.camera is not None and (options.intruder is not None or header["kind"] != "patrol"):
         raise ValueError("--camera has a meaning only on patrol, and without --intruder")
+    if options.until == "cycle" and header["kind"] != "filter":
+        raise ValueError("--until cycle: only a filter has knowledge cycles")
     match task:
         case FilterTask():
-            return header, lambda walker, log: run_filter(
-                walker, task.filter, task.bounce, log=log, limit=limit
+            until = options.until
+            return header | {"until": until}, lambda walker, log: run_filter(
+                walker, task.filter, task.bounce, log=log, limit=limit, until=until
             )
         case PolicyTask():
             return header, lambda walker, log: run_policy(
@@ -59,6 +64,14 @@ def runner_of(
         case BeliefTask():
             return header, lambda walker, log: run_belief(
                 walker, task.belief, task.bounces, log=log, limit=limit
+            )
+        case AnywhereTask():
+            if before is not None:
+                raise ValueError(
+                    "--resume: a robot that starts anywhere needs none; start another run"
+                )
+            return header, lambda walker, log: run_anywhere(
+                walker, task.settings, log=log, limit=limit
             )
         case PlanTask():
             return header, lambda walker, log: run_plan(walker, task.actions, log=log)

@@ -5,7 +5,7 @@ from pathlib import Path
 import tyro
 
 from ...study.study import Degrees, Metres
-from ..options import direction_at, write_text
+from ..options import check_heading, direction_at, write_text
 from ..terminal import note
 
 
@@ -22,8 +22,8 @@ class RobotSketch:
     step: Metres | None = None
     """With --bounce: length of a step in metres."""
     heading: Degrees | None = None
-    """Heading of the robot at the start in degrees, where steps in some directions are longer than
-    in others; the filter does not know it. Without it all steps are of one length."""
+    """Heading of the robot at the start in degrees. The filter does not use it, but steps along a
+    diagonal are longer: where steps differ between directions, the robot needs it."""
     minimal: bool = False
     """Merge states of the filter that no observation distinguishes by colour."""
     flash: int | None = None
@@ -74,6 +74,8 @@ class RobotSketch:
         direction = None
         if self.heading is not None:
             direction = direction_at(self.heading, task.directions)
+        else:
+            check_heading(task)
         flash = FLASH if self.flash is None else self.flash
         if isinstance(task, PolicyTask):
             return policy_sketch(task, direction=direction, flash=flash)

@@ -48,7 +48,7 @@ def member_detail(
     with progress(command_name(study)) as say:
         result = asked.run(say)
     spec = asked.spec(result)
-    show(result, asked.heading(spec))
+    show(result, asked.headline(spec))
     with status(f"writing {out}"):
         record.save_recording(result, out, spec=spec)
     return {**spec, **record.summary(result)}

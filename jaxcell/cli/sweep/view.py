@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import tyro
 
 from ...base.display import has_display
@@ -152,8 +151,8 @@ def _place(option: str, text: str, values: Sequence[Any]) -> int:
         number = float(text)
     except ValueError:
         raise error from None
-    apart = np.abs(np.array(values, float) - number)
-    nearest = int(apart.argmin())
+    apart = [abs(value - number) for value in values]
+    nearest = apart.index(min(apart))
     if not apart[nearest] <= _TYPED * abs(number):
         raise ValueError(f"{error}; the nearest is {values[nearest]}")
     return nearest

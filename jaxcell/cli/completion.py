@@ -1,0 +1,66 @@
+"""The script by which a shell completes commands, their options and their choices."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, NoReturn, Union
+
+import tyro
+
+from .help import displayed
+
+
+OPTION = "--tyro-print-completion"
+# Where tyro has nothing to propose it proposes an empty word, which keeps Bash from files.
+_FILES = """
+_jaxcell() {
+  _tyro_jaxcell "$@"
+  [[ -n "${COMPREPLY[*]}" ]] || COMPREPLY=()
+}
+complete -o default -F _jaxcell jaxcell
+"""
+
+
+def print_completion(commands: Mapping[str, type], words: Sequence[str]) -> NoReturn:
+    """Print the script of a shell, and end.
+
+    **Arguments:**
+
+    - `commands`: all of them by their names, of which some are two words.
+    - `words`: the option and the shell: bash, zsh or fish.
+    """
+    try:
+        tyro.cli(
+            _tree(commands),
+            args=list(words),
+            prog="jaxcell",
+            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
+        )
+    finally:
+        if list(words[1:]) == ["bash"]:
+            print(_FILES, end="")
+    raise AssertionError("the option ends the command")
+
+
+def _tree(commands: Mapping[str, type]) -> Any:
+    """All commands as one choice; what follows the first word of two is a choice within it."""
+    top = {name: displayed(kind) for name, kind in commands.items() if " " not in name}
+    for group in dict.fromkeys(name.split()[0] for name in commands if " " in name):
+        within = _choice(
+            {
+                name.split()[1]: displayed(kind)
+                for name, kind in commands.items()
+                if name.startswith(f"{group} ")
+            }
+        )
+        alone = top.get(group)
+        field = ("command", within) if alone is None else ("command", within | None, None)
+        bases = () if alone is None else (alone,)
+        top[group] = dataclasses.make_dataclass(
+            group, [field], bases=bases, frozen=True, kw_only=True
+        )
+    return _choice(dict(sorted(top.items())))
+
+
+def _choice(commands: Mapping[str, type]) -> Any:
+    kinds = (Annotated[kind, tyro.conf.subcommand(name)] for name, kind in commands.items())
+    return Union[tuple(kinds)]  # noqa: UP007

@@ -1,0 +1,38 @@
+"""Text on outputs whose encoding lacks some of its characters: these are written in ASCII."""
+
+import codecs
+import io
+import sys
+import unicodedata
+
+
+_HANDLER = "jaxcell-ascii"
+_ASCII = str.maketrans({"°": " deg", "▀": "'", "▄": ".", "█": "#"})
+
+
+def allow_any_encoding() -> None:
+    """Let what is printed never fail because of its characters."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors != _HANDLER:
+            stream.reconfigure(errors=_HANDLER)
+
+
+def encodable(text: str, encoding: str) -> str:
+    """A text as it comes out in an encoding, which may be longer.
+
+    >>> from jaxcell.cli.encoding import encodable
+    >>> encodable("45° in 2 m²", "ascii")
+    '45 deg in 2 m2'
+    """
+    return text.encode(encoding, _HANDLER).decode(encoding)
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end].translate(_ASCII)
+    letters = (one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
+    return "".join(one if one.isascii() else "?" for one in letters), error.end
+
+
+codecs.register_error(_HANDLER, _in_ascii)
