@@ -4,12 +4,16 @@ BIN := .venv/bin
 # Commands, robots, sweeps and examples as users have them: types of arguments are not checked.
 # Some wait for robots and workers, so one process more is busy.
 AS_USERS := tests/cli tests/fuzz tests/golden tests/robot tests/sweep tests/test_doctests.py
-UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" $(AS_USERS)
+PLAIN := -o addopts="--strict-config --strict-markers --import-mode=importlib"
+UNCHECKED := $(PLAIN) $(AS_USERS)
+# The instructions of a processor without AVX-512, for NumPy, BLAS and XLA, whatever runs them.
+AVX2 := OPENBLAS_CORETYPE=Haswell XLA_FLAGS=--xla_cpu_max_isa=AVX2 \
+	NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"
 
 # Packages are installed without bytecode, which Python writes as it needs it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo robot test test-all fuzz lint bench docs pictures clean
+.PHONY: demo robot test test-avx2 test-all fuzz lint bench docs pictures clean
 
 demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
@@ -22,6 +26,10 @@ robot: .venv/bin/python
 test: .venv/.dev
 	$(BIN)/pytest -n 2 --dist loadfile $(AS_USERS:%=--ignore %)
 	$(BIN)/pytest -n 3 --dist loadfile $(UNCHECKED)
+
+# FOLDERS of numbers may follow: make test-avx2 FOLDERS="tests/markov tests/patrol"
+test-avx2: .venv/.dev
+	$(AVX2) $(BIN)/pytest -n 2 $(if $(FOLDERS),--dist loadfile $(FOLDERS),$(PLAIN) tests/golden)
 
 test-all: .venv/.dev
 	XLA_FLAGS= $(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile $(AS_USERS:%=--ignore %)

@@ -74,7 +74,7 @@ def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, in
     direction = start // cells.positions
     walker = Walker(SimulatedCreate(body), cells.cell, strides=strides, direction=direction)
     try:
-        outcome = run_filter(walker, filter, math.radians(bounce_deg), limit=LIMIT)
+        outcome = run_filter(walker, filter, math.radians(bounce_deg), limit=LIMIT, until="cycle")
     except RobotStopped:
         return "unfinished", len(walker.observations)
     if outcome.result != "localized":

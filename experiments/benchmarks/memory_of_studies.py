@@ -39,6 +39,16 @@ CASES: dict[str, tuple[type[study.CellStudy], str, dict[str, Any]]] = {
     "choice of angles": (study.Localize, "lab_a", {"bounces": (45.0, 90.0), "cell": 0.02}),
     "plan": (study.Navigate, "lab_a", {**ENDS, "cell": 0.005}),
     "cover": (study.Cover, "lab_a", {**TURNS, "error": 45.0, "directions": 8, "cell": 0.01}),
+    "cover by sure turns": (
+        study.Cover,
+        "lab_a",
+        {**TURNS, "reliability": 1.0, "error": 0.0, "directions": 360, "cell": 0.05},
+    ),
+    "cover with wide errors": (
+        study.Cover,
+        "complex",
+        {**TURNS, "error": 30.0, "directions": 360, "cell": 0.25},
+    ),
     "team": (study.Team, "lab_a", {"bounce": (90.0,), "cell": 0.01}),
     "patrol of a map": (study.PatrolMap, "lab_a", {"cell": 0.2}),
 }

@@ -1,0 +1,80 @@
+"""Times the observations of robots that start anywhere, by sets of places on walls.
+
+Run `python experiments/benchmarks/bench_anywhere.py`; it takes a minute.
+
+Known headings are the 16 or 32 of a map; else headings are not known, with 360 slices. The chords
+are made once for each room, and the first observation, which all places in the room may explain, is
+timed apart. The other observations are those of robots that run 20 times to a wall and measure each
+run to within 5 cm.
+"""
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+from rows import Row, options, write_rows
+from timing import begin, line
+
+from jaxcell.space import Workspace
+from jaxcell.walls import Errors, WallFilter, places_anywhere, run_to_wall
+
+
+MAPS = Path(__file__).parents[2] / "data" / "maps"
+CASES = (
+    ("complex.json", 32, 135.0),
+    ("cafe.json", 32, 135.0),
+    ("complex.json", None, 135.0),
+    ("cafe.json", None, 135.0),
+)
+BUMPS = 20
+
+
+def observed(
+    room: Workspace, filter: WallFilter, headings: int | None, bounce: float, robots: int
+) -> np.ndarray:
+    """Seconds of each observation of robots that are followed one by one."""
+    rng = np.random.default_rng(0)
+    places = places_anywhere(room, robots, rng)
+    seconds = np.empty((robots, BUMPS))
+    for robot in range(robots):
+        place = places[robot : robot + 1]
+        heading = rng.uniform(0, math.tau, 1)
+        if headings is not None:
+            heading = rng.integers(headings, size=1) * math.tau / headings
+        state = None
+        for bump in range(BUMPS):
+            wall, arc, run = run_to_wall(filter.boundary, place, heading)
+            began = time.perf_counter()
+            state = filter.turn(filter.observe(state, run), bounce)
+            seconds[robot, bump] = time.perf_counter() - began
+            place, heading = filter.boundary.point(wall, arc), heading + bounce
+    return seconds
+
+
+def main() -> None:
+    parser = options(__doc__, 20)
+    arguments = parser.parse_args()
+    begin("numpy")
+    line("case", "size", "chords, s", "first, ms", "median, ms", "99 %, ms")
+    line(*["---"] * 2, *["--:"] * 4)
+    rows = []
+    for name, headings, degrees in CASES:
+        room = Workspace.load(MAPS / name)
+        began = time.perf_counter()
+        filter = WallFilter.of(room, headings=headings, errors=Errors(distance=0.05))
+        made = time.perf_counter() - began
+        seconds = observed(room, filter, headings, math.radians(degrees), arguments.repeats)
+        first, rest = float(seconds[0, 0]), seconds[:, 1:]
+        known = "any heading" if headings is None else f"{headings} headings"
+        size = f"{name.partition('.')[0]}, {known}"
+        shown = f"{1e3 * first:.0f}", f"{1e3 * np.median(rest):.2f}"
+        line(size, f"{len(filter.chords.wall):,} chords", f"{made:.2f}", *shown,
+             f"{1e3 * np.quantile(rest, 0.99):.1f}")  # fmt: skip
+        rows.append(Row("anywhere", "an observation, sets on walls", size, float(np.median(rest))))
+        rows.append(Row("anywhere", "chords and first observation", size, made + first))
+    write_rows(arguments.rows, rows)
+
+
+if __name__ == "__main__":
+    main()
