@@ -1,4 +1,3 @@
-import contextlib
 import dataclasses
 import math
 
@@ -13,7 +12,6 @@ from ..mapping.classes import PersistentGroups, persistent_groups
 from ..mapping.generalized import Chain
 from . import dense
 from .limiting import limiting_distribution
-from .solving.elimination import eliminate
 from .solving.stationary import Rooted
 
 
@@ -21,9 +19,6 @@ from .solving.stationary import Rooted
 _TIME_TOLERANCE = 1e-6
 # A matrix over so many cells takes 800 MB, and a solve holds a few.
 _LARGEST_MATRIX = 10_000
-# The visits to cells are computed without subtractions for at most this many cells, and for more
-# where an inverse gives the probability 1 only with a larger error than the second number.
-_LARGEST_ELIMINATED, _SURE = 400, 1e-10
 # A distance that is exactly the one asked for is within it, whatever rounding says.
 _TIE = 1e-12
 # Past so many squarings, what is left of the spectral gap is rounding.
@@ -118,7 +113,7 @@ def kemeny_constant(chain: Chain) -> float:
     likely = np.asarray(limiting_distribution(chain, groups, throw=False).value)
     rooted = Rooted.of(chain.to_scipy(), np.zeros(chain.cells, int), likely)
     with np.errstate(all="ignore"):
-        visits = _visits(rooted)
+        visits = rooted.visits()
         share = np.append(rooted.entering.T @ visits, 1)
         share /= share.sum()
         # pi_j (h_j0 + h_0j) is the number of visits to j from j before the chain is at cell 0.
@@ -235,18 +230,6 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
         if not mixed(longer):
             time, power = time + 2**digit, longer
     return float(time + 1)
-
-
-def _visits(rooted: Rooted) -> Float[np.ndarray, "others others"]:
-    """The expected visits to each cell, from each cell, before the chain is at the root."""
-    identity = np.eye(rooted.others.size)
-    if rooted.others.size > _LARGEST_ELIMINATED:
-        with contextlib.suppress(np.linalg.LinAlgError):
-            visits = np.linalg.inv(identity - rooted.step.toarray())
-            # The chain is at the root some time, for sure.
-            if np.abs(visits @ rooted.leaving - 1).max() <= _SURE:
-                return visits
-    return eliminate(rooted.step, rooted.leaving[:, 0], identity)
 
 
 def _product(

@@ -49,6 +49,8 @@ MAX_PRODUCTS = 50_000
 # The probabilities of all ways out of a part sum to 1. Where a factorisation misses that by more,
 # and that takes no more multiplications than so many, the matrix is eliminated.
 _ILL, _LARGEST_ELIMINATION = 1e-8, 1e11
+# Rarer steps hide in the residual of a rough solve.
+_HIDDEN = 1e-12
 # Rows that sum to 1 but for rounding.
 _CLOSED = 1e-12
 # Entries of a complete factor in the order of components, for one of the matrix.
@@ -119,7 +121,9 @@ def factor_and_solve(
             if (attempt := _attempt(matrix)) is not None:
                 found, products = _solve_large(matrix, right, attempt)
                 if found is not None:
-                    return found, products, True
+                    # A part that is only left by rare steps keeps what the start put there.
+                    steps = np.append(step.data, leaving)
+                    return found, products, bool(steps[steps > 0].min() > _HIDDEN)
         solve = _factored(step, order)
         found, sure = solve(right, adjoint), solve(leaving)
     except RuntimeError:
