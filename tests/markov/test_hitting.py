@@ -146,12 +146,11 @@ def test_groups_of_another_chain_are_refused():
             function(chain, other)
 
 
-def test_a_solve_that_stalls_says_so(monkeypatch):
+def test_stalled_solve_is_reported(monkeypatch):
     walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
     chain = Chain.from_scipy(walk)
     groups = persistent_groups(chain)
-    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
-    monkeypatch.setattr(solve, "MAX_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=50))
     found = absorption_times(chain, groups, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     assert found.certificate.iterations == 50
@@ -165,9 +164,8 @@ def test_the_residual_bounds_the_relative_error(monkeypatch):
     chain = Chain.from_scipy(walk)
     groups = persistent_groups(chain)
     truth = np.asarray(absorption_times(chain, groups).value)
-    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
     for products in (500, 2000, 5000):
-        monkeypatch.setattr(solve, "MAX_PRODUCTS", products)
+        monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=products))
         found = absorption_times(chain, groups, throw=False)
         error = np.abs(found.value - truth) / truth
         assert 0 < error.max() <= found.certificate.residual

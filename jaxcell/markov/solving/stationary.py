@@ -1,11 +1,11 @@
 """The stationary distributions of closed classes.
 
-Small chains are eliminated without subtractions: every share has nearly all its digits, however
-rare the cell is. Larger chains are solved as `solve.py` says. Products converge from two starts,
-since one start may already have the shape of a mode that hardly ever changes. Where products take
-too long, one cell of each class, its *root*, is set to 1, and the others follow from it. The root
-is a likely cell: without a cell that the chain hardly ever visits, the matrix is singular to
-rounding.
+Small chains are eliminated without subtractions, which gives every share nearly all its digits,
+however rare the cell is. Larger chains are solved as described in `solve.py`. Products must
+converge to the same distribution from two starts, because a single start may already have the shape
+of a very slow mode. If products are slow, one cell of each class, its *root*, is set to 1, and the
+others follow from it. The root must be a likely cell, because without a rare cell the matrix is
+still singular to rounding.
 """
 
 import contextlib
@@ -19,11 +19,11 @@ from . import solve
 from .elimination import eliminate
 
 
-# The most by which distributions from two starts may differ, in the 1-norm.
+# Largest 1-norm of the difference of the distributions from two starts.
 _FORGOTTEN = 1e-9
 # Steps with a smaller probability are rare.
 _RARE = 1e-6
-# The number of roots that are tried.
+# Number of roots to try.
 _ROOTS = 3
 # An inverse is accepted if its error of the probability 1 is at most this number.
 _SURE = 1e-10
@@ -39,7 +39,7 @@ def solve_stationary(
 
     - `step`: the matrix P of the classes, with nothing between them.
     - `group`: the class of each cell, numbered from 0 without gaps.
-    - `small`: classes with at most this many cells in all are eliminated at once.
+    - `small`: largest total number of cells that are eliminated at once.
 
     **Returns:** the distributions side by side and the number of products.
     """
@@ -50,45 +50,47 @@ def solve_stationary(
         return x, products
     if group.size > small:
         x, products, done = _by_products(step, group)
-        if done or group.size > solve.LARGEST_FACTOR:
+        if done or group.size > solve.LIMITS.factored:
             return x, products
         for _ in range(_ROOTS):
             rooted = Rooted.of(step, group, x)
-            found, more, sure = solve.factor_and_solve(
+            others, more, sure = solve.factor_and_solve(
                 rooted.step, rooted.leaving, rooted.entering, None, True
             )
             products += more
-            if found is None:
+            if others is None:
                 break
-            # Even where rounding spoils a solution, its largest entries are those of likely cells.
-            x = rooted.shares(np.abs(found))
+            # Even if rounding spoils a solution, its largest entries are those of likely cells.
+            x = rooted.shares(np.abs(others))
             if sure:
                 return x, products
     for _ in range(_ROOTS):
         rooted = Rooted.of(step, group, x)
         with np.errstate(all="ignore"):
-            found = solve.eliminate_unless_large(rooted.step, rooted.leaving, rooted.entering, True)
-        if found is None:
+            others = solve.eliminate_unless_large(
+                rooted.step, rooted.leaving, rooted.entering, True
+            )
+        if others is None:
             break
-        if np.isfinite(found).all():
-            return rooted.shares(found), products
-        # The root is so rare that shares overflow beside it.
-        x = rooted.shares(np.where(np.isfinite(found), 0.0, 2.0))
+        if np.isfinite(others).all():
+            return rooted.shares(others), products
+        # The root is so rare that the other shares overflow.
+        x = rooted.shares(np.where(np.isfinite(others), 0.0, 2.0))
     return x, products
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rooted:
-    """Classes without their roots, which are set to 1."""
+    """Classes without their roots, whose shares are set to 1."""
 
     group: Int[np.ndarray, "cells"]
     others: Int[np.ndarray, "others"]
     step: scipy.sparse.csr_array
     "The probabilities of steps among the other cells."
     leaving: Float[np.ndarray, "others 1"]
-    "The probability of a step from each to its root."
+    "The probability of a step from each other cell to its root."
     entering: Float[np.ndarray, "others 1"]
-    "The probability of a step from the root to each."
+    "The probability of a step from the root to each other cell."
 
     @classmethod
     def of(
@@ -108,14 +110,14 @@ class Rooted:
         among = step[others][:, others]
         return cls(group, others, among, (step @ root)[others], (step.T @ root)[others])
 
-    def shares(self, found: Float[np.ndarray, "others 1"]) -> Float[np.ndarray, "cells"]:
-        """The distribution in which the others are so many times as likely as their root."""
+    def shares(self, others: Float[np.ndarray, "others 1"]) -> Float[np.ndarray, "cells"]:
+        """Return the distribution, from the shares of the other cells relative to their roots."""
         x = np.ones(self.group.size)
-        x[self.others] = found[:, 0]
+        x[self.others] = others[:, 0]
         return x / np.bincount(self.group, x)[self.group]
 
     def visits(self, small: int = 400) -> Float[np.ndarray, "others others"]:
-        """Compute the expected visits to each cell, from each cell, before the chain is at its root.
+        """Compute the expected visits to each cell, from each cell, before the chain is at a root.
 
         Matrices of at most `small` rows, and larger ones that rounding spoils, are eliminated.
         """
@@ -132,7 +134,7 @@ class Rooted:
 def _by_products(
     step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "cells"], int, bool]:
-    """Converge by products from a uniform start, then from a random start to the same distribution.
+    """Converge by products from a uniform start, then from a random one to the same distribution.
 
     **Returns:** the distribution, the number of products, and whether both starts agree on it.
     """
@@ -162,14 +164,13 @@ def _converge(
     **Returns:** the distribution, the number of products, and whether the goal is reached.
     """
     first = 0.0
-    for products in range(1, solve.MAX_PRODUCTS + 1):
+    for products in range(1, solve.LIMITS.products + 1):
         following = matrix @ x
         left = float(np.abs(following - (x if limit is None else limit)).sum())
         first = first or left
         if left <= goal:
             return x, products, True
-        # The mean of two steps removes the modes that alternate, and no mode lasts that is not
-        # slow: so periods are broken, and every second step is a whole one.
+        # Every second step is halved, which removes alternating modes and breaks any period.
         x = following if products % 2 else (x + following) / 2
         if solve.factor_instead(matrix.shape[0], products, first, left, goal):
             break
