@@ -78,8 +78,8 @@ def conditional_hitting_times(
     certificate.check("conditional_hitting_times", throw)
     inside = (arrives > 0) & ~there
     time = np.where(arrives > 0, 0.0, np.inf)
-    found, certificate = leaving_times(conditioned(matrix, arrives), inside)
-    time[inside] = found
+    steps, certificate = leaving_times(conditioned(matrix, arrives), inside)
+    time[inside] = steps
     certificate.check("conditional_hitting_times", throw)
     return Solution(jax.device_put(time), certificate)
 
@@ -93,9 +93,9 @@ def probabilities(
     part = Transient.of(matrix, can & may_fail & ~there)
     value[there] = 1
     gain = (matrix[part.cells] @ value)[:, None]
-    found, products = part.expect(gain)
-    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
-    value[part.cells] = np.minimum(found[:, 0], ALMOST_SURE)
+    ends, products = part.expect(gain)
+    residual = np.abs(gain + part.step @ ends - ends).max(initial=0.0)
+    value[part.cells] = np.minimum(ends[:, 0], ALMOST_SURE)
     return value, Certificate(products, float(residual), PROBABILITY_TOLERANCE)
 
 

@@ -115,18 +115,18 @@ def _law(
 
 def start_distribution(cells: int, start: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
     """Return the probability of starting in each cell, as in [`first_passage`][]."""
-    given = np.asarray(start)
-    if not given.size or not np.issubdtype(given.dtype, np.floating):
-        mask = cell_mask(cells, given, "start")
+    array = np.asarray(start)
+    if not array.size or not np.issubdtype(array.dtype, np.floating):
+        mask = cell_mask(cells, array, "start")
         return mask / mask.sum()
-    if given.shape != (cells,):
-        raise ValueError(f"start: expected {cells} probabilities, got shape {given.shape}")
-    if not (given.min() >= 0 and abs(given.sum() - 1) <= _ROUNDING):
+    if array.shape != (cells,):
+        raise ValueError(f"start: expected {cells} probabilities, got shape {array.shape}")
+    if not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):
         raise ValueError(
-            f"start: expected probabilities that sum to 1, got the least {given.min()} and the sum "
-            f"{given.sum()}"
+            f"start: expected probabilities that sum to 1, got the least {array.min()} and the sum "
+            f"{array.sum()}"
         )
-    return given.astype(np.float64)
+    return array.astype(np.float64)
 
 
 def check_steps(steps: int) -> None:

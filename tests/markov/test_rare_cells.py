@@ -120,7 +120,7 @@ def test_two_tubes_share_time_by_the_rare_steps_between_them(rings):
     assert float(value[:cells].sum()) == pytest.approx(0.25, abs=1e-9)
 
 
-def test_shares_that_floats_hardly_hold():
+def test_shares_near_the_range_of_floats():
     # The first cell is the root first; beside it the shares of the last ones overflow.
     matrix = birth_and_death(np.full(150, 0.999), np.full(150, 0.001))
     found = limiting(matrix)
@@ -128,7 +128,7 @@ def test_shares_that_floats_hardly_hold():
     assert math.isfinite(markov.kemeny_constant(mapping.Chain.from_scipy(matrix)))
 
 
-def test_products_that_stand_still_in_two_wells_are_not_the_answer():
+def test_wells_that_products_cannot_join_get_exact_shares():
     # From a uniform start each well keeps its share of the cells, and hardly any of that leaks.
     up = np.where(np.arange(300) < 120, 0.4, 0.6)
     matrix = birth_and_death(up[:-1], 1 - up[1:])
