@@ -24,7 +24,7 @@ def machines(draw, most=6):
 
 
 def best_costs(machine, place, aim):
-    """What each set costs, by value iteration over all sets."""
+    """Compute the cost of each set by value iteration over all sets."""
     images, observations = machine
     states = range(images.shape[1])
     label = equivalence(images, observations).label
@@ -57,7 +57,7 @@ def best_costs(machine, place, aim):
 
 
 def carried_out(machine, found, root, place):
-    """How many inputs the strategy makes from each state of a root; it ends in what is settled."""
+    """Count the inputs of the strategy from each state of a root; it ends in settled sets."""
     images, observations = machine
     label = equivalence(images, observations).label
     made = []

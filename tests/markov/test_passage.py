@@ -40,7 +40,7 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
         np.testing.assert_allclose(surviving[:, cell], 1 - np.cumsum(law), atol=1e-12)
 
 
-def test_law_of_two_cells_is_geometric():
+def test_law_on_a_complete_graph_is_geometric():
     n = 10
     chain = Chain.from_scipy((1 - np.eye(n)) / (n - 1))
     time = np.arange(1, 31)

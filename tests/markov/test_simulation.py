@@ -21,7 +21,7 @@ def leaving():
 
 
 def hub():
-    """One cell of many branches, to which all others lead."""
+    """Make a chain in which all cells lead to a cell with many branches."""
     first = np.random.default_rng(8).dirichlet(np.full(12, 0.3))
     return Chain.from_scipy(np.vstack([first, np.eye(12)[[0] * 11]]))
 
