@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..base.extras import has_module, missing_module
+from ..base.optional_modules import has_module, missing_module
 from ..base.memory import gigabytes
 from ..study import Study
 from ..study.study import Say, silent

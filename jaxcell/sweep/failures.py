@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..base.files import write_durably
+from ..base.paths import write_durably
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 from ..base.bundled import bundled_names
-from ..base.files import replacing
+from ..base.paths import replacing
 from .spec import Spec
 
 

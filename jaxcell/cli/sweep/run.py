@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ..options import Printing, prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base.files import write_durably
+from ...base.paths import write_durably
 from ..boxes import stored_lengths
 from ..design import LIST_DIMENSION, RANDOM_DIMENSION
 from ..spec import Spec

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ... import __version__
-from ...base.files import write_durably
+from ...base.paths import write_durably
 from ...base.revision import git_revision
 from ..boxes import by_chunk, inside
 from ..failures import Failure, read_report, reported, write_report
