@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, columns, is_single, parts, summarized
 from ..base.formatting import format_value
+from ..base.quantities import Quantity, Result, columns, is_single, parts, summarized
 from .terminal import say, table
 
 

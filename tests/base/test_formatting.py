@@ -3,8 +3,8 @@ import math
 import pytest
 
 from jaxcell import examples
-from jaxcell.base.quantities import quantity
 from jaxcell.base.formatting import format_value
+from jaxcell.base.quantities import quantity
 
 
 @pytest.mark.parametrize(

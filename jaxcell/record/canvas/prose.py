@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
-from ...base.quantities import Result, quantities, values
 from ...base.formatting import format_value
+from ...base.quantities import Result, quantities, values
 from ...space import CellSpace
 from ..data.summary import cells_of
 
