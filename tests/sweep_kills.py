@@ -26,7 +26,7 @@ from jaxcell.sweep import Spec, run_sweep
 
 
 # The source may change while tests run.
-jaxcell.sweep.storage.store.git_revision = lambda: "a revision"
+jaxcell.sweep.storage.digests.git_revision = lambda: "a revision"
 
 _EVENTS = ("open", "os.rename", "os.mkdir", "os.remove", "os.truncate")
 

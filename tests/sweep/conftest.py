@@ -7,7 +7,7 @@ from jaxcell.sweep import Spec, run_sweep
 @pytest.fixture(autouse=True)
 def revision(monkeypatch):
     """The source may change while tests run."""
-    monkeypatch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
 
 
 @pytest.fixture(autouse=True)

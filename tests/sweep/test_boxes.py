@@ -34,7 +34,7 @@ def whole(tmp_path_factory):
         "x = {count = 10}\n"
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
+        patch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
         patch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 300)
         run_sweep(sweep_kills.Spec.load(path), folder / "out")
     return folder / "out"

@@ -24,7 +24,7 @@ def sound(tmp_path_factory):
         'task = "sweep_stub:stub"\nseed = 3\nchunk = 5\n[grid]\ny = [0.0, 1.5]\nx = {count = 50}\n'
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
+        patch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
         patch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 1)
         assert run_sweep(Spec.load(folder / "spec.toml"), folder / "out").complete
     return folder / "out"

@@ -116,7 +116,7 @@ def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
 def test_what_went_on_anyway_stays_told(stub_spec, tmp_path, monkeypatch):
     run_sweep(stub_spec(text=SMALL), tmp_path / "out")
     large = stub_spec(text=GROWN["between"], name="large.toml")
-    monkeypatch.setattr("jaxcell.sweep.storage.store.__version__", "9.9")
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
     with pytest.raises(ValueError, match=r"jaxcell_version: \S+ there, 9\.9 here"):
         run_sweep(large, tmp_path / "out", resume=True)
     run_sweep(large, tmp_path / "out", resume=True, anyway=True)

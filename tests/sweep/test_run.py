@@ -232,7 +232,7 @@ def test_a_run_goes_on_only_with_what_it_began(stub_spec, spec_file, tmp_path, m
     with pytest.raises(ValueError, match=r"other.toml: not the .*: chunk: 4 there, 5 here"):
         run_sweep(other, out, resume=True)
     with monkeypatch.context() as patch:
-        patch.setattr("jaxcell.sweep.storage.store.__version__", "9.9")
+        patch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
         with pytest.raises(ValueError, match=r"jaxcell_version: \S+ there, 9\.9 here"):
             run_sweep(spec, out, resume=True)
     with monkeypatch.context() as patch:

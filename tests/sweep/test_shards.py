@@ -72,7 +72,7 @@ def test_shards_that_cannot_be_merged(stub_spec, tmp_path, sharded, monkeypatch)
     refused("2-of-3: not the specification of shard 1: fixed.seconds: nothing there, 0 here")
     shutil.rmtree(tmp_path / "out" / "shards" / "2-of-3")
     with monkeypatch.context() as patch:
-        patch.setattr("jaxcell.sweep.storage.store.__version__", "9.9")
+        patch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
         sharded(spec, "2/3")
     refused(r"2-of-3: computed with others: jaxcell_version: 9\.9 there, ")
 
