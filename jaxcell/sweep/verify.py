@@ -156,12 +156,14 @@ def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
         if any(_BYTE in line for line in damage):
             done = {number for number, record in kept.items() if record.state == DONE}
             numbers |= {*range(spec.chunk_count)} - done
-        if numbers and (others := differences(begun.made, made_with(spec, jax_is_wide()))):
+        if numbers and (changes := differences(begun.made, made_with(spec, jax_is_wide()))):
             raise ValueError(
                 f"{folder}: damaged ({'; '.join(damage[:3])}{'; ...' * (len(damage) > 3)}), and "
-                f"made with other versions or files: {'; '.join(others)}; verify it with those"
+                f"made with other versions or files: {'; '.join(changes)}; verify it with those"
             )
-        records = [one for one in contents.readable if one.kind in (Kind.FRAME, Kind.EXPORT)]
+        # The result has the attributes of the specification.
+        others = (Kind.FRAME,) if contents.begun is None else (Kind.FRAME, Kind.EXPORT)
+        records = [record for record in contents.readable if record.kind in others]
         with replacing(folder / JOURNAL) as temporary:
             whole = Journal(temporary, append=True)
             whole.append(Kind.SPEC, msgspec.msgpack.encode(begun))

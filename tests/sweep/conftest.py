@@ -10,12 +10,6 @@ def revision(monkeypatch):
     monkeypatch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
 
 
-@pytest.fixture(autouse=True)
-def a_file_for_each_chunk(monkeypatch):
-    """Results of the stub are so small that all of them would share one."""
-    monkeypatch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 1)
-
-
 @pytest.fixture
 def spec_file(tmp_path):
     """Writes the specification of a sweep of the stub."""

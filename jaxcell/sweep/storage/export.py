@@ -40,18 +40,12 @@ def export(store: SweepStore) -> None:
     """Make the result of a sweep in its folder, in the place of an older one."""
     with replacing(store.zarr) as temporary:
         write_result(store, temporary)
-        files = digests_of_files(temporary, sync=True)
+        files = digests_of_files(temporary)
     store.mark_exported(files)
 
 
-def digests_of_files(folder: Path, *, sync: bool = False) -> dict[str, str]:
-    """Compute the SHA-256 of each file below a folder, by its path there.
-
-    **Arguments:**
-
-    - `folder`: the folder.
-    - `sync`: whether to wait until the files are on the disk.
-    """
+def digests_of_files(folder: Path) -> dict[str, str]:
+    """Compute the SHA-256 of each file below a folder, by its path there."""
     digests = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file():
@@ -59,8 +53,6 @@ def digests_of_files(folder: Path, *, sync: bool = False) -> dict[str, str]:
                 digests[str(path.relative_to(folder))] = hashlib.file_digest(
                     file, "sha256"
                 ).hexdigest()
-                if sync:
-                    os.fsync(file.fileno())
     return digests
 
 

@@ -21,16 +21,15 @@ class Begun(msgspec.Struct):
 
     text: bytes
     folder: str
-    "The folder of the specification: relative to the store if they have a folder in common."
+    "The folder of the specification, relative to the store."
     made: dict[str, Any]
     "Attributes of the result."
 
     @classmethod
     def of(cls, spec: Spec, folder: Path, made: Mapping[str, Any]) -> "Begun":
         """Describe a sweep whose store is in a folder. Store and files can be moved together."""
-        files, store = spec.folder.resolve(), folder.resolve()
-        near = len(os.path.commonpath((files, store))) > 1
-        return cls(spec.text, os.path.relpath(files, store) if near else str(files), dict(made))
+        files = os.path.relpath(spec.folder.resolve(), folder.resolve())
+        return cls(spec.text, files, dict(made))
 
     def spec(self, folder: Path) -> Spec:
         """Parse the specification of the sweep whose store is in a folder."""

@@ -58,7 +58,7 @@ class SweepStore:
                 if self.contents.begun is None:
                     raise ValueError("its specification cannot be read")
                 self.spec = self.contents.begun.spec(folder)
-                if self.frame is None and (self.states == DONE).any():
+                if self.frame is None and self.contents.damage and (self.states == DONE).any():
                     raise ValueError("its variables cannot be read")
         except BaseException:
             self.close()
