@@ -128,7 +128,7 @@ def test_a_periodic_axis_that_is_none_is_said_once_and_before_cells_are_mapped(
 
 
 def test_a_sweep_that_was_cut_off_goes_on_where_it_was(own, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
     ran = []
     run_alone = study.Dynamics.run
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ... import __version__
-from ...base.files import replacing
+from ...base.paths import replacing
 from .roadmap import Roadmap
 from .routes import Routes, block_size
 

@@ -2,7 +2,7 @@ import os
 
 import xarray as xr
 
-from ...base.files import replacing
+from ...base.paths import replacing
 
 
 def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:

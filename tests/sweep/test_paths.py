@@ -1,18 +1,18 @@
 """Maps beside a specification are found by runs, digests, resumes, repairs and views alike."""
 
-import json
 import shutil
 from pathlib import Path
 
 import pytest
+from sweep_kills import damage_chunk
+from jaxcell.sweep.storage.store import SweepStore
+from jaxcell.sweep.study_task import read_study
 
 import jaxcell.cli.sweep.view
 from jaxcell.cli import main
 from jaxcell.study import Drift
 from jaxcell.sweep import Spec, run_sweep, sweep_status, verify_sweep
-from jaxcell.sweep.files import keep_folder, kept_spec
 from jaxcell.sweep.storage.digests import digests
-from jaxcell.sweep.studies import read_study
 from jaxcell.sweep.workers.work import with_files_found
 
 
@@ -34,43 +34,16 @@ def study(tmp_path, monkeypatch):
     return tmp_path / "study"
 
 
-def keep(spec, out):
-    """What a run leaves of a specification."""
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "spec.toml").write_bytes(spec.text)
-    keep_folder(out, spec)
-
-
-def test_a_store_knows_where_the_files_of_its_specification_are(study, tmp_path, monkeypatch):
+def test_a_store_and_the_files_of_its_specification_can_be_moved_together(study, tmp_path):
     spec = Spec.load("../study/specs/spec.toml")
-    keep(spec, study / "runs" / "out")
+    run_sweep(spec, study / "runs" / "out", chunks=[])
     shutil.move(study, tmp_path / "moved")
-    kept = kept_spec(tmp_path / "moved" / "runs" / "out")
+    with SweepStore(tmp_path / "moved" / "runs" / "out") as store:
+        kept = store.spec
     assert kept.fixed == spec.fixed
     found = with_files_found(kept)
     assert Path(found.fixed["map"]).samefile(tmp_path / "moved" / "maps" / "lab_a.json")
     assert set(digests(kept)) == {"../maps/lab_a.json"}
-
-
-def test_folders_with_nothing_in_common_are_told_from_the_current_one(study, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.sweep.files.os.path.commonpath", lambda paths: "/")
-    spec = Spec.load("../study/specs/spec.toml")
-    keep(spec, tmp_path / "out")
-    origin = json.loads((tmp_path / "out" / "origin.json").read_text())
-    assert origin == {"from": "current", "folder": "../study/specs"}
-    assert kept_spec(tmp_path / "out").folder == study / "specs"
-    monkeypatch.chdir(tmp_path.parent)
-    with pytest.raises(ValueError, match=r"map: there is no file '../maps/lab_a.json' in .* nor"):
-        with_files_found(kept_spec(tmp_path / "out"))
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[]", '{"from": "store"}', '{"from": 1, "folder": "\\u0000"}']
-)
-def test_a_damaged_origin_is_none(study, tmp_path, text):
-    keep(Spec.load("../study/specs/spec.toml"), tmp_path / "out")
-    (tmp_path / "out" / "origin.json").write_text(text)
-    assert kept_spec(tmp_path / "out").folder == tmp_path / "out"
 
 
 def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
@@ -81,14 +54,14 @@ def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
         assert not path.is_file() or str(tmp_path).encode() not in path.read_bytes(), path
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    (out / "sweep.zarr" / "count" / "c" / "1").unlink()
+    damage_chunk(out, 1)
     (out / "sweep.zarr" / "bounce" / "c" / "0").unlink()
     assert verify_sweep(out).whole
     assert sweep_status(out).complete
     copy = (study / "maps" / "lab_a.json").read_bytes()
     (study / "maps" / "lab_a.json").write_bytes(copy + b"\n")
     spec = Spec.load("../study/specs/spec.toml")
-    with pytest.raises(ValueError, match=r"begun with others: \.\./maps/lab_a\.json: \w+ there"):
+    with pytest.raises(ValueError, match=r"with other versions or files \(\.\./maps/lab_a\.json: \w+ there"):
         run_sweep(spec, out, resume=True)
 
 

@@ -1,11 +1,11 @@
-"""Modules that not every installation has: those of the extras, and what robots do without."""
+"""Modules that an installation may lack: those of extras, and those that robots do not need."""
 
 import importlib
 import importlib.util
 from types import ModuleType
 
 
-# What needs a module, and how to have it.
+# The feature that needs a module, and how to install the module.
 _NEEDS = {
     "cv2": "finding crosses needs OpenCV; install it with: pip install 'jaxcell[vision]'",
     "irobot_create_msgs": "a Create 3 needs ros-$ROS_DISTRO-irobot-create-msgs, by apt",
@@ -25,7 +25,7 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Make the error that says what needs a module and how to have it."""
+    """Make the error that names the feature that needs a module, and how to install it."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 
@@ -33,7 +33,7 @@ def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
 def import_module(name: str) -> ModuleType:
     """Import a module that may be missing.
 
-    **Raises:** `ModuleNotFoundError` that says what needs it and how to install it.
+    **Raises:** `ModuleNotFoundError` that names the feature that needs it and how to install it.
     """
     try:
         return importlib.import_module(name)

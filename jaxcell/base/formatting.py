@@ -1,4 +1,4 @@
-"""Values of quantities as people read them."""
+"""Values of quantities as text for people."""
 
 import math
 from typing import Any
@@ -10,15 +10,15 @@ _MAX_TEXT = 60
 _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}
 
 
-def written(value: Any, about: Quantity, cells: Any = None) -> str:
-    """A value as people read it, with its unit; a place in some cells with its pose."""
+def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
+    """Format a value with its unit; format the index of a cell with the pose of the cell."""
     # Help needs no NumPy.
     import numpy as np
 
     if isinstance(value, np.ndarray | list | tuple):
         # Rows of indices that are shorter than others are filled up with -1.
         row = [one for one in np.asarray(value).tolist() if about.kind != "index" or one != -1]
-        every = [written(one, about, cells) for one in row]
+        every = [format_value(one, about, cells) for one in row]
         lengths = np.cumsum([len(one) + 2 for one in every])
         shown = max(1, int(np.searchsorted(lengths, _MAX_TEXT, side="right")))
         rest = [f"and {len(every) - shown:,} more"] if shown < len(every) else []
@@ -47,7 +47,7 @@ def written(value: Any, about: Quantity, cells: Any = None) -> str:
 
 
 def configuration(cells: Any, z: int, heading: bool = True) -> str:
-    """A cell, or a position, as people read it: its number and its pose."""
+    """Format a cell or a position: its number and its pose."""
     if z < 0:
         return "none"
     x, y, theta = cells.centre(z)

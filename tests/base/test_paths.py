@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from jaxcell.base.files import name_in_results, replacing
+from jaxcell.base.paths import name_in_results, replacing
 
 
 def test_replaces_a_file(tmp_path):

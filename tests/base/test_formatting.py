@@ -3,8 +3,8 @@ import math
 import pytest
 
 from jaxcell import examples
+from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import quantity
-from jaxcell.base.written import written
 
 
 @pytest.mark.parametrize(
@@ -27,13 +27,13 @@ from jaxcell.base.written import written
     ],
 )
 def test_a_value_as_people_read_it(value, kind, units, text):
-    assert written(value, quantity("", "what it is", units, kind=kind)) == text
+    assert format_value(value, quantity("", "what it is", units, kind=kind)) == text
 
 
 def test_places_in_cells_have_their_poses():
     cells = examples.corridor()
     of_kind = {
-        kind: written([0, -1], quantity("k", "where", kind=kind), cells)
+        kind: format_value([0, -1], quantity("k", "where", kind=kind), cells)
         for kind in ("cell", "position", "place")
     }
     assert of_kind == {
@@ -45,8 +45,8 @@ def test_places_in_cells_have_their_poses():
 
 def test_a_long_list_is_cut_between_values():
     about = quantity("k", "numbers", kind="count")
-    text = written(list(range(1000)), about)
+    text = format_value(list(range(1000)), about)
     *shown, rest = text.split(", ")
     assert shown == [str(k) for k in range(len(shown))]
     assert rest == f"and {1000 - len(shown)} more"
-    assert written([], about) == "none"
+    assert format_value([], about) == "none"

@@ -1,4 +1,4 @@
-"""Files that are read, and how results are written, whole or not at all, and name other files."""
+"""Paths of files: find them, replace them at once, and name them in results."""
 
 import contextlib
 import glob
@@ -20,7 +20,7 @@ _WILD = re.compile(r"[*?\[]")
 def existing(path: str | os.PathLike[str]) -> list[str]:
     """Find the file or folder of a path, or those that match a pattern, in the order of names.
 
-    An address is not looked up.
+    The address of a server is returned as it is.
 
     **Raises:** `FileNotFoundError` if there is none.
     """
@@ -74,10 +74,10 @@ def write_durably(path: str | os.PathLike[str], content: bytes) -> None:
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:
-    """How results name a file: from the working directory down, or where it is not there, by its
-    own name, of bundled data `@lab_a`.
+    """Name a file for results: by its path below the working directory, or by its own name.
 
-    Results are passed on, and what leads to a file from elsewhere may name who made them.
+    Bundled data have names such as `@lab_a`. Other absolute paths are left out because results are
+    passed on, and a path may contain the name of a person.
     """
     absolute, here = Path(os.path.abspath(path)), Path.cwd()
     if absolute.is_relative_to(here) and here not in Path(os.path.expanduser("~")).parents:

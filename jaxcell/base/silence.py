@@ -1,4 +1,4 @@
-"""Solvers that write on standard output, whatever they are asked for."""
+"""Silence solvers that print although they are asked not to."""
 
 import contextlib
 import os
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def no_output() -> Iterator[None]:
-    """Drop what compiled code writes on standard output."""
+    """Discard everything that compiled code prints on standard output in the block."""
     sys.stdout.flush()
     kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 1)
