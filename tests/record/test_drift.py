@@ -27,11 +27,11 @@ GOAL = 538 + 167
 pytestmark = pytest.mark.usefixtures("few_drifters")
 
 
-def study(currents, duration=None, *, goal=None, **options):
+def study(currents, step=None, *, goal=None, **options):
     """What is made of the mean of currents, by the functions of the library."""
     names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
     found = drift.SeaDrift.of(
-        currents.assign_attrs({**names, **currents.attrs}), duration, mean=True, **options
+        currents.assign_attrs({**names, **currents.attrs}), step, mean=True, **options
     )
     return found if goal is None else found.towards(goal)
 
@@ -39,7 +39,9 @@ def study(currents, duration=None, *, goal=None, **options):
 @pytest.fixture(scope="module")
 def gyres(few_drifters):
     # The goal is at 5 m.
-    return study(drift.open_currents(GYRES), 3400, start=317, goal=GOAL, reach=6000.0)
+    return study(
+        drift.open_currents(GYRES), drift.DriftStep(3400), start=317, goal=GOAL, reach=6000.0
+    )
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +57,7 @@ def leaving():
     wet = np.ones((4, 7), bool)
     wet[1, 3] = False
     east = np.where(wet, 0.5, 0)
-    return study(sea(east, 0.1 * east, wet, angle=0.5), 2000, edge="exit")
+    return study(sea(east, 0.1 * east, wet, angle=0.5), drift.DriftStep(2000, edge="exit"))
 
 
 def map_of(sea, number):
@@ -467,7 +469,7 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
     one = sea(np.full((3, columns), 1.0), np.zeros((3, columns)), dx=3e6, dy=3e6)
     column, row = np.meshgrid(np.arange(columns), np.arange(3))
     one = one.assign_coords(lon=(("y", "x"), 30.0 * column), lat=(("y", "x"), 27.0 * row - 27))
-    record.save_recording(study(one, 3e6, edge="exit"), tmp_path / "round.rrd")
+    record.save_recording(study(one, drift.DriftStep(3e6, edge="exit")), tmp_path / "round.rrd")
     found = read(tmp_path / "round.rrd")
     places = found.over("day", "/map/drifters_0/here", "Points2D:positions")
     x = np.array([np.array(at)[:, 0] for at in places.values()])
@@ -484,29 +486,32 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
 def test_all_cells_persistent(tmp_path, read):
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)
-    one = study(sea(np.tile(swirl[:, None], 5), np.tile(-swirl, (5, 1))), 2000, spread="all")
+    one = study(
+        sea(np.tile(swirl[:, None], 5), np.tile(-swirl, (5, 1))),
+        drift.DriftStep(2000, spread="all"),
+    )
     assert one.layers[0].transient_groups == 0
     record.save_recording(one, tmp_path / "all.rrd")
     found = read(tmp_path / "all.rrd")
     assert not {entity for entity in found.entities if "absorption" in entity}
 
 
-def test_what_takes_almost_for_ever_is_told(tmp_path, read):
+def test_cells_that_take_almost_forever_are_shown(tmp_path, read):
     """An eddy that holds drifters for some 10^20 steps, in cells that are transient."""
     currents = drift.open_currents(GYRES, depths=0)
     water, flow = drift.Water.of(currents), drift.Flow.of(currents).mean()
-    chain = drift.drift_map(water, flow, 3600)
+    chain = drift.drift_map(water, flow, drift.DriftStep(3600))
     behaviour = drift.long_term_behaviour(chain, 3600, throw=False)
     late = np.asarray(behaviour.absorption.value) > 10_000
     assert 0 < late.sum() < water.cells
-    one = study(currents, 3600)
-    np.testing.assert_array_equal(one.layers[0].almost_for_ever, late)
+    one = study(currents, drift.DriftStep(3600))
+    np.testing.assert_array_equal(one.layers[0].almost_forever, late)
     record.save_recording(one, tmp_path / "late.rrd")
     found = read(tmp_path / "late.rrd")
     labels = found.classes("/map/grid/absorption_0")
     buffer = found.static("/map/grid/absorption_0", "SegmentationImage:buffer")[0]
     kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
-    shown = np.array([labels[one].startswith("almost for ever") for one in kind])
+    shown = np.array([labels[one].startswith("almost forever") for one in kind])
     np.testing.assert_array_equal(shown, late)
     text = found.static("/absorption/text", "TextDocument:text")[0]
     assert f"| {late.sum()} |" in text
@@ -516,7 +521,7 @@ def test_what_takes_almost_for_ever_is_told(tmp_path, read):
 def test_a_large_sea_makes_a_small_file(tmp_path):
     row, column = np.mgrid[:60, :90] / 15
     currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=5000.0)
-    large = study(currents, 2000, spread="all", start=5, goal=np.arange(1500))
+    large = study(currents, drift.DriftStep(2000, spread="all"), start=5, goal=np.arange(1500))
     record.save_recording(large, tmp_path / "large.rrd")
     assert (tmp_path / "large.rrd").stat().st_size < 3_000_000
 
@@ -524,7 +529,7 @@ def test_a_large_sea_makes_a_small_file(tmp_path):
 def test_many_groups_have_few_colours(tmp_path, read):
     """Every cell is a group of its own where the step is too short."""
     east = np.random.default_rng(0).uniform(-1, 1, (2, 15, 20))
-    one = study(sea(*east), 100, edge="exit", start=0)
+    one = study(sea(*east), drift.DriftStep(100, edge="exit"), start=0)
     assert one.layers[0].persistent_groups > 200
     record.save_recording(one, tmp_path / "many.rrd")
     found = read(tmp_path / "many.rrd")
@@ -546,7 +551,7 @@ def test_many_groups_have_few_colours(tmp_path, read):
 )
 def test_the_clock_is_as_fine_as_the_steps(duration, hours, unit, frame):
     currents = sea(*np.full((2, 3, 3, 4), 0.2), hours=hours)
-    one = study(currents, duration, spread="all")
+    one = study(currents, drift.DriftStep(duration, spread="all"))
     clock = Clock.of(one)
     assert clock.unit == unit
     assert clock.frame == frame

@@ -1,4 +1,4 @@
-"""The velocity on the cells of a grid, layer by layer, and where there is water."""
+"""The velocity on the cells of a grid, layer by layer, and the mask of the water."""
 
 import dataclasses
 
@@ -7,33 +7,29 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from .axes.depths import Layers
 from .axes.dimensions import Axes
+from .component import FASTEST_CURRENT, Component, component, read_cells
 from .conventions import find
+from .flags import LEAST_PRESENT, fill_gaps
 from .grid import OceanGrid
 from .masks import Mask, read_mask
 from .netcdf import OceanFile
-from .quality import LEAST_PRESENT, fill_gaps
 from .roms import at_height
-from .velocity import FASTEST_CURRENT, Component, component, read_cells
-from .velocity_names import Velocity
+from .velocity import Velocity
 
 
 @dataclasses.dataclass(frozen=True)
 class Field:
-    """A velocity on cells.
-
-    **Attributes:**
-
-    - `depth`: of the layers in metres.
-    - `u`, `v`: the components in m/s, NaN where there is no water; at each record, or the mean.
-    - `water`: where there is a velocity at every record, read or interpolated in time.
-    - `notes`: what was done.
-    """
+    """A velocity on cells."""
 
     depth: Float[np.ndarray, " layers"]
+    "Of the layers in metres."
     u: Float[np.ndarray, "kept layers y x"]
     v: Float[np.ndarray, "kept layers y x"]
+    "In m/s, NaN without water; at each record, or the mean."
     water: Bool[np.ndarray, "layers y x"]
+    "The cells with a velocity at every record, read or interpolated in time."
     notes: tuple[str, ...]
+    "The steps of the reading, in words."
 
 
 def read_field(
@@ -45,19 +41,18 @@ def read_field(
     layers: Layers,
     mean: bool = False,
 ) -> Field:
-    """Read the velocity at the centres of the cells, along the axes that the file has it along.
+    """Read the velocity at the centres of the cells, along its axes in the file.
 
-    The mean of the records is added up record by record, in the memory of one.
+    The mean is accumulated record by record, so only one record is in memory.
 
-    **Raises:** `ValueError` if it takes too much memory, is above 10 m/s, or if there is no water
-    in the block, or in a layer that was asked for; for a mask by which no water moves, but land
-    does; and for depths more than a layer away from the levels of the file.
+    **Raises:** `ValueError` for too much memory, a current above 10 m/s, a block or chosen layer
+    without water, a mask with land and water exchanged, or depths beyond the levels of the file.
     """
     names = f"{velocity.u}, {velocity.v}"
     shape = (1 if mean else len(records), len(layers.depth), *grid.lon.shape)
     sizes = dict(zip(("time", "layer", "y", "x"), shape, strict=True))
     file.check_size(names, sizes, arrays=2)
-    if layers.s_levels is not None:  # a record at all levels, and what the interpolation makes
+    if layers.s_levels is not None:  # a record at all levels, and the arrays of the interpolation
         file.check_size(names, sizes | {"time": 1, "layer": len(layers.s_levels.s)}, arrays=10)
     axes = velocity.u_axes
     sea, notes = _sea(file, axes, grid, layers)
@@ -67,8 +62,8 @@ def read_field(
     ]
     if axes.staggered:
         notes.append(f"{names}: averaged from the sides of the cells to their centres")
-    flags = (flag.note for one in components for flag in one.flags)
-    notes += dict.fromkeys(flags)  # one that both components name is said once
+    # Both components may name one flag.
+    notes += dict.fromkeys(flag.note for one in components for flag in one.flags)
     u, v = np.zeros(shape), np.zeros(shape)
     count, dry = np.zeros(shape[1:], int), np.zeros(shape[1:], bool)
     moving = np.zeros((len(records), len(layers.depth)), bool)
@@ -90,8 +85,8 @@ def read_field(
         if layers.s_levels is not None:
             heights = layers.s_levels.heights(sea.bed, surface)
             wanted = surface - layers.depth[:, None, None]
-            here = np.isfinite(x + y).any(axis=0) & ~deep
-            _check_reach(file, axes, grid, layers, heights, np.where(here, wanted, np.nan))
+            known = np.isfinite(x + y).any(axis=0) & ~deep
+            _check_reach(file, axes, grid, layers, heights, np.where(known, wanted, np.nan))
             x, y = (
                 np.stack([at_height(values, heights, height) for height in wanted])
                 for values in (x, y)
@@ -130,7 +125,7 @@ def read_field(
 def _moves(
     x: Float[np.ndarray, "levels y x"], y: Float[np.ndarray, "levels y x"]
 ) -> Bool[np.ndarray, "y x"]:
-    """Where there is a current that is not 0 at some level."""
+    """Mark the cells with a current other than 0 at some level."""
     speed = np.hypot(x, y)
     return ((speed > 0) & (speed <= FASTEST_CURRENT)).any(axis=0)
 
@@ -142,7 +137,7 @@ def _exchanged(
     is_water: Bool[np.ndarray, "y x"],
     would_move: Bool[np.ndarray, "y x"],
 ) -> ValueError:
-    """What is said of masks that leave no current, though the file has some."""
+    """Return the error for masks that leave no current, although the file has some."""
     masks = {mask.name: mask.why for mask in (sea.mask, *(one.mask for one in components)) if mask}
     return file.error(
         ", ".join(masks),
@@ -181,22 +176,26 @@ def _check_reach(
 
 @dataclasses.dataclass(frozen=True)
 class _Seen:
-    """Where there is a velocity at enough records for `water`, and `sometimes`, and whether there
-    is any in a layer at a record."""
+    """The extent of the velocity in space and time."""
 
     water: Bool[np.ndarray, "layers y x"]
+    "The cells with a velocity at enough records."
     sometimes: Bool[np.ndarray, "layers y x"]
+    "The cells with a velocity at any record."
     moving: Bool[np.ndarray, "records layers"]
+    "Whether a layer has any velocity at a record."
 
 
 @dataclasses.dataclass(frozen=True)
 class _Sea:
-    """The `mask` of the centres, or `None` if the file has none; the depth of the sea `bed` in
-    metres, NaN where it is not known; the variable of the `surface` height, if it matters."""
+    """The limits of the water in a file."""
 
     mask: Mask | None
+    "Of the centres, or `None` if the file has none."
     bed: Float[np.ndarray, "y x"]
+    "The depth of the sea bed in metres, NaN where it is not known."
     surface: str | None
+    "The variable of the height of the surface, if it is needed."
 
 
 def _sea(file: OceanFile, axes: Axes, grid: OceanGrid, layers: Layers) -> tuple[_Sea, list[str]]:
@@ -205,7 +204,7 @@ def _sea(file: OceanFile, axes: Axes, grid: OceanGrid, layers: Layers) -> tuple[
     if mask is not None:
         notes.append(f"{mask.name}: {mask.why}")
     variables = file.dataset.variables.items()
-    on_cells = (str(name) for name, one in variables if set(one.dims) == set(axes.rho))
+    on_cells = (str(name) for name, v in variables if set(v.dims) == set(axes.rho))
     name = find(file.dataset, "bed", on_cells)
     if name is not None:
         bed = read_cells(file, name, axes, grid)
@@ -229,7 +228,7 @@ def _with_water(
     seen: _Seen,
     notes: list[str],
 ) -> Field:
-    """Find the water, and take out layers without any that were not asked for."""
+    """Mark the water, and remove layers without water that were not chosen."""
     water = seen.water
     kept = water.any(axis=(1, 2))
     for k in np.flatnonzero(~kept):
