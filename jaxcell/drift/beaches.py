@@ -136,14 +136,7 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Follow drifters by the map of a layer.
-
-        **Arguments:**
-
-        - `water`, `behaviour`: of the layer.
-        - `seconds`: the time from the release to the answer, rounded to whole steps.
-        - `afloat`, `stranded`: as for [`beaching`][].
-        """
+        """Follow drifters by the map of a layer, for a time that is rounded to whole steps."""
         step = behaviour.duration
         both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)
         return cls(water, *both, step / 3600, steps_in(seconds, step))

@@ -282,10 +282,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Refuse cameras that do not see their own cell, and too many views.
-
-    **Raises:** `ValueError` that begins with a name of the reach.
-    """
+    """Refuse cameras that do not see their own cell, and too many views."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "

@@ -1,8 +1,5 @@
 import dataclasses
-import functools
 import math
-import operator
-from collections.abc import Iterator
 
 import jax
 import numpy as np
@@ -112,14 +109,16 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
         places = (np.arange(samples) + 0.5) / samples - 0.5
         right, up = (offset.ravel() for offset in np.meshgrid(places, places))
         chunk = max(samples, _POINTS // water.cells)
-        drifted = (ends(right[k : k + chunk], up[k : k + chunk]) for k in range(0, up.size, chunk))
-        if flow.diffusivity:
-            points = (point for x, y in drifted for point in zip(x, y, strict=True))
-            spreads = (_diffused(water, x, y, deviation, exits) for x, y in points)
-            image, probability = slots_of(functools.reduce(operator.add, spreads) / samples**2)
-        else:
-            landed = (cells for x, y in drifted for cells in water.landing(x, y, exits=exits))
-            image, probability = _shares(landed, samples**2, water.cells)
+        matrix: scipy.sparse.csr_array | int = 0
+        for k in range(0, up.size, chunk):
+            x, y = ends(right[k : k + chunk], up[k : k + chunk])
+            if flow.diffusivity:
+                for point in zip(x, y, strict=True):
+                    matrix = matrix + _diffused(water, *point, deviation, exits)
+            else:
+                landed = water.landing(x, y, exits=exits)
+                matrix = matrix + _transitions(landed, np.ones(landed.shape))
+        image, probability = slots_of(matrix / samples**2)
     else:
         x, y = (place[0] for place in ends(np.zeros(1), np.zeros(1)))
         if step.spread == "turned":
@@ -200,11 +199,16 @@ def _diffused(
     across, along = across / across.sum(axis=0), along / along.sum(axis=0)
     right, up = (offset.ravel()[:, None] for offset in np.meshgrid(steps, steps))
     image = water.landing(column + right + 0.0, row + up + 0.0, exits=exits)
-    share = (along[:, None] * across).reshape(image.shape)
-    stays = image >= 0
-    origin = np.broadcast_to(np.arange(water.cells), image.shape)[stays]
-    shape = water.cells, water.cells
-    return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=shape)
+    return _transitions(image, (along[:, None] * across).reshape(image.shape))
+
+
+def _transitions(
+    image: Int[np.ndarray, "branches cells"], share: Float[np.ndarray, "branches cells"]
+) -> scipy.sparse.csr_array:
+    """Make a transition matrix from shares of each cell in its images; -1 is the sink."""
+    stays, cells = image >= 0, image.shape[1]
+    origin = np.broadcast_to(np.arange(cells), image.shape)[stays]
+    return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=(cells, cells))
 
 
 def _turned(
@@ -250,26 +254,6 @@ def _set_probabilities(
     probability = np.where(counts, (1 - rho) / np.maximum(others, 1), 0)
     probability[0] = np.where(others > 0, rho, 1)
     return probability
-
-
-def _shares(
-    landed: Iterator[Int[np.ndarray, "cells"]], samples: int, cells: int
-) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
-    """Count in which cells samples landed, in as many slots as needed, and return the shares."""
-    image, count = np.full((1, cells), _NONE, np.int32), np.zeros((1, cells), np.int32)
-    every, used = np.arange(cells), np.zeros(cells, np.int32)
-    for target in landed:
-        # The slot of this target, or the first empty slot.
-        slot = used.copy()
-        for place, held in enumerate(image):
-            np.copyto(slot, place, where=held == target)
-        if slot.max() == len(image):
-            image = np.pad(image, ((0, 1), (0, 0)), constant_values=_NONE)
-            count = np.pad(count, ((0, 1), (0, 0)))
-        image[slot, every] = target
-        count[slot, every] += 1
-        used = np.maximum(used, slot + 1)
-    return image, count / samples
 
 
 def _with_uniform_boundary(

@@ -14,17 +14,11 @@ _MAX_MATCHED = 200
 def basin_ranks(
     basins: Sequence[Int[np.ndarray, "rows columns"]],
 ) -> list[Int[np.ndarray, "_groups"]]:
-    """Rank the groups of layers that lie one over the other.
+    """Rank the groups of layers that lie one over the other, by the group of each square, or -1.
 
     In the first layer ranks are by the size of the basins. Below, a group has the rank of the group
     above with which its basin overlaps most, each rank going to one group; unmatched groups get new
-    ranks, by size.
-
-    **Arguments:**
-
-    - `basins`: of each layer, the group of each square, or -1.
-
-    Two groups that change places below, where there is a third one:
+    ranks, by size. Two groups that change places below, where there is a third one:
 
         >>> import numpy as np
         >>> from jaxcell.drift.ranks import basin_ranks

@@ -64,14 +64,7 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Compute the exchange by the map of a layer.
-
-        **Arguments:**
-
-        - `behaviour`: of the layer.
-        - `names`, `inside`: as from [`jaxcell.drift.read_regions`][].
-        - `seconds`: the time between release and arrival, rounded to whole steps.
-        """
+        """Compute the exchange by the map of a layer, after a time rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 

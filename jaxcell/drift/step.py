@@ -80,8 +80,7 @@ class DriftStep:
     def seconds(self, water: Water, flow: Flow) -> float:
         """Return the duration of the step in a flow, by default the time to cross a cell.
 
-        **Raises:** `ValueError` if the flow is not over the squares of this water, or if a default
-        duration is needed and the water stands still.
+        **Raises:** `ValueError` for a flow of other water, or a default in still water.
         """
         if flow.rate.shape[2:] != water.number.shape:
             raise ValueError(
@@ -96,11 +95,7 @@ class DriftStep:
         return crossing_time(water, flow) if self.duration is None else float(self.duration)
 
     def check_duration(self, crossing: float) -> None:
-        """Refuse a step in which almost nothing moves, or one that takes too long to follow.
-
-        **Raises:** `ValueError` for a duration that is not 0.001 to 1000 times that to cross a
-        cell.
-        """
+        """Refuse a duration that is not 0.001 to 1000 times that to cross a cell."""
         least, most = crossing / _LONGEST, crossing * _LONGEST
         if self.duration is not None and not least <= self.duration <= most:
             raise ValueError(

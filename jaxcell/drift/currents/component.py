@@ -57,8 +57,6 @@ class Component:
 
         **Returns:** the velocity in m/s; whether any of the two sides is open; and the velocity
         without the mask.
-
-        **Raises:** `ValueError` for a current above 10 m/s.
         """
         axes = self.axes
         block: dict[str, object] = {axes.y: self.rows, axes.x: self.columns}

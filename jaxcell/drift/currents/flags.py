@@ -72,14 +72,9 @@ def fill_gaps(
     times: Shaped[np.ndarray, " records"],
     cells: Bool[np.ndarray, "*cells"],
 ) -> None:
-    """Interpolate missing values of some cells in time, in place, and extend the first and last.
+    """Interpolate in time the values of some cells that are not present, in place.
 
-    **Arguments:**
-
-    - `values`: the values.
-    - `present`: which of them exist.
-    - `times`: of the records.
-    - `cells`: the cells to fill.
+    The first and the last value of a cell extend to the ends.
     """
     seconds = (times - times[0]) / np.timedelta64(1, "s")
     for cell in zip(*np.nonzero(cells), strict=True):

@@ -48,17 +48,7 @@ class OceanGrid:
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
-    """Read the positions of the cells in the block that holds all cells within the bounds.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `axes`: of one of its velocities.
-    - `bounds`: as for [`jaxcell.drift.open_currents`][].
-
-    **Raises:** `ValueError` for positions that are not in order, bounds without a cell, or an
-    `angle` that is not that of the grid.
-    """
+    """Read the positions of the cells in the block that holds all cells within `bounds`."""
     box = None if bounds is None else _bounds(file, bounds)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)

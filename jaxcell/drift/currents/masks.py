@@ -39,14 +39,8 @@ def read_mask(
 
     The mask is a variable with the name that ROMS, CROCO or NEMO gives to it, in which 1 is water;
     else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land
-    and water; else one with a standard name of CF.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `dims`: the dimensions of y and x.
-    - `rows`, `columns`, `places`: the rows, columns and levels to read.
-    - `depth`: the dimension of depth, which a mask may have.
+    and water; else one with a standard name of CF. `dims` are the dimensions of y and x, and
+    `places` the levels to read along a dimension `depth`.
     """
     here = {
         str(name): variable

@@ -23,14 +23,9 @@ _LEVELS = ("gdept_1d", "gdept_0", "nav_lev")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Rename the dimensions of a file of NEMO after their points; return other files unchanged.
+    """Rename the dimensions of a file of NEMO, with its mesh, after their points.
 
-    **Arguments:**
-
-    - `file`: an open file, with the mesh.
-    - `u`, `v`: the names of the velocities.
-
-    **Raises:** `ValueError` for a file without the centres, or a mesh with other levels.
+    Other files are returned unchanged.
     """
     dataset = file.dataset
     kinds = {axis_kind(dataset, str(dim)): str(dim) for dim in dataset[u].dims}

@@ -72,14 +72,9 @@ class OceanFile:
         memory.check(size, f"{self.name}: {field}", "choose less with time, depths or bounds")
 
     def read(self, array: xr.DataArray, dims: Sequence[str] = ()) -> Float[np.ndarray, "..."]:
-        """Read the values of a variable as float64, with NaN for missing ones.
+        """Read the values of a variable, or a part of it, as float64, with NaN for missing ones.
 
-        **Arguments:**
-
-        - `array`: a variable of `dataset`, or a part that was chosen with `isel`.
-        - `dims`: the order of the dimensions; missing ones get the length 1.
-
-        **Raises:** `ValueError` for values that are too large, not numbers, or unreadable.
+        `dims` is the order of the dimensions; missing ones get the length 1.
         """
         field = str(array.name)
         if array.dtype.kind not in "fiub":
@@ -100,10 +95,7 @@ class OceanFile:
 
 @contextlib.contextmanager
 def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
-    """Open a NetCDF file, of version 3 or 4, for the length of the block.
-
-    **Raises:** `FileNotFoundError`; `ValueError` for a truncated or damaged file or another format.
-    """
+    """Open a NetCDF file, of version 3 or 4, for the length of the block."""
     name = os.fspath(path)
     if not Path(path).is_file():
         raise FileNotFoundError(f"{name}: there is no such file")
@@ -147,9 +139,7 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
     """Choose the backend for a file by its first four bytes.
 
     The NetCDF library reads the lost end of a truncated classic file as zeros, which look like
-    slack water; scipy refuses such a file.
-
-    **Raises:** `ValueError` for the classic version 5, which scipy does not read.
+    slack water; scipy refuses such a file, but does not read the classic version 5.
     """
     with open(path, "rb") as file:
         magic = file.read(4)

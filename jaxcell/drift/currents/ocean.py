@@ -9,7 +9,7 @@ from jaxtyping import Shaped
 
 from .axes.depths import choose_layers
 from .axes.times import When, choose_records, record_times
-from .fields import Field, read_field
+from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
 from .netcdf import OceanFile
 from .roms import turned
@@ -116,7 +116,7 @@ def open_currents(
         records = choose_records(file, times, time)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
         chosen = times.values[records]
-        field = read_field(file, velocity, cells, records, chosen, layers, mean)
+        field = FieldReader(file, velocity, cells, records, chosen, layers).read(mean)
         _check_positions(file, axes.lon, cells, field)
         shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
         pushes = [

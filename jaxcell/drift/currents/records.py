@@ -47,13 +47,6 @@ def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
 
     Times become dates, because each file may count from its own. Variables that are not at every
     record are left out.
-
-    **Arguments:**
-
-    - `files`: open files.
-    - `name`: the name of all of them together.
-
-    **Raises:** `ValueError` for times or lengths that do not fit one another.
     """
     joined = OceanFile(name, xr.Dataset())
     fixed: dict[str, xr.Variable] = {}

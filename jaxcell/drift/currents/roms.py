@@ -20,16 +20,10 @@ ALONE = 0.1
 def to_centres(
     sides: Float[np.ndarray, "*sides"], open_sides: Bool[np.ndarray, "*sides"], axis: int
 ) -> Float[np.ndarray, "..."]:
-    """Average the velocity on the sides of cells to their centres.
+    """Average the velocity on the sides of cells to their centres, along an axis.
 
     Nothing flows through a coast, so a side that is not open counts as 0, as in the model. At both
     ends the outer side is not in the file, and the inner one counts alone.
-
-    **Arguments:**
-
-    - `sides`: in m/s; one less than there are centres.
-    - `open_sides`: whether there is water on both sides of each.
-    - `axis`: the axis along which the sides are between centres.
     """
     flow = np.where(open_sides, sides, 0.0)
     before = np.concatenate([flow.take([0], axis), flow], axis)
@@ -42,13 +36,7 @@ def turned(
     y: Float[np.ndarray, "*levels y x"],
     angle: Float[np.ndarray, "y x"],
 ) -> tuple[Float[np.ndarray, "*levels y x"], Float[np.ndarray, "*levels y x"]]:
-    """Turn vectors along the axes of a grid to East and North.
-
-    **Arguments:**
-
-    - `x`, `y`: the components along the grid.
-    - `angle`: radians, counter-clockwise from East to the x axis.
-    """
+    """Turn vectors by the angle from East to the x axis of a grid, to East and North."""
     cos, sin = np.cos(angle), np.sin(angle)
     return x * cos - y * sin, x * sin + y * cos
 
@@ -73,12 +61,9 @@ class SLevels:
     ) -> Float[np.ndarray, "levels y x"]:
         """Compute the height of each level over the mean sea surface in metres.
 
-        It is NaN where the formula divides by 0, as where land is as high as `critical_depth`.
-
-        **Arguments:**
-
-        - `depth`: of the sea bed under the mean surface, in metres, positive.
-        - `surface`: height of the surface over its mean (zeta), in metres.
+        It is NaN where the formula divides by 0, as where land is as high as `critical_depth`. The
+        `depth` is that of the sea bed under the mean surface, positive, and `surface` the height of
+        the surface (zeta).
         """
         s, stretching = self.s[:, None, None], self.stretching[:, None, None]
         with np.errstate(all="ignore"):  # on land the depth is arbitrary
@@ -94,15 +79,10 @@ class SLevels:
     def beyond(
         self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "y x"]
     ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
-        """Compute the distance of heights above the highest level or below the lowest.
+        """Compute the distance of wanted heights above the highest level or below the lowest.
 
         Levels are the middles of layers. So the levels of a whole file cover all heights from the
         sea bed to the surface.
-
-        **Arguments:**
-
-        - `heights`: of each level.
-        - `wanted`: the height in each cell.
 
         **Returns:** the distance in metres, 0 or less for a height between the levels; and the
         thickness of the nearest layer, 0 if there is only one level.
@@ -120,11 +100,9 @@ class SLevels:
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
-    """Read the levels of a file, from its variables or its global attributes.
+    """Read the levels of a file, and the origin of Vtransform in words, which is never guessed.
 
-    **Returns:** the levels, and the origin of Vtransform in words.
-
-    **Raises:** `ValueError` for missing or invalid parameters. Vtransform is never guessed.
+    The parameters are variables or global attributes.
     """
     transform, why = _transform(file, dim)
     s = _levels(file, dim, (dim, "s_rho", "sc_r"))
@@ -145,12 +123,6 @@ def at_height(
     """Interpolate values at a height linearly between the levels of each cell.
 
     Beyond the highest and the lowest level, the value of that level is taken.
-
-    **Arguments:**
-
-    - `values`: at each level.
-    - `heights`: of each level, from the lowest to the highest.
-    - `wanted`: the height in each cell.
     """
     levels = len(heights)
     if levels == 1:

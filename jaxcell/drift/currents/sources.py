@@ -24,15 +24,8 @@ def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFil
     """Open all files of a source as one, for the length of the block.
 
     The records of several files follow one another in the order of time, and variables of different
-    names are combined. Only positions and times are read.
-
-    **Arguments:**
-
-    - `source`: as `path` of [`jaxcell.drift.open_currents`][].
-    - `grid`: a source of variables that do not change in time; they replace those in `source`.
-
-    **Raises:** `FileNotFoundError`; `ValueError` for files that cannot be read, or do not fit one
-    another.
+    names are combined. Variables of `grid` do not change in time, and replace those of the source.
+    Only positions and times are read.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(unwarned())
@@ -93,10 +86,7 @@ def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
 
 
 def _clashing_positions(files: list[OceanFile]) -> set[str]:
-    """Find longitudes and latitudes that differ between files of different points of a grid.
-
-    **Raises:** `ValueError` for files with the same fields at different positions.
-    """
+    """Find longitudes and latitudes that differ between files of different points of a grid."""
     known: dict[str, tuple[OceanFile, np.ndarray]] = {}
     clashing = set()
     for file in files:

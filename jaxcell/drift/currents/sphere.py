@@ -96,14 +96,9 @@ def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> 
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
     """Return the order in which longitudes ascend to the East, from the western end of the grid.
 
-    A grid that goes round the Earth begins at -180 degrees; others begin after their widest gap, so
-    that a grid across the antimeridian stays whole.
-
-    **Arguments:**
-
-    - `lon`: in degrees, in one turn to the East or the West that may jump by 360 degrees.
-
-    **Raises:** `ValueError` for longitudes that turn back or meet.
+    They are one turn to the East or the West, with any jumps by 360 degrees. A grid that goes round
+    the Earth begins at -180 degrees; others begin after their widest gap, so that a grid across the
+    antimeridian stays whole.
     """
     steps = wrapped(np.diff(lon))
     if not (np.isfinite(lon).all() and ((steps > 0).all() or (steps < 0).all())):
@@ -117,10 +112,7 @@ def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
 
 
 def northward_order(lat: Float[np.ndarray, " y"]) -> Int[np.ndarray, " y"]:
-    """Return the order in which latitudes ascend to the North.
-
-    **Raises:** `ValueError` for latitudes out of order or out of range.
-    """
+    """Return the order in which latitudes ascend to the North."""
     steps = np.diff(lat)
     if not (np.isfinite(lat).all() and ((steps > 0).all() or (steps < 0).all())):
         raise ValueError(f"expected latitudes in order, got {_around_break(lat, steps)}")
@@ -156,12 +148,7 @@ def rectangular_sides(
     """Compute the sides in metres of cells between meridians and parallels.
 
     A cell reaches half way to its neighbours; at the edge of the grid, as far outward as inward.
-
-    **Arguments:**
-
-    - `lon`, `lat`: of at least two centres in degrees, ascending.
-    - `rows`, `columns`: of the chosen cells.
-    - `wraps`: whether the last meridian is beside the first.
+    `lon` and `lat` of the whole grid ascend, and `rows` and `columns` are those of the cells.
 
     **Returns:** `dx` along the parallel of the centre, and `dy` along the meridian.
     """
@@ -185,11 +172,6 @@ def curvilinear_sides(
 
     They are those of the straight line between the neighbours of a cell, or at the edge of the grid
     between the cell and its neighbour.
-
-    **Arguments:**
-
-    - `lon`, `lat`: of the centres in degrees.
-    - `wraps`: whether the last column is beside the first.
 
     **Returns:** `dx` and `dy`, the sides in metres along the x and y axes; `angle`, radians
     counter-clockwise from East to the x axis; `turn`, the sine of the angle from the x axis to the

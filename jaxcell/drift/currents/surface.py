@@ -27,20 +27,9 @@ def read_surface(
     records: Int[np.ndarray, " records"],
     water: Bool[np.ndarray, "y x"],
 ) -> tuple[Float[np.ndarray, "axes records y x"], str]:
-    """Read the wind or the Stokes drift towards the East and North, in m/s, at some records.
+    """Read the wind or the Stokes drift towards the East and North at some records.
 
-    **Arguments:**
-
-    - `file`: an open file.
-    - `role`: the wind or the Stokes drift.
-    - `axes`: the dimensions of the current, which the wind must have, except depth.
-    - `grid`: the cells.
-    - `records`: the numbers of the records.
-    - `water`: the cells that need a value; in others it is 0.
-
-    **Returns:** the components, and the names of their variables.
-
-    **Raises:** `ValueError` if there is none, or for a value that is missing or too large.
+    **Returns:** the components in m/s, 0 outside the water, and the names of their variables.
     """
     names = _names(file, role)
     values = np.zeros((2, len(records), *water.shape))

@@ -43,18 +43,11 @@ def choose_velocity(
 
     A bare `u` is accepted only if its dimensions tell its axes: the sides of the cells of a C-grid,
     or longitude and latitude. The source calls u the northing in one place and the easting in
-    another (Alam 2018, sections 5.4.1 and 5.4.2); here u is towards the East.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `variables`: the names of u and v, instead of the choice. They are along the grid if their
-        standard names say so or they are on the sides of its cells, and otherwise towards the East
-        and North.
+    another (Alam 2018, sections 5.4.1 and 5.4.2); here u is towards the East. Variables that the
+    caller names are along the grid if their standard names say so or they are on the sides of its
+    cells, and otherwise towards the East and North.
 
     **Returns:** the file, on dimensions that tell the points of the grid; and the velocity.
-
-    **Raises:** `ValueError` if no velocity is found, or its axes are ambiguous.
     """
     if variables is not None:
         pair = _as_asked(file, variables)

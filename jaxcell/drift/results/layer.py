@@ -110,13 +110,8 @@ class Layer(LayerEnds, Compared):
     ) -> "Layer":
         """Compute the long-term behaviour in a flow.
 
-        **Arguments:**
-
-        - `water`, `flow`: of the layer.
-        - `step`: the step of the map.
-        - `by`: the flow that the map is made of; by default the flow itself if it is periodic, and
-            else the mean of its records.
-        - `made`: the map and its distance from drifters, if they are known.
+        By default the map is made of the flow itself if it is periodic, and else of the mean of its
+        records; `made` is the map and its distance from drifters, if they are known.
         """
         by = mapped(flow) if by is None else by
         step = step.lasting(step.seconds(water, by))

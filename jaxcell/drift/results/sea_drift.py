@@ -207,13 +207,7 @@ class SeaDrift(SeaCurrents):
         return cls(tuple(layers), currents, start, reach, seconds, notices=tuple(notices))
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
-        """Add voyages to a goal.
-
-        **Arguments:**
-
-        - `goal`: a cell of those of all layers, several, or a mask over them.
-        - `discount`: the discount factor per step.
-        """
+        """Add voyages to a goal, with a discount factor per step."""
 
         def on_sea(policy: Voyage) -> SeaVoyage:
             place = self.place(int(np.flatnonzero(policy.goal)[0]))

@@ -64,11 +64,7 @@ class Diagnosis:
         """Name the parameters of the step that may make its groups those of the water.
 
         They are a longer `duration`, if the mean drift is less than two cells, and the `spread`
-        `"sampled"`, unless the map already has it. Without a warning there are none.
-
-        **Arguments:**
-
-        - `spread`: that of the map.
+        `"sampled"`, unless it is that of the map. Without a warning there are none.
         """
         if self.warning is None:
             return ()

@@ -33,17 +33,10 @@ def choose_layers(
     dim: str | None,
     depths: float | int | Sequence[float | int] | None,
 ) -> Layers:
-    """Choose the layers.
+    """Choose the layers for `depths` of [`jaxcell.drift.open_currents`][].
 
-    **Arguments:**
-
-    - `file`: an open file.
-    - `velocity`: the name of u.
-    - `dim`: its dimension of depth, or `None` if it has a single level, whose depth is in a
-        coordinate of one value, or else the surface.
-    - `depths`: as for [`jaxcell.drift.open_currents`][].
-
-    **Raises:** `ValueError` for a depth that the file does not have, or levels of unknown depth.
+    A velocity without a dimension `dim` of depth has a single level, whose depth is in a coordinate
+    of one value, or else the surface.
     """
     wanted = None if depths is None else _depths(file, depths)
     if dim is None:

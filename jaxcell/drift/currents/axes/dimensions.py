@@ -47,11 +47,7 @@ class Axes:
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
-    """Find the dimensions of a velocity by their names and attributes.
-
-    **Raises:** `ValueError` for an unknown dimension, missing positions, an unstructured grid, or
-    lengths that do not fit the cells.
-    """
+    """Find the dimensions of a velocity by their names and attributes."""
     _check_structured(file, name)
     found: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():

@@ -46,18 +46,10 @@ class RecordTimes:
 
 
 def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
-    """Read the time of each record.
+    """Read the time of each record along a dimension, or the time of a single record.
 
     In a calendar with years of 360 or 365 days, the days between records are kept: they are counted
     from the beginning of the year of the first record.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `dim`: the dimension of time, or `None` for a single record.
-
-    **Raises:** `ValueError` for times that are missing, in an unknown unit or calendar, or not in
-    order.
     """
     name = time_variable(file, dim)
     if name is None:
@@ -138,18 +130,10 @@ def _in_nanoseconds(dates: Any) -> Any:
 
 
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
-    """Return the numbers of the chosen records.
+    """Return the numbers of the records for `time` of [`jaxcell.drift.open_currents`][].
 
     A moment is the nearest record, within half the median time between records; of two equally near
     records the later, so that a date alone stands for the mean over its day.
-
-    **Arguments:**
-
-    - `file`: for messages.
-    - `times`: of all records; without dates, only indices are accepted.
-    - `when`: as `time` of [`jaxcell.drift.open_currents`][], in the calendar of the file.
-
-    **Raises:** `ValueError` for a time that the file does not have.
     """
     records = np.arange(len(times.values))
     if when is None:
