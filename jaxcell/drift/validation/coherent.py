@@ -7,8 +7,9 @@ import numpy as np
 import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 
-from ..advection import carried, checked_duration
+from ..advection import carried
 from ..flow import Flow
+from ..step import DriftStep
 from ..water import Water
 from .drifters import nearest_square
 
@@ -22,25 +23,25 @@ def ftle(
     method: str = "rk4",
     steps: int = 20,
 ) -> Float[np.ndarray, "cells"]:
-    """The finite-time Lyapunov exponent: how fast water that starts in a cell comes apart.
+    """Compute the finite-time Lyapunov exponent, the rate at which water from a cell separates.
 
     It is `log(s) / |duration|`, where `s` is the largest factor by which the drift stretches a
     short line, the root of the largest eigenvalue of the Cauchy-Green tensor (Haller 2015). The
-    gradient of the drift comes from the middles of the four sides of the cell, so that no
-    neighbour is needed at a coast, and no place between cells is left out. Lengths are in metres,
-    by the sides of the cells where the drift begins and where it ends.
+    gradient of the drift is taken between the middles of the four sides of the cell, so that cells
+    at a coast need no neighbour. Lengths are in metres, by the sides of the cells where the drift
+    begins and ends.
 
     **Arguments:**
 
     - `water`: the cells.
     - `flow`: the flow of the same layer.
-    - `duration`: for how long, in seconds. Ridges of the exponent repel the water if it is
-        positive, and attract it if it is negative, backwards in time.
+    - `duration`: in seconds. Ridges of the exponent repel the water if it is positive, and attract
+        it if it is negative, backward in time.
     - `start`, `method`, `steps`: as for [`jaxcell.drift.advect`][].
 
     **Returns:** the exponents, per second.
 
-    **Raises:** `ValueError` as [`jaxcell.drift.flow_map`][].
+    **Raises:** `ValueError` for a duration or steps out of range, or a flow of other water.
 
     A flow along x that gets a hundredth of a cell a second faster with every column stretches what
     it carries by a tenth in ten seconds, in one step of Euler's method:
@@ -55,21 +56,19 @@ def ftle(
         >>> exponent[1:4].round(6).tolist(), round(np.log(1.1).item() / 10, 6)
         ([0.009531, 0.009531, 0.009531], 0.009531)
     """
-    duration = checked_duration(flow, water, duration, method, steps)
+    duration = DriftStep(duration, method=method, substeps=steps).seconds(water, flow)
     sides = np.stack([water.dx, water.dy])
     x, y = np.stack([water.column, water.row]).astype(np.float64)
-
-    def end(right: float, up: float) -> tuple[np.ndarray, np.ndarray]:
-        return carried(flow, x + right, y + up, duration, start, method, steps)
-
-    east, west, north, south = end(0.5, 0.0), end(-0.5, 0.0), end(0.0, 0.5), end(0.0, -0.5)
-    exponent = _exponent(sides, x, y, east, west, north, south, wraps=water.wraps)
-    return np.asarray(exponent) / abs(duration)
+    middles = (0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5)
+    ends = [
+        carried(flow, x + right, y + up, duration, start, method, steps) for right, up in middles
+    ]
+    return np.asarray(_exponent(sides, x, y, *ends, wraps=water.wraps)) / abs(duration)
 
 
 @functools.partial(jax.jit, static_argnames="wraps")
 def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[no-untyped-def]
-    """The logarithm of the largest singular value of the gradient of the drift."""
+    """Compute the logarithm of the largest singular value of the gradient of the drift."""
 
     def sides_at(x, y):  # type: ignore[no-untyped-def]
         row, column = nearest_square(sides.shape[1:], wraps, x, y)
@@ -79,7 +78,7 @@ def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[
     ended = sides_at((east[0] + west[0]) / 2, (east[1] + west[1]) / 2)
     a, c = ((east[k] - west[k]) * ended[k] / began[0] for k in (0, 1))
     b, d = ((north[k] - south[k]) * ended[k] / began[1] for k in (0, 1))
-    # The singular values of [[a, b], [c, d]] are the sum and the difference of these two.
+    # The singular values of [[a, b], [c, d]] are half the sum and half the difference of these two.
     return jnp.log((jnp.hypot(a + d, b - c) + jnp.hypot(a - d, b + c)) / 2)
 
 
@@ -89,11 +88,11 @@ def ridges(
     *,
     share: float | int = 0.25,
 ) -> Bool[np.ndarray, "cells"]:
-    """Which cells lie on a ridge of some values, such as [`ftle`][].
+    """Find the cells on a ridge of some values, such as [`ftle`][].
 
-    A cell is on a ridge if its value is among the highest of all, and not below those of the two
-    cells beside it in the direction, of the four on a grid, in which the values are curved down
-    most. Cells at a coast or the edge of the grid are on none.
+    A cell is on a ridge if its value is among the highest of all, and not below those of its two
+    neighbours in the direction, of the four on a grid, in which the values are curved down most.
+    Cells at a coast or the edge of the grid are on no ridge.
 
     **Arguments:**
 
@@ -132,16 +131,16 @@ def ridges(
 
 @dataclasses.dataclass(frozen=True)
 class Agreement:
-    """How much of the borders between groups lies near ridges."""
+    """The agreement of the borders of groups with ridges."""
 
     near: float
     "The share of the border cells that are near a ridge."
     expected: float
-    "The share of all cells that are: what borders would have that knew nothing of the ridges."
+    "The share of all cells that are near a ridge, as expected of borders by chance."
 
     @property
     def ratio(self) -> float:
-        """How many times more often borders are near ridges than by chance."""
+        """The ratio of the two shares."""
         return self.near / self.expected if self.expected else np.nan
 
 
@@ -152,16 +151,16 @@ def agreement(
     *,
     within: int = 1,
 ) -> Agreement:
-    """How well the borders of groups agree with ridges.
+    """Measure the agreement of the borders of groups with ridges.
 
-    A border cell is one beside which, in its row or column, there is a cell of another group.
+    A border cell has a cell of another group beside it in its row or column.
 
     **Arguments:**
 
     - `water`: the cells.
     - `label`: the group of each cell, of any kind, such as `LongTermBehaviour.basin`.
     - `ridge`: the cells on ridges.
-    - `within`: cells in a row or column, or both, that still count as near.
+    - `within`: the distance in rows and columns up to which a ridge is near.
 
     **Returns:** [`Agreement`][], two shares from 0 to 1.
 
@@ -184,7 +183,7 @@ def agreement(
     if not border.any():
         raise ValueError("label: expected two groups side by side or more, got no border")
     grid, beyond = water.on_grid(ridge, False), within if water.wraps else 0
-    if within:  # no iterations are endless ones to the function
+    if within:  # scipy repeats 0 iterations until nothing changes
         grid = np.pad(grid, ((0, 0), (beyond, beyond)), mode="wrap")
         grid = scipy.ndimage.binary_dilation(grid, np.ones((3, 3), bool), iterations=within)
     near = grid[water.row, water.column + beyond]

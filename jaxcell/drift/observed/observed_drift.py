@@ -1,34 +1,41 @@
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.quantities import derived
+from ...base.quantities import derived, from_part
 from ...mapping import Chain, persistent_groups
 from ...mapping.sequence import push_on_host
 from ...markov import absorption_times, limiting_distribution
 from ..behaviour import long_term_behaviour
 from ..closed_sets import ClosedSets
-from ..ends import LayerEnds
 from ..flow import steps_in
+from ..results.ends import LayerEnds
 from ..results.sea_layers import SeaLayers
-from .counted import CountedMoves, Spread, bootstrap
+from .moves import CountedMoves, Spread, bootstrap
 from .trajectories import Trajectories
 
 
 _SQUARES = "layer y x"
 _LAND = "NaN: too few drifters were there"
-# What is asked of each resampled chain, of the whole and then of every cell.
+# The answers from each resampled chain: of the whole, and the number of answers per cell.
 _OF_ALL = "persistent groups", "cells of persistent groups", "median hours to the end", "share left"
 _OF_CELLS = 3
 
 
+def _of_all(name: str, meaning: str) -> Any:
+    """Describe the answers of the whole in a field of the spread."""
+    return derived("estimate", meaning)(
+        lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
+    )
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedDrift(SeaLayers):
-    """What becomes of drifters by the moves of those that were observed, and how sure that is.
+    """The ends of drifters by observed moves, with sampling errors.
 
     A hundred drifters of which 60 go on to the East, and then off the map:
 
@@ -38,9 +45,9 @@ class ObservedDrift(SeaLayers):
         >>> time, number = np.tile([0.0, 86400.0], 100), np.arange(100).repeat(2)
         >>> seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
         >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 86400.0)
-        >>> found = drift.ObservedDrift.of(seen, moves, samples=20)
-        >>> error = float(np.nanmax(found.absorption_time_error))
-        >>> found.cells, round(found.median_hours), round(error)
+        >>> observed = drift.ObservedDrift.of(seen, moves, samples=20)
+        >>> error = float(np.nanmax(observed.absorption_time_error))
+        >>> observed.cells, round(observed.median_hours), round(error)
         (1, 40, 4)
     """
 
@@ -54,13 +61,13 @@ class ObservedDrift(SeaLayers):
     seen: Trajectories
     "The trajectories."
     counted: CountedMoves
-    "Their moves between cells."
+    "The moves between cells."
     spread: Spread
-    "Of what was asked of the chains of resampled drifters."
+    "The answers, with the errors from resampled drifters."
     nearly_closed_sets: ClosedSets | None = None
-    "Parts of the water that drifters hardly leave."
+    "Sets of cells that drifters hardly leave."
     after: float | int | None = None
-    "Seconds after which it is asked where drifters are; in the long run, if `None`."
+    "The time of the distribution in seconds, or `None` for the long run."
 
     @classmethod
     def of(
@@ -74,80 +81,56 @@ class ObservedDrift(SeaLayers):
         seed: int = 0,
         say: Callable[..., None] = lambda *_: None,
     ) -> "ObservedDrift":
-        """The long-term behaviour by the chain of moves.
+        """Compute the long-term behaviour by the chain of moves.
 
         **Arguments:**
 
         - `seen`, `moves`: the trajectories, and their moves from [`jaxcell.drift.count_moves`][].
-        - `after`: seconds after which it is asked where drifters are; by default in the long run.
-        - `sets`: how many nearly closed sets to find.
+        - `after`: the time of the distribution in seconds; by default the long run.
+        - `sets`: the number of nearly closed sets to find.
         - `samples`, `seed`: as for [`jaxcell.drift.bootstrap`][].
-        - `say`: called with what is being done.
-
-        **Raises:** as [`jaxcell.drift.bootstrap`][] and [`jaxcell.drift.nearly_closed_sets`][].
+        - `say`: called with each stage of the computation.
         """
         chain, water, lag = moves.chain, moves.water, float(moves.lag)
         closed = None if sets is None else ClosedSets.of([water], [chain], lag, sets)
         done = itertools.count()
 
-        def asked(chain: Chain) -> Float[np.ndarray, "answers"]:
-            say("drawing drifters anew", next(done), samples + 1)
+        def answers(chain: Chain) -> Float[np.ndarray, "answers"]:
+            say("resampling drifters", next(done), samples + 1)
             return _answers(chain, lag, after, closed)
 
-        spread = bootstrap(moves, asked, samples, seed)
+        spread = bootstrap(moves, answers, samples, seed)
         layer = LayerEnds(water, long_term_behaviour(chain, lag))
         return cls((layer,), seen, moves, spread, closed, after)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = self.layers[0].remarks
+        remarks = self.layers[0].remarks
         if self.after is None and not self._of_cells(self.spread.value, 2).any():
-            found += ("In the long run all drifters have left the map; --after asks earlier.",)
-        return found
+            remarks += ("In the long run all drifters have left the map; --after asks earlier.",)
+        return remarks
 
     @property
     def when(self) -> str:
-        """When it is asked where drifters are."""
+        """The time of the distribution, in words."""
         return "in the long run" if self.after is None else f"after {self.after / 86400:g} days"
 
-    @derived("", "drifters that were observed", kind="count")
-    def drifters(self) -> int:
-        return self.seen.drifters
-
-    @derived("", "observations", kind="count")
-    def observations(self) -> int:
-        return self.seen.lon.size
-
-    @derived("", "moves between cells", kind="count")
-    def moves(self) -> int:
-        return self.counted.begin.size
-
-    @derived("", "trajectories of")
-    def source(self) -> str:
-        return self.seen.source
+    drifters = from_part("seen.drifters", "", "drifters that were observed", kind="count")
+    observations = from_part("seen.lon.size", "", "observations", kind="count")
+    moves = from_part("counted.begin.size", "", "moves between cells", kind="count")
+    source = from_part("seen.source", "", "trajectories of")
 
     @derived("estimate", "estimate", kind="text")
     def estimates_name(self) -> np.ndarray:
         sets = self.nearly_closed_sets
         ranks = [] if sets is None else sets.rank.tolist()
-        of_sets = [f"{one} of set {k}" for one in ("leakage", "hours") for k in ranks]
+        of_sets = [f"{name} of set {k}" for name in ("leakage", "hours") for k in ranks]
         return np.array([*_OF_ALL[:-1], f"{_OF_ALL[-1]} {self.when}", *of_sets])
 
-    @derived("estimate", "value")
-    def estimates_value(self) -> Float[np.ndarray, "estimates"]:
-        return self._of_all(self.spread.value)
-
-    @derived("estimate", "error")
-    def estimates_error(self) -> Float[np.ndarray, "estimates"]:
-        return self._of_all(self.spread.error)
-
-    @derived("estimate", "1 in 20 below")
-    def estimates_low(self) -> Float[np.ndarray, "estimates"]:
-        return self._of_all(self.spread.low)
-
-    @derived("estimate", "1 in 20 above")
-    def estimates_high(self) -> Float[np.ndarray, "estimates"]:
-        return self._of_all(self.spread.high)
+    estimates_value = _of_all("value", "value")
+    estimates_error = _of_all("error", "error")
+    estimates_low = _of_all("low", "1 in 20 below")
+    estimates_high = _of_all("high", "1 in 20 above")
 
     @derived(_SQUARES, "moves that are known from the cell", kind="count")
     def count(self) -> Int[np.ndarray, "layers rows columns"]:
@@ -159,7 +142,7 @@ class ObservedDrift(SeaLayers):
 
     @derived(
         _SQUARES,
-        "how often the cell is in a persistent group, of drifters that are drawn anew",
+        "share of the draws in which the cell is in a persistent group",
         "1",
         kind="share",
         padding=_LAND,
@@ -181,9 +164,6 @@ class ObservedDrift(SeaLayers):
     def distribution_error(self) -> Float[np.ndarray, "layers rows columns"]:
         return self._on_squares(lambda _: self._of_cells(self.spread.error, 2))
 
-    def _of_all(self, answers: np.ndarray) -> Float[np.ndarray, "estimates"]:
-        return answers[: -_OF_CELLS * self.cells]
-
     def _of_cells(self, answers: np.ndarray, place: int) -> Float[np.ndarray, "cells"]:
         return answers[-_OF_CELLS * self.cells :].reshape(_OF_CELLS, -1)[place]
 
@@ -191,7 +171,7 @@ class ObservedDrift(SeaLayers):
 def _answers(
     chain: Chain, lag: float, after: float | int | None, sets: ClosedSets | None
 ) -> Float[np.ndarray, "answers"]:
-    """What is asked of each chain: numbers of the whole, and then three of every cell."""
+    """Compute the answers from a chain: numbers of the whole, and then three of every cell."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600
@@ -208,13 +188,11 @@ def _answers(
 def _leakage(
     chain: Chain, sets: ClosedSets, lag: float
 ) -> tuple[Float[np.ndarray, "sets"], Float[np.ndarray, "sets"]]:
-    """The share that leaves each of the sets of all drifters, by another chain, and the hours."""
-    (water,), (found,) = sets.waters, sets.layers
-    area = water.sides.prod(axis=0)
-    inside = found.begin == np.arange(found.count)[:, None]
-    begin = inside * area
+    """Compute the leakage of the sets of all drifters by another chain, and the times in hours."""
+    (water,), (closed,) = sets.waters, sets.layers
+    inside = closed.begin == np.arange(closed.count)[:, None]
+    begin = inside * water.sides.prod(axis=0)
     begin /= begin.sum(axis=1, keepdims=True)
-    later = (push_on_host(chain, one, found.steps) for one in begin)
-    stays = np.array([one[here].sum() for one, here in zip(later, inside, strict=True)])
-    again = dataclasses.replace(found, leakage=(1 - stays).clip(0))
-    return again.leakage, again.time * (lag / 3600)
+    later = np.stack([push_on_host(chain, share, closed.steps) for share in begin])
+    leakage = (1 - (later * inside).sum(axis=1)).clip(0)
+    return leakage, dataclasses.replace(closed, leakage=leakage).time * (lag / 3600)

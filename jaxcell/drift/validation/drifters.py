@@ -11,26 +11,27 @@ from jaxtyping import Array, Bool, Float, Int
 from ...mapping import Chain
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
-from ..advection import advect, checked_duration
+from ..advection import advect
 from ..flow import Flow
+from ..step import DriftStep
 from ..water import Water, on_grid
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Drifters:
-    """Where simulated drifters were, step by step."""
+    """The positions of simulated drifters, step by step."""
 
     x: Float[Array, "steps drifters"]
-    """Column of each drifter after each step, in cells; those that left the grid stay where it
-    ends, and around the Earth it goes on past the last column, turn after turn."""
+    """Column of each drifter after each step, in cells. A drifter that left the grid stays at its
+    edge; around the Earth columns go on past the last one, turn after turn."""
     y: Float[Array, "steps drifters"]
     cell: Int[np.ndarray, "steps drifters"]
-    "The cell, or the nearest one of those at a coast; -1 off the grid."
+    "The cell, or the nearest cell for a drifter that ran ashore; -1 off the grid."
     duration: float
-    "Seconds from step to step."
+    "Seconds per step."
 
     def share(self, cells: int) -> Float[np.ndarray, "steps cells"]:
-        """The share of all drifters that was in each cell after each step."""
+        """Compute the share of all drifters in each cell after each step."""
         return _share(self.cell, cells)
 
 
@@ -47,62 +48,57 @@ def simulate_drifters(
     start: float | int = 0.0,
     substeps: int = 8,
 ) -> Drifters:
-    """Simulate drifters in the flow itself, without cells, as a check of the map between them.
+    """Simulate drifters in the flow itself, without cells, as a check of the map between cells.
 
-    They move by the Runge-Kutta method, and once they have left the grid they are gone.
+    They move by the Runge-Kutta method, and do not return once they have left the grid.
 
     **Arguments:**
 
     - `key`: of `jax.random`.
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][].
-    - `cells`: where they are released: a cell, several, or a mask; anywhere in them alike.
-    - `duration`: seconds from step to step.
+    - `cells`: a cell, several, or a mask; drifters are released uniformly in them.
+    - `duration`: seconds per step.
     - `steps`: number of steps.
     - `drifters`: number of drifters.
     - `rho`: the probability that a step goes with the flow; else its drift is turned by 45 degrees
         to either side, the disturbance of `spread="turned"`.
-    - `start`: when they are released, in seconds as in `Flow.time`.
+    - `start`: the time of release, in seconds as in `Flow.time`.
     - `substeps`: steps of the Runge-Kutta method in one step.
 
     **Returns:** [`Drifters`][], beginning with the places of release.
 
     **Raises:** `ValueError` for numbers out of range, or cells that do not exist.
 
-    A step takes time:
+    Two hours at the surface of the bundled sea, from cell 100:
 
         >>> import jax
         >>> from jaxcell import drift, examples
         >>> water, flow = examples.gyres()
-        >>> drift.simulate_drifters(jax.random.key(0), water, flow, 100, 0, 2)
-        Traceback (most recent call last):
-            ...
-        ValueError: duration: expected a number of seconds other than 0, got 0
+        >>> moved = drift.simulate_drifters(jax.random.key(0), water, flow, 100, 3600.0, 2)
+        >>> moved.cell.shape, set(moved.cell[0].tolist())
+        ((3, 10000), {100})
     """
-    duration = checked_duration(flow, water, duration, "rk4", substeps)
-    if not 0 <= rho <= 1:
-        raise ValueError(f"rho: expected a probability from 0 to 1, got {rho}")
+    duration = DriftStep(duration, rho=rho, substeps=substeps).seconds(water, flow)
     if steps < 0 or drifters < 1:
         raise ValueError(
             f"expected 0 steps or more and 1 drifter or more, got {steps} and {drifters}"
         )
-    there = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
-    centre = np.stack([water.column, water.row]).astype(np.float64)[:, there]
+    released = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
+    centre = np.stack([water.column, water.row]).astype(np.float64)[:, released]
     sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
     begin = start + np.arange(steps) * duration
-    choice, off = map(np.asarray, _release(key, there.size, drifters))
+    choice, off = map(np.asarray, _release(key, released.size, drifters))
     x, y = centre[:, choice] + off
-    # None of those that go with the flow is drawn a turn.
+    # Without turns none are drawn.
     turning = float(rho) if rho < 1 else None
     xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, turning, substeps)
-    # A coast that a drifter ran over is the nearest water.
-    origin = there[choice]
-    cell = water.landing(np.asarray(xs), np.asarray(ys), origin=origin, exits=True)
+    cell = water.landing(np.asarray(xs), np.asarray(ys), origin=released[choice], exits=True)
     return Drifters(xs, ys, cell, duration)
 
 
 @functools.partial(jax.jit, static_argnames="drifters")
 def _release(key, squares, drifters):  # type: ignore[no-untyped-def]
-    """Which of so many squares, and places in it off its centre, anywhere alike."""
+    """Draw a square for each drifter, and its offset from the centre, both uniformly."""
     choosing, placing = jax.random.split(jax.random.fold_in(key, 0))
     choice = jax.random.randint(choosing, (drifters,), 0, squares)
     return choice, jax.random.uniform(placing, (2, drifters), jnp.float64, -0.5, 0.5)
@@ -110,7 +106,7 @@ def _release(key, squares, drifters):  # type: ignore[no-untyped-def]
 
 @functools.partial(jax.jit, static_argnames="substeps")
 def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
-    """The places of drifters at first and after every step."""
+    """Return the places of drifters at the beginning and after every step."""
     rows, columns = sides.shape[1:]
     keys = jax.random.split(jax.random.fold_in(key, 1), begin.size)
 
@@ -133,7 +129,7 @@ def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type
 
 
 def _turned(key, rho, side, place, end):  # type: ignore[no-untyped-def]
-    """Where drifters go whose drift is turned by 45 degrees to either side, but for a share."""
+    """Turn the drift by 45 degrees to either side, except for the share `rho` of drifters."""
     (x, y), (dx, dy) = place, side
     right, up = (end[0] - x) * dx, (end[1] - y) * dy
     drawn = jax.random.uniform(key, x.shape, x.dtype)
@@ -153,9 +149,9 @@ def diffuse(
     y: Float[Array, "points"],
     duration: Float[Array, ""] | float,
 ) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
-    """Where points are after the random walk of the flow's diffusivity for a time.
+    """Move points by the random walk of the flow's diffusivity for a time.
 
-    None goes ashore: it stays where it was instead.
+    A point that would go ashore stays where it was.
     """
     row, column = nearest_square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
@@ -167,24 +163,24 @@ def diffuse(
 
 
 def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
-    """The row and column of the squares that hold points, or are nearest to them."""
+    """Find the row and column of the squares that hold points, or are nearest to them."""
     rows, columns = shape
-    row, column = (jnp.round(one).astype(jnp.int32) for one in (y, x))
+    row, column = (jnp.round(place).astype(jnp.int32) for place in (y, x))
     column = column % columns if wraps else jnp.clip(column, 0, columns - 1)
     return jnp.clip(row, 0, rows - 1), column
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """How far the distribution of a chain is from that of simulated drifters, step by step."""
+    """The distance of the distribution of a chain from that of simulated drifters, by time."""
 
     hours: Float[np.ndarray, "times"]
     total_variation: Float[np.ndarray, "times"]
     "The share of drifters that the chain has in a wrong cell, 0 to 1."
     sampling: Float[np.ndarray, "times"]
-    "That between two halves of the drifters; where it is as large, more drifters would show more."
+    "The same between two halves of the drifters, the noise of the comparison."
     transport: Float[np.ndarray, "times"]
-    "How far they are apart in cells: the larger of the Wasserstein distances along x and y."
+    "The distance in cells: the larger of the Wasserstein distances along x and y."
 
 
 def compare(
@@ -193,16 +189,14 @@ def compare(
     drifted: Drifters,
     hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
-    """Compare a drift map with simulated drifters.
-
-    Both begin with the places of release.
+    """Compare a drift map with simulated drifters, from their places of release on.
 
     **Arguments:**
 
     - `water`: the cells.
-    - `chain`: the map; one step of it takes as long as one of the drifters.
+    - `chain`: the map, with steps of the duration of those of the drifters.
     - `drifted`: the drifters.
-    - `hours`: when to compare; the nearest whole step is taken.
+    - `hours`: the times of the comparison, rounded to whole steps.
 
     **Returns:** [`Comparison`][], a number for each of the times.
 
@@ -226,12 +220,12 @@ def compare(
     last = len(drifted.cell) - 1
     if wanted.size == 0 or wanted.min() < 0 or wanted.max() > last:
         raise ValueError(
-            f"hours: expected some from 0 to {last * drifted.duration / 3600:g}, got {list(hours)}"
+            f"hours: expected times from 0 to {last * drifted.duration / 3600:g}, got {list(hours)}"
         )
     share = drifted.share(water.cells)
     halves = [_share(drifted.cell[:, k::2], water.cells) for k in (0, 1)]
     pushed = as_sequence(chain).pushed(share[0], int(wanted.max()))
-    by_map = {step: one for step, one in enumerate(pushed) if step in wanted}
+    by_map = {step: cells for step, cells in enumerate(pushed) if step in wanted}
     return Comparison(
         wanted * drifted.duration / 3600,
         np.array([total_variation(by_map[k], share[k]) for k in wanted]),
@@ -246,15 +240,15 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
 
 
 def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """The total variation between two distributions; what they lack of 1 is one more outcome."""
+    """Compute the total variation of two distributions; what they lack of 1 is one more outcome."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 
 
 def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """The larger Wasserstein distance of the distributions over columns and over rows.
+    """Compute the larger Wasserstein distance of the distributions over columns and over rows.
 
-    It is at most that of the distributions themselves, and needs no linear program. What left the
-    grid is left out. Around the Earth, drifters go the shorter way over the columns.
+    It is a lower bound of the distance over cells, and needs no linear program. What left the grid
+    is left out. Around the Earth, drifters go the shorter way over the columns.
     """
     if not (p.sum() > 0 and q.sum() > 0):
         return float("nan")
@@ -265,7 +259,7 @@ def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray,
         over = [np.cumsum(np.bincount(place, v / v.sum(), size)) for v in (p, q)]
         moved = over[0] - over[1]
         if circle:
-            # As much may go round as one likes; least is moved where the median stands still.
+            # Any flow round the circle may be added; with the median of 0 the least is moved.
             moved = moved - np.median(moved)
         apart.append(float(np.abs(moved).sum()))
     return max(apart)

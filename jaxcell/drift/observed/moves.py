@@ -14,28 +14,28 @@ from ..water import Water
 from .trajectories import Trajectories
 
 
-# How near to the lag an observation is, as a part of it.
+# The tolerance of the time of an observation, as a part of the lag.
 _NEAR = 0.05
-# Cells that observations may be spread over.
+# The largest number of squares.
 _MAX_CELLS = 50_000_000
-# Of numbers of squares, and of degrees.
+# The rounding error of numbers of squares, and of degrees.
 _ROUNDING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CountedMoves:
-    """Moves of drifters from cell to cell, as they were observed."""
+    """Observed moves of drifters from cell to cell."""
 
     water: Water
-    "The cells from which enough moves are known."
+    "The cells with enough moves."
     begin: Int[np.ndarray, "moves"]
     "The cell in which each move begins."
     end: Int[np.ndarray, "moves"]
-    "The cell in which it ends; -1 for none of them."
+    "The cell in which it ends, or -1."
     drifter: Int[np.ndarray, "moves"]
-    "The drifter that made it."
+    "The drifter that moved."
     lag: float | int
-    "Seconds that a move takes."
+    "Seconds per move."
 
     @functools.cached_property
     def count(self) -> Int[np.ndarray, "cells"]:
@@ -44,17 +44,17 @@ class CountedMoves:
 
     @functools.cached_property
     def chain(self) -> Chain:
-        """The chain of which the moves are most likely: shares of those from each cell.
+        """The maximum-likelihood chain: the shares of the moves from each cell.
 
-        What ends in no cell has gone to the sink.
+        Moves that end in no cell go to the sink.
         """
         return self._weighted(np.ones(self.begin.size))
 
     def resampled(self, random: np.random.Generator) -> Chain:
-        """The chain of as many drifters, drawn from these with replacement.
+        """Draw the same number of drifters with replacement, and return the chain of their moves.
 
-        Moves of one drifter are not independent, so drifters are drawn whole. A cell that none of
-        those that are drawn has left keeps what is known of it.
+        Drifters are drawn with all their moves, because these are not independent. A cell from
+        which no drawn drifter moved keeps its moves.
         """
         drifters, number = np.unique(self.drifter, return_inverse=True)
         times = random.multinomial(drifters.size, np.full(drifters.size, 1 / drifters.size))
@@ -74,7 +74,7 @@ class CountedMoves:
     def _slots(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
         """The images of the chain, and the place among them of each move that ends in a cell.
 
-        They are the same of all resampled chains, so that what is asked of those is compiled once.
+        All resampled chains share them, so that programs on these chains are compiled once.
         """
         cells, inside = self.water.cells, self.end >= 0
         pairs, pair = np.unique(
@@ -89,18 +89,18 @@ class CountedMoves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Spread:
-    """What a quantity is, and how much it varies with the drifters that happened to be there."""
+    """A quantity with its sampling error, by the bootstrap over drifters."""
 
     value: np.ndarray
-    "Of all drifters."
+    "The quantity of all drifters."
     mean: np.ndarray
     "The mean over resampled drifters."
     error: np.ndarray
     "The standard deviation over resampled drifters; NaN where one is not finite."
     low: np.ndarray
-    "One in twenty of the resampled ones is below."
+    "The 5 % quantile over resampled drifters."
     high: np.ndarray
-    "One in twenty is above."
+    "The 95 % quantile."
 
 
 def boxes(
@@ -108,18 +108,18 @@ def boxes(
     cell: float | int,
     bounds: Sequence[float | int] | None = None,
 ) -> Water:
-    """Cells of longitude and latitude, those in which a drifter was.
+    """Make cells of longitude and latitude that drifters visited.
 
     **Arguments:**
 
     - `seen`: the trajectories.
     - `cell`: the side of a cell in degrees.
-    - `bounds`: West, South, East and North of the part to cut into cells, in degrees; by default
-        all that was observed. The East may be less than the West, beyond the date line.
+    - `bounds`: West, South, East and North in degrees; by default those of all observations. The
+        East may be less than the West, across the date line.
 
-    **Returns:** [`Water`][jaxcell.drift.Water], at the surface.
+    **Returns:** the cells, at the surface.
 
-    **Raises:** `ValueError` for a side or bounds out of range, or if no drifter was there.
+    **Raises:** `ValueError` for a side or bounds out of range, or without observations.
 
     Three observations on both sides of the date line:
 
@@ -139,7 +139,7 @@ def boxes(
             f"cell: {cell:g} degrees make {rows * columns:,} squares; expected {_MAX_CELLS:,} or "
             "fewer"
         )
-    # Rows end at a pole, or where they go from one to the other as far beyond both.
+    # Rows end at a pole; rows from pole to pole extend equally beyond both.
     rows = min(rows, math.ceil(180 / cell - _ROUNDING))
     top = 90 - rows * cell
     south = max(-90.0, min(south, top)) if top >= -90 else (top - 90) / 2
@@ -154,31 +154,31 @@ def boxes(
     visited[located(whole, seen.lon, seen.lat)] = True
     number = np.where(visited[:-1], np.cumsum(visited[:-1]) - 1, -1)
     if not visited[:-1].any():
-        raise ValueError("bounds: no drifter was there")
+        raise ValueError("bounds: no drifter was within them")
     return dataclasses.replace(whole, number=number.reshape(lat.shape).astype(np.int32))
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
-    """The West and South of all observations, and how many columns and rows they take."""
+    """Return the West and South of all observations, and the numbers of columns and rows."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")
-    # West of what follows on the widest gap between longitudes.
+    # The western edge follows the widest gap between longitudes.
     around = np.sort(seen.lon)
     gap = np.diff(np.append(around, around[0] + 360))
     west = cell * math.floor(around[(int(gap.argmax()) + 1) % around.size] / cell)
     south = cell * math.floor(seen.lat.min() / cell)
-    # The West may be a rounding error to the East of what it is the West of.
+    # The western edge may be a rounding error to the East of the first observation.
     width = ((seen.lon - west + _ROUNDING) % 360).max()
     rows = int((seen.lat.max() - south) / cell) + 1
     return west, south, min(int(width / cell) + 1, round(360 / cell)), rows
 
 
 def _asked(bounds: Sequence[float | int], cell: float | int) -> tuple[float, float, int, int]:
-    west, south, east, north = (float(one) for one in bounds)
+    west, south, east, north = map(float, bounds)
     if not (-90 <= south < north <= 90 and np.isfinite(west + east)):
         raise ValueError(f"bounds: expected West, South, East and North, got {tuple(bounds)}")
     width = (east - west) % 360 or 360.0
-    columns, rows = (math.ceil(one / cell - _ROUNDING) for one in (width, north - south))
+    columns, rows = (math.ceil(size / cell - _ROUNDING) for size in (width, north - south))
     return west, south, columns, rows
 
 
@@ -187,21 +187,20 @@ def count_moves(
 ) -> CountedMoves:
     """Count the moves of drifters from cell to cell.
 
-    Every observation begins a move, to where the same drifter was after the lag, by the observation
-    nearest to that; if it is off by more than a twentieth of the lag, it is not known and does not
-    count.
+    Every observation begins a move. It ends at the observation of the same drifter that is nearest
+    in time to the lag, and counts if that is within a twentieth of the lag.
 
     **Arguments:**
 
     - `seen`: the trajectories.
     - `water`: the cells: [`boxes`][], or those of a model, [`jaxcell.drift.Water.of`][].
-    - `lag`: seconds that a move takes.
-    - `least`: cells from which fewer moves are known are left out. What moves there has gone to the
-        sink.
+    - `lag`: seconds per move.
+    - `least`: the least number of moves from a cell. Other cells are left out, and moves to them go
+        to the sink.
 
-    **Returns:** [`CountedMoves`][], with the cells that are left.
+    **Returns:** [`CountedMoves`][], with the remaining cells.
 
-    **Raises:** `ValueError` for numbers out of range, or if no cell is left.
+    **Raises:** `ValueError` for numbers out of range, or if no cell remains.
 
     A drifter that goes from cell to cell, and another one that stays:
 
@@ -228,7 +227,7 @@ def count_moves(
             f"least: no cell has {least} moves in {lag:g} s; the most has "
             f"{np.bincount(begin, minlength=1).max()}"
         )
-    # The last one stands for no cell.
+    # The last number is that of no cell.
     number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
     known = kept[begin]
     grid = water.on_grid(number[:-1].astype(np.int32), -1).astype(np.int32)
@@ -247,20 +246,20 @@ def bootstrap(
     samples: int = 100,
     seed: int = 0,
 ) -> Spread:
-    """How much a quantity varies with the drifters that happened to be there.
+    """Estimate the sampling error of a quantity of the chain, by resampling drifters.
 
     **Arguments:**
 
     - `moves`: the moves.
-    - `quantity`: what is asked of the chain: numbers in an array of one shape.
-    - `samples`: how often drifters are drawn with replacement.
+    - `quantity`: a function of the chain, whose arrays have one shape.
+    - `samples`: the number of draws of all drifters with replacement.
     - `seed`: of the draws.
 
     **Returns:** [`Spread`][].
 
     **Raises:** `ValueError` for fewer than 2 samples.
 
-    Of a hundred drifters 60 move on; that share is good to 5 %:
+    Of a hundred drifters 60 move on; that share has an error of 5 %:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -268,8 +267,8 @@ def bootstrap(
         >>> time, number = np.tile([0.0, 60.0], 100), np.arange(100).repeat(2)
         >>> seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
         >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 60.0)
-        >>> found = drift.bootstrap(moves, lambda chain: chain.leaving[0])
-        >>> round(float(found.value), 3), round(float(found.error), 2)
+        >>> leaving = drift.bootstrap(moves, lambda chain: chain.leaving[0])
+        >>> round(float(leaving.value), 3), round(float(leaving.error), 2)
         (0.6, 0.05)
     """
     if samples < 2:
@@ -285,23 +284,19 @@ def bootstrap(
 def located(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
-    """The cells in which places are, by the nearest centre; -1 for none.
-
-    A place is on the grid if it is no farther from the nearest centre than half the diagonal of the
-    square around it.
-    """
+    """Find the cell of each place by the nearest centre, -1 beyond `Water.reach` of it."""
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)
-    # What is between two squares belongs to the one to the East or North.
+    # A place between two squares belongs to the square to the East or North.
     away, nearest = tree.query(on_sphere(lon + _ROUNDING, lat + _ROUNDING).T)
     return np.where(away * EARTH_RADIUS <= water.reach[known][nearest], number[nearest], -1)
 
 
 def _later(seen: Trajectories, lag: float) -> Int[np.ndarray, "observations"]:
-    """The observation of the same drifter after a lag, -1 if there is none."""
+    """Find the observation of the same drifter after a lag, or -1."""
     time = seen.time - seen.time.min(initial=np.inf)
-    # Drifters one after the other, farther apart than any lag.
+    # Keys of different drifters are farther apart than the lag.
     key = time + seen.drifter * (time.max(initial=0.0) + 2 * lag)
     wanted = key + lag
     if key.size < 2:

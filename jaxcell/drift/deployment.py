@@ -13,57 +13,57 @@ from .behaviour import LongTermBehaviour
 from .water import Water
 
 
-_MAX_TABLE = 2**32
-_CHUNK = 2**24
+# The largest table of views, in bytes, and the entries of it that are computed at once.
+_MAX_TABLE, _CHUNK = 2**32, 2**24
 _ROUNDING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Deployment:
-    """Where to drop drifters, so that every cell may be visited in the long run."""
+    """Cells to drop drifters in, from which every cell may be visited in the long run."""
 
     cells: Int[np.ndarray, "drifters"]
-    "One cell of each persistent group, then those of each transient group."
+    "One cell of each persistent group, then cells of each transient group."
     group: Int[np.ndarray, "drifters"]
     "The persistent group of the cell, -1 if it is transient."
     transient_group: Int[np.ndarray, "drifters"]
     "The transient group of the cell, -1 if it is persistent."
     gained: Int[np.ndarray, "drifters"]
-    "How many cells of its group may be visited from the cell, and from none before it."
+    "The number of cells of its group that may be visited from the cell, and from none before it."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CoverageCurve:
-    """How many cells a number of drifters may visit in the long run."""
+    """The number of cells that may be visited, by the number of drifters."""
 
     cells: Int[np.ndarray, "drifters"]
-    "Where the first drifter is dropped, the second, ..."
+    "The cells to drop the first, second, ... drifter in."
     covered: Int[np.ndarray, "drifters"]
-    "How many cells may be visited from the first, the first two, ...; all from all of them."
+    "The number of cells that may be visited by the first drifter, the first two, ..."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VisibleDeployment:
-    """Where to drop drifters whose cameras are to see the whole sea bed."""
+    """Cells to drop drifters in whose cameras together see the whole sea bed."""
 
     cover: Int[np.ndarray, "views"]
     "Cells from which all cells are seen, in the order in which they were chosen."
     cells: Int[np.ndarray, "drifters"]
-    "Those of them that remain if each persistent group keeps only its first."
+    "The cells of the cover, with only the first one in each persistent group."
     least: int | None = None
-    "No cover has fewer cells than so many; `None` where that was not asked for."
+    "A lower bound on the size of a cover; `None` for a greedy cover."
 
 
 def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     """Choose where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
 
     In a persistent group any cell leads to all others; the smallest is taken, where the source
-    draws one. The cells of a transient group are gone through from the longest absorption time to
-    the shortest, and each is taken that no cell taken before leads to within the group. Equal times
-    are in order of cells. The source would have the cell first that leads to most others; in a
-    map without disturbances, where many times are equal, those lead to equally many.
+    draws a cell. The cells of a transient group are visited from the longest absorption time to the
+    shortest, ties in order of cells, and each is taken unless a taken cell leads to it within the
+    group. The source would visit the cell first that leads to most others; in a map without
+    disturbances, where many times are equal, tied cells lead to equally many.
 
-    These need not be the fewest: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
+    The cells need not be the fewest: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
     **Arguments:**
 
@@ -75,14 +75,14 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
 
         >>> from jaxcell import drift, examples
         >>> chain = examples.stream()
-        >>> found = drift.deployment_cells(drift.long_term_behaviour(chain, duration=3600))
-        >>> found.cells.tolist(), found.group.tolist(), found.transient_group.tolist()
+        >>> chosen = drift.deployment_cells(drift.long_term_behaviour(chain, duration=3600))
+        >>> chosen.cells.tolist(), chosen.group.tolist(), chosen.transient_group.tolist()
         ([2, 3, 0], [0, 1, -1], [-1, -1, 0])
     """
     begins, parts = behaviour.begins, np.asarray(behaviour.transient.group)
     groups = begins.groups
     group, part = np.asarray(groups.group), parts[: behaviour.chain.cells]
-    # To seven digits, so that rounding does not decide between equal times.
+    # Times are compared to seven digits, so that rounding does not decide between equal times.
     digits, power = np.frexp(np.asarray(begins.absorption.value))
     time = np.ldexp(np.round(digits, 7), power)
     transient = np.flatnonzero(group < 0)
@@ -91,8 +91,8 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     same = parts.reshape(-1, part.size) == part
     taken, left, first = np.zeros(0, np.int64), np.arange(order.size), np.zeros(0, np.int64)
     while left.size:
-        # What no earlier one of those that are left leads to is taken. Of a steady map, where what
-        # is led to leads to less, that is all; else some are left for another round.
+        # Take every cell to which no earlier one of `left` leads. In a steady map one round is
+        # enough, because a cell leads to less than a cell that leads to it.
         first = _first_ancestor(within, order, left, same)
         taken = np.union1d(taken, left[first[left] == left])
         first = _first_ancestor(within, order, taken, same)
@@ -110,7 +110,7 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
 def _within(
     matrix: scipy.sparse.csr_array, part: Int[np.ndarray, "states"]
 ) -> scipy.sparse.coo_array:
-    """The steps that lead from a state of a part to one of the same, at no cost."""
+    """Select the edges between states of one part, with the cost 0."""
     edges = matrix.tocoo()
     kept = (part[edges.row] == part[edges.col]) & (part[edges.row] >= 0)
     places = (edges.row[kept], edges.col[kept])
@@ -119,15 +119,15 @@ def _within(
 
 def _first_ancestor(
     within: scipy.sparse.coo_array,
-    order: Int[np.ndarray, "some"],
-    sources: Int[np.ndarray, "fewer"],
+    order: Int[np.ndarray, "transients"],
+    sources: Int[np.ndarray, "sources"],
     same: Bool[np.ndarray, "phases cells"],
-) -> Int[np.ndarray, "some"]:
-    """The place in an order of the first source that leads to each of some cells within its part.
+) -> Int[np.ndarray, "transients"]:
+    """Find the place in `order` of the first source that leads to each cell within its part.
 
-    That is a shortest way: from one more node, a source is as far as its place in the order, and
-    from there on no step within a part costs anything. A cell is led to at any phase at which it is
-    of the `same` part as at first; a number beyond all places stands for one that is not.
+    It is a shortest path from an additional node: the edge to a source costs its place in `order`,
+    and edges within a part cost nothing. A cell is reached at any phase at which it is of the
+    `same` part as at phase 0. A number beyond all places means that no source leads to the cell.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])
@@ -142,15 +142,13 @@ def _first_ancestor(
 
 
 def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
-    """The fewest cells from which all cells may be visited.
+    """Find the fewest cells from which all cells may be visited.
 
-    Cells that lead to each other are a component, and between components there are no circuits.
-    A component to which no other leads must have a drifter of its own, and from those components
-    all others are reached: one cell in each is enough and necessary. Found in time proportional to
-    the number of edges.
+    They are one cell of each strongly connected component to which no other component leads: such a
+    component needs a drifter of its own, and all others are reached from them.
 
-    Persistent groups need no drifter of their own if some transient cell leads to them. From there
-    a drifter comes to one of several groups, however; to be sure of each, use
+    A persistent group gets no drifter if a transient cell leads to it, although a drifter from
+    there may end in another group; to be sure of each group, use
     [`deployment_cells`][jaxcell.drift.deployment_cells].
 
     **Arguments:**
@@ -171,13 +169,12 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
 
 
 def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
-    """How the number of cells that may be visited grows with the number of drifters.
+    """Compute how the number of cells that may be visited grows with the number of drifters.
 
-    Every drifter is dropped where it adds most cells to those that may be visited from the ones
-    before, in the smallest such cell of [`minimum_deployment`][jaxcell.drift.minimum_deployment].
-    Any number of drifters reaches at least the part `1 - 1/e` of what so many can (Nemhauser,
-    Wolsey and Fisher 1978). Each cell of the minimum is searched from once or more, which takes
-    seconds for 10,000 cells.
+    Every drifter is dropped in the cell of
+    [`minimum_deployment`][jaxcell.drift.minimum_deployment] that adds most cells. Any number of
+    drifters reaches at least the part `1 - 1/e` of the largest possible number (Nemhauser, Wolsey
+    and Fisher 1978). It takes seconds for 10,000 cells.
 
     **Arguments:**
 
@@ -203,14 +200,14 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
         (np.ones(label.size, bool), (label, cell)), shape=(matrix.shape[0], chain.cells)
     )
 
-    def visited(component: int) -> Int[np.ndarray, "some"]:
-        found = csgraph.breadth_first_order(matrix, component, return_predecessors=False)
-        cells = np.unique(inside[found].indices)
+    def added(component: int) -> Int[np.ndarray, "new"]:
+        reached = csgraph.breadth_first_order(matrix, component, return_predecessors=False)
+        cells = np.unique(inside[reached].indices)
         return cells[~covered[cells]]
 
-    # Gains only shrink, so that an old one that is no longer the largest need not be renewed.
+    # Gains only shrink, so a gain is computed again only if it is the largest of the old ones.
     queue = [
-        (-visited(source).size, int(smallest[source]), source)
+        (-added(source).size, int(smallest[source]), source)
         for source in _sources(matrix).tolist()
         if smallest[source] < chain.cells
     ]
@@ -218,7 +215,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
     cells, gained = [], []
     while queue:
         _, first, source = heapq.heappop(queue)
-        new = visited(source)
+        new = added(source)
         entry = (-new.size, first, source)
         if queue and queue[0] < entry:
             heapq.heappush(queue, entry)
@@ -227,7 +224,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
             break
         covered[new] = True
         cells.append(first)
-        gained.append(-entry[0])
+        gained.append(new.size)
     return CoverageCurve(np.array(cells, np.int32), np.cumsum(gained).astype(np.int32))
 
 
@@ -241,30 +238,30 @@ def visible_deployment(
     """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
-    it lies wholly within it; nothing is in the way. Distances are those at the cell of the camera.
-    The cover is greedy, [`jaxcell.optimize.greedy_cover`][], or as small as can be found in some
-    time, [`jaxcell.optimize.minimum_cover`][]. From the first of several of its cells in one
-    persistent group, a drifter will come to the others in the long run, and they are left out.
+    it lies wholly within the disc. Distances are those at the cell of the camera. From the first of
+    several cells of the cover in one persistent group, a drifter will visit the others in the long
+    run, and they are left out.
 
     **Arguments:**
 
     - `water`: the cells, whose sea bed is to be seen.
     - `reach`: radius of the disc, in metres.
     - `groups`: persistent groups of a chain on those cells.
-    - `seconds`: for how long to look for the smallest cover; by default it is greedy.
+    - `seconds`: the time limit of [`jaxcell.optimize.minimum_cover`][]; by default the cover is
+        greedy, [`jaxcell.optimize.greedy_cover`][].
 
     **Returns:** [`VisibleDeployment`][jaxcell.drift.VisibleDeployment].
 
-    **Raises:** `ValueError` if a camera does not see the whole cell that it is in, for groups of
-    other cells, and for more than 65,536 cells, whose table of views would take more than 4 GiB.
+    **Raises:** `ValueError` if a camera does not see its own cell, for groups of other cells, or if
+    the table of views would take more than 4 GiB.
 
     The surface of the bundled sea, with cameras that see 3 km:
 
         >>> from jaxcell import drift, examples, mapping
         >>> water, flow = examples.gyres()
-        >>> groups = mapping.persistent_groups(drift.drift_map(water, flow))
-        >>> found = drift.visible_deployment(water, 3000, groups)
-        >>> len(found.cover), len(found.cells)
+        >>> groups = mapping.persistent_groups(drift.drift_map(water, flow, drift.DriftStep()))
+        >>> chosen = drift.visible_deployment(water, 3000, groups)
+        >>> len(chosen.cover), len(chosen.cells)
         (47, 37)
     """
     group = np.asarray(groups.group)
@@ -275,8 +272,8 @@ def visible_deployment(
     if seconds is None:
         cover, least = greedy_cover(sees).chosen, None
     else:
-        found = minimum_cover(sees, time_limit=float(seconds), throw=False)
-        cover, least = found.chosen, found.bound
+        smallest = minimum_cover(sees, time_limit=float(seconds), throw=False)
+        cover, least = smallest.chosen, smallest.bound
     label = group[cover]
     _, first = np.unique(label, return_index=True)
     kept = label < 0
@@ -285,10 +282,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Refuse cameras that do not see the cell that they are in, and too many views.
-
-    **Raises:** `ValueError` as [`visible_deployment`][], which begins with a name of the reach.
-    """
+    """Refuse cameras that do not see their own cell, and too many views."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "
@@ -304,27 +298,27 @@ def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
 
 
 def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"]:
-    """Which cells lie wholly within the disc around each."""
+    """Mark the cells that lie wholly within the disc around each cell."""
     dx, dy = water.sides[..., None]
     sees = np.zeros((water.cells, water.cells), bool)
     rows = max(1, _CHUNK // water.cells)
     for start in range(0, water.cells, rows):
-        some = slice(start, start + rows)
-        right = np.abs(water.column - water.column[some, None])
+        part = slice(start, start + rows)
+        right = np.abs(water.column - water.column[part, None])
         if water.wraps:
             right = np.minimum(right, water.number.shape[1] - right)
-        up = np.abs(water.row - water.row[some, None]) + 0.5
-        sees[some] = np.hypot((right + 0.5) * dx[some], up * dy[some]) <= reach * (1 + _ROUNDING)
+        up = np.abs(water.row - water.row[part, None]) + 0.5
+        sees[part] = np.hypot((right + 0.5) * dx[part], up * dy[part]) <= reach * (1 + _ROUNDING)
     return sees
 
 
 def _components(
     chain: Chain | ChainSequence,
 ) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
-    """The component of each cell, at each phase, and which component leads to which."""
+    """Find the component of each cell at each phase, and the edges between components."""
     matrix = chain.to_scipy()
     if isinstance(chain, ChainSequence):
-        # What no drifter of phase 0 comes to leads to nothing that counts: it is cut off.
+        # Edges of states that no drifter from phase 0 reaches are removed.
         begins = np.arange(matrix.shape[0]) < chain.cells
         met = reaching(matrix.T.tocsr(), begins).astype(float)
         matrix = (scipy.sparse.diags_array(met) @ matrix).tocsr()
@@ -338,12 +332,12 @@ def _components(
 
 
 def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
-    """The components to which no other leads."""
+    """Find the components to which no other leads."""
     return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)
 
 
 def _smallest(label: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "components"]:
-    """The smallest cell of each component that has cells."""
-    found = np.full(label.max() + 1, label.size)
-    found[label[::-1]] = np.arange(label.size)[::-1]
-    return found
+    """Find the smallest cell of each component."""
+    smallest = np.full(label.max() + 1, label.size)
+    smallest[label[::-1]] = np.arange(label.size)[::-1]
+    return smallest

@@ -1,4 +1,4 @@
-"""Where drifters end up, and how soon: what one says of any layer of water and its chain."""
+"""The ends of drifters and the times to reach them, for any layers of water with chains."""
 
 import dataclasses
 import functools
@@ -8,21 +8,21 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.certificate import Outcome
-from ..base.quantities import PROBABILITY, Checks, Result, derived
-from ..markov import Absorption, absorption_probabilities
-from .behaviour import LongTermBehaviour
-from .water import Water
+from ...base.certificate import Outcome
+from ...base.quantities import PROBABILITY, Checks, Result, derived
+from ...markov import Absorption, absorption_probabilities
+from ..behaviour import LongTermBehaviour
+from ..water import Water
 
 
-ALMOST_FOR_EVER = 10_000
-"""A drifter that takes more steps than this on average is said to take almost for ever."""
-# Bytes that the probabilities of all groups of a layer may take.
-_MAX_TABLE = 2**28
+ALMOST_FOREVER = 10_000
+"""The expected number of steps above which drifters take almost forever to end."""
+LARGEST_TABLE = 2**28
+"""The largest number of bytes for the probabilities of all groups of a layer."""
 
 
 class Ends(Result):
-    """Where drifters of one layer or more end up, and how soon: what is counted of all of them."""
+    """Totals over one layer or more: groups, transient cells, and times to the end."""
 
     @property
     def _layers(self) -> "tuple[LayerEnds, ...]":
@@ -31,15 +31,17 @@ class Ends(Result):
     @functools.cached_property
     def _hours(self) -> Float[np.ndarray, "transient"]:
         """The absorption times of the transient cells."""
-        return np.concatenate([np.asarray(one.begins.hours)[one.transient] for one in self._layers])
+        return np.concatenate(
+            [np.asarray(layer.begins.hours)[layer.transient] for layer in self._layers]
+        )
 
     @derived("", "cells of water", kind="count")
     def cells(self) -> int:
-        return sum(one.water.cells for one in self._layers)
+        return sum(layer.water.cells for layer in self._layers)
 
     @derived("", "persistent groups", kind="count")
     def persistent_groups(self) -> int:
-        return sum(one.behaviour.groups.count for one in self._layers)
+        return sum(layer.behaviour.groups.count for layer in self._layers)
 
     @derived("", "cells of persistent groups", kind="count")
     def persistent_cells(self) -> int:
@@ -47,12 +49,12 @@ class Ends(Result):
 
     @derived("", "transient groups", kind="count")
     def transient_groups(self) -> int:
-        return sum(one.begins.transient.count for one in self._layers)
+        return sum(layer.begins.transient.count for layer in self._layers)
 
     @derived("", "transient cells with one end", kind="count")
     def single_domicile_cells(self) -> int:
-        parts = [one.begins.transient for one in self._layers]
-        return sum(int(np.asarray(one.size)[one.single].sum()) for one in parts)
+        parts = [layer.begins.transient for layer in self._layers]
+        return sum(int(np.asarray(part.size)[part.single].sum()) for part in parts)
 
     @derived("", "transient cells with several ends", kind="count")
     def multiple_domicile_cells(self) -> int:
@@ -72,26 +74,21 @@ class Ends(Result):
 
     @derived("", "whether these times are certified", kind="flag")
     def times_certified(self) -> bool:
-        solves = [one.behaviour.absorption.certificate for one in self._layers]
-        return all(one.outcome is Outcome.CONVERGED for one in solves)
+        solves = [layer.behaviour.absorption.certificate for layer in self._layers]
+        return all(solve.outcome is Outcome.CONVERGED for solve in solves)
 
-    @derived("", "cells that take almost for ever", kind="count")
+    @derived("", "cells that take almost forever", kind="count")
     def almost_for_ever_cells(self) -> int:
-        return sum(int(one.almost_for_ever.sum()) for one in self._layers)
+        return sum(int(layer.almost_forever.sum()) for layer in self._layers)
 
-    @derived(
-        "",
-        "probability of leaving the map, mean",
-        kind="share",
-        padding="NaN: not known",
-    )
+    @derived("", "probability of leaving the map, mean", kind="share", padding="NaN: not known")
     def mean_leaving(self) -> float:
-        return float(np.concatenate([one.leaving for one in self._layers]).mean())
+        return float(np.concatenate([layer.leaving for layer in self._layers]).mean())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LayerEnds(Ends):
-    """Where drifters of one layer end up, and when."""
+    """The ends of drifters of one layer."""
 
     brief: ClassVar[tuple[str, ...]] = ("cells", "persistent_groups")
     tables: ClassVar[Mapping[str, str]] = {"group_index": "groups", "transient": "transients"}
@@ -120,23 +117,22 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def ends(self) -> Absorption | None:
-        """The probabilities of ending in each group; of a current that repeats, at each phase.
+        """The probabilities of ending in each group, at each phase of a periodic current.
 
-        `None` if they would take more than 256 MiB, or are not good enough to be shown: where the
-        current holds drifters nearly for ever in transient cells, 64-bit numbers may not say where
-        they end after all.
+        `None` if they would take more than 256 MiB, or are not accurate enough: where transient
+        cells almost trap drifters, 64-bit numbers may not be enough.
         """
         behaviour = self.behaviour
-        if 8 * behaviour.groups.count * behaviour.unrolled.cells > _MAX_TABLE:
+        if 8 * behaviour.groups.count * behaviour.unrolled.cells > LARGEST_TABLE:
             return None
-        found = absorption_probabilities(behaviour.unrolled, behaviour.groups, throw=False)
-        return found if found.certificate.outcome is Outcome.CONVERGED else None
+        ends = absorption_probabilities(behaviour.unrolled, behaviour.groups, throw=False)
+        return ends if ends.certificate.outcome is Outcome.CONVERGED else None
 
     @functools.cached_property
     def leaving(self) -> Float[np.ndarray, "cells"]:
         """The probability of ending off the map from each cell; NaN if not known.
 
-        Where no drifter can leave it is 0, and where none can stay 1, whatever is known of `ends`.
+        It is known without `ends` where no drifter can leave (0) or every drifter must (1).
         """
         sure = self.begins.sure_to_leave
         if not np.isnan(sure).any() or self.ends is None:
@@ -144,9 +140,9 @@ class LayerEnds(Ends):
         return np.asarray(self.ends.leaving)[: self.water.cells]
 
     @property
-    def almost_for_ever(self) -> Bool[np.ndarray, "cells"]:
-        """The transient cells from which drifters are practically never in a persistent group."""
-        return ~(np.asarray(self.begins.absorption.value) <= ALMOST_FOR_EVER)
+    def almost_forever(self) -> Bool[np.ndarray, "cells"]:
+        """The transient cells whose expected time to the end exceeds `ALMOST_FOREVER` steps."""
+        return ~(np.asarray(self.begins.absorption.value) <= ALMOST_FOREVER)
 
     @derived("", "depth", "m")
     def depth(self) -> float:
@@ -156,7 +152,7 @@ class LayerEnds(Ends):
     def groups_cells(self) -> Int[np.ndarray, "groups"]:
         return np.asarray(self.begins.groups.size)
 
-    @derived("group_index", "others that lead there for sure", kind="count")
+    @derived("group_index", "other cells that lead there for sure", kind="count")
     def groups_single_domicile_cells(self) -> Int[np.ndarray, "groups"]:
         basin = np.asarray(self.begins.basin)
         return np.bincount(basin[(basin >= 0) & self.transient], minlength=self.persistent_groups)
@@ -194,7 +190,7 @@ class LayerEnds(Ends):
         return np.array([hours.max() for hours in self._hours_of_parts])
 
     @functools.cached_property
-    def _hours_of_parts(self) -> list[Float[np.ndarray, "some"]]:
+    def _hours_of_parts(self) -> list[Float[np.ndarray, "cells"]]:
         """The absorption times of the cells of each transient group."""
         part = np.asarray(self.begins.transient.group)[self.transient]
         order, counts = np.argsort(part, kind="stable"), self.transients_cells
@@ -206,17 +202,18 @@ class LayerEnds(Ends):
             return ()
         return (
             f"At {self.depth:g} m: from {self.almost_for_ever_cells:,} transient cells it "
-            "takes almost for ever; what holds drifters there is as good as a persistent group.",
+            "takes almost forever; what holds drifters there is as good as a persistent group.",
         )
 
     def checks(self) -> Checks:
-        """Relations between the chain, its groups, and where and when drifters end.
+        """Relations between the chain, its groups, and the ends of drifters.
 
-        Times are reported only: where drifters stay almost for ever no solve is good.
+        The residual of times has no limit, because no solve is accurate where cells almost trap
+        drifters.
         """
         P = self.behaviour.chain.to_scipy()
         entries, total = P.tocoo(), np.asarray(P.sum(axis=1)).ravel()
-        # Of a current that repeats itself, of the cells at each phase.
+        # In a periodic current these are over the cells at each phase.
         group = np.asarray(self.behaviour.groups.group)
         transient = group < 0
         out = (group[entries.row] >= 0) & (group[entries.row] != group[entries.col])
@@ -232,10 +229,7 @@ class LayerEnds(Ends):
         return {
             "rows_sum_to_more_than_1": (max(0.0, float(total.max() - 1)), PROBABILITY),
             "steps_out_of_persistent_groups": (int(out.sum() + gone.sum()), 0),
-            "absorption_time_residual": (
-                float(np.max(late[np.isfinite(late)], initial=0.0)),
-                np.inf,
-            ),
+            "absorption_time_residual": (float(late[np.isfinite(late)].max(initial=0.0)), np.inf),
             "ends_sum_to_1": (float(sums.max(initial=0.0)), PROBABILITY),
             "ends_residual": (float(mean.max(initial=0.0)), PROBABILITY),
         }

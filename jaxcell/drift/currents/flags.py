@@ -1,4 +1,4 @@
-"""Which values are no measurements: those with a bad flag, and the gaps of a radar."""
+"""Bad and missing values: quality flags, and the gaps of a radar."""
 
 import dataclasses
 import re
@@ -11,36 +11,30 @@ from .masks import flag_meanings, part
 from .netcdf import OceanFile
 
 
-# A cell with a velocity at so many of the records is water, and what is missing is interpolated.
 LEAST_PRESENT = 0.8
+"""A cell with a velocity at this share of the records is water, and the gaps are interpolated."""
 
 _BAD, _GOOD = {"bad", "fail", "failed", "suspect", "questionable", "missing"}, {"good", "pass"}
 
 
 @dataclasses.dataclass(frozen=True)
 class Flag:
-    """A variable that says of each value of a velocity whether it is good.
-
-    **Attributes:**
-
-    - `name`: of the variable.
-    - `bad`: its values that stand for what is not, with their meanings; none if it gives no
-        meanings.
-    """
+    """A variable that marks bad values of a velocity."""
 
     name: str
     bad: dict[float, str]
+    "Its values for bad data, with their meanings; empty if it gives no meanings."
 
     def at(
         self, file: OceanFile, block: dict[str, object], dims: tuple[str, str, str]
     ) -> Bool[np.ndarray, "#levels #y #x"]:
-        """Where a value is bad, on a part of the dimensions of the velocity."""
-        own = {dim: where for dim, where in block.items() if dim in file.dataset[self.name].dims}
+        """Mark the bad values in a block of the velocity."""
+        own = {dim: place for dim, place in block.items() if dim in file.dataset[self.name].dims}
         return np.isin(file.read(part(file, self.name, own), dims), list(self.bad))
 
     @property
     def note(self) -> str:
-        """What was left out, or why nothing was."""
+        """The values that are left out, or the reason why none are."""
         if not self.bad:
             return f"{self.name}: its values have no flag_meanings, and are not heeded"
         words = ", ".join(f"{value:g} ({meaning})" for value, meaning in self.bad.items())
@@ -48,9 +42,9 @@ class Flag:
 
 
 def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
-    """Find the flags of a velocity: those that it names, and those with the names of conventions.
+    """Find the flags of a velocity: those that it names, and those with conventional names.
 
-    Those that are bad are said by `flag_meanings`, a word for each value.
+    `flag_meanings`, a word for each value, tells the bad values.
     """
     variables = file.dataset.variables
     attributes = variables[velocity].attrs
@@ -58,18 +52,18 @@ def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
     known = {str(name).lower(): str(name) for name in variables}
     usual = (name.format(velocity.lower()) for row in table("flag") for name in row.names)
     names = [known[name] for name in (*map(str.lower, named), *usual) if name in known]
-    found = []
+    flags = []
     for name in dict.fromkeys(names):
         about = variables[name].attrs
         meanings = flag_meanings(about)
         if not set(variables[name].dims) <= set(variables[velocity].dims):
             continue
         words = {value: set(re.findall("[a-z]+", text.lower())) for value, text in meanings.items()}
-        bad = {v: meanings[v] for v, said in words.items() if said & _BAD and not said & _GOOD}
+        bad = {v: meanings[v] for v, w in words.items() if w & _BAD and not w & _GOOD}
         mute = not meanings and "flag" in " ".join([str(about.get("standard_name", "")), *about])
         if bad or mute:
-            found.append(Flag(name, bad))
-    return found
+            flags.append(Flag(name, bad))
+    return flags
 
 
 def fill_gaps(
@@ -78,18 +72,12 @@ def fill_gaps(
     times: Shaped[np.ndarray, " records"],
     cells: Bool[np.ndarray, "*cells"],
 ) -> None:
-    """Interpolate in time what is missing in some cells; before the first and after the last value
-    of a cell, that holds.
+    """Interpolate in time the values of some cells that are not present, in place.
 
-    **Arguments:**
-
-    - `values`: to be filled, in place.
-    - `present`: where there is a value.
-    - `times`: of the records.
-    - `cells`: those to be filled.
+    The first and the last value of a cell extend to the ends.
     """
     seconds = (times - times[0]) / np.timedelta64(1, "s")
     for cell in zip(*np.nonzero(cells), strict=True):
-        here = (slice(None), *cell)
-        there = present[here]
-        values[here] = np.interp(seconds, seconds[there], values[here][there])
+        at = (slice(None), *cell)
+        known = present[at]
+        values[at] = np.interp(seconds, seconds[known], values[at][known])
