@@ -23,7 +23,7 @@ from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
 from jaxcell.optimize import Graph, Linear, minimum_commute
 from jaxcell.patrol.files.graph_files import load_graph
-from jaxcell.patrol.map.vulnerability import Vulnerability
+from jaxcell.patrol.map.attacked_cell import Vulnerability
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.space import CellSpace, Workspace, visible_cells
 

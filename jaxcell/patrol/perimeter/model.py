@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..base.certificate import Certificate
-from ..base.precision import require_x64
-from ..mapping import Chain
-from ..markov import hitting_times
-from ..optimize.checked import check_count
+from ...base.certificate import Certificate
+from ...base.precision import require_x64
+from ...mapping import Chain
+from ...markov import hitting_times
+from ...optimize.checked import check_count
 
 
 # The accuracy of a probability of detection.
@@ -27,7 +27,7 @@ class Movement(enum.Enum):
     The members have the initials that the source uses:
 
         >>> from jaxcell import patrol
-        >>> [movement.name for movement in patrol.Movement]
+        >>> [movement.name for movement in patrol.perimeter.Movement]
         ['BMP', 'DNCP', 'DCP']
     """
 
@@ -49,7 +49,7 @@ class Perimeter:
     Two robots on a cycle of eight segments:
 
         >>> from jaxcell import patrol
-        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
         >>> perimeter.distance, perimeter.images.tolist()
         (4, [[3, 0, 1, 2], [1, 2, 3, 0]])
     """
@@ -144,8 +144,8 @@ def detection_polynomials(
     Robots four segments apart; segments 1 and 3 mirror each other:
 
         >>> from jaxcell import patrol
-        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
-        >>> patrol.detection_polynomials(perimeter, 3)[[1, 3]].round(3).tolist()
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> patrol.perimeter.detection_polynomials(perimeter, 3)[[1, 3]].round(3).tolist()
         [[1.0, 0.333, 1.0, 1.0], [1.0, 1.0, 0.333, 1.0]]
     """
     check_count("time", time)
@@ -193,8 +193,8 @@ def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
     Two robots on eight segments, against penetrations of three cycles:
 
         >>> from jaxcell import patrol
-        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
-        >>> best = patrol.maximin(patrol.detection_polynomials(perimeter, 3))
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> best = patrol.perimeter.maximin(patrol.perimeter.detection_polynomials(perimeter, 3))
         >>> round(best.p, 3), round(best.value, 6)
         (0.5, 0.5)
     """
@@ -238,8 +238,8 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
     Robots that toss a fair coin, two segments apart:
 
         >>> from jaxcell import patrol
-        >>> perimeter = patrol.Perimeter(4, 2, patrol.Movement.BMP)
-        >>> patrol.hitting_law(perimeter, 0.5, 3).tolist()
+        >>> perimeter = patrol.perimeter.Perimeter(4, 2, patrol.perimeter.Movement.BMP)
+        >>> patrol.perimeter.hitting_law(perimeter, 0.5, 3).tolist()
         [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
     """
     require_x64("hitting_law")
@@ -277,8 +277,8 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     Robots that toss a fair coin, four segments apart; segment `i` takes `i (4 - i)` cycles:
 
         >>> from jaxcell import patrol
-        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
-        >>> patrol.mean_hitting_times(perimeter, 0.5).round(6).tolist()
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> patrol.perimeter.mean_hitting_times(perimeter, 0.5).round(6).tolist()
         [4.0, 3.0, 4.0, 3.0]
     """
     chain = perimeter.chain(p)
@@ -315,9 +315,9 @@ def simulate(
 
         >>> import jax, numpy as np
         >>> from jaxcell import patrol
-        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
         >>> segments = np.array([1, 2, 3], np.int32)
-        >>> patrol.simulate(perimeter, 1.0, segments, 9, jax.random.key(0)).tolist()
+        >>> patrol.perimeter.simulate(perimeter, 1.0, segments, 9, jax.random.key(0)).tolist()
         [1.0, 2.0, 3.0]
     """
     _check_probability(p)
