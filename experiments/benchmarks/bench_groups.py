@@ -24,7 +24,7 @@ from timing import Timing, begin, line, take_turns
 
 from jaxcell import bounce
 from jaxcell.mapping import GroupSummary
-from jaxcell.space import CellSpace, Workspace, stencil
+from jaxcell.space import CellSpace, Motion, Workspace, stencil
 
 
 # Here, since the processes that tell of memory import this module only.
@@ -171,7 +171,7 @@ def peer_groups(cells: CellSpace, collision: str, tabulated: bool) -> Groups:
     # A margin of blocked squares makes every look-up of a neighbour safe.
     position = np.pad(cells.position_of_square, 1, constant_values=-1)
     square = np.flatnonzero(position.ravel() >= 0)
-    shape = stencil(cells.directions, 1.0, collision, cells.free.shape)
+    shape = stencil(cells.directions, Motion(collision=collision), cells.free.shape)
     weights = np.array([position.shape[1], 1])
     offset, look = shape.offset @ weights, shape.square @ weights
     crossed, beside = look[shape.crossed], look[shape.beside]
@@ -198,13 +198,15 @@ def peer_summary(cells: CellSpace, collision: str, tabulated: bool) -> GroupSumm
 
 
 def two_calls(cells: CellSpace, collision: str) -> Groups:
-    image = bounce.bounce_map(cells, BOUNCE, collision=collision).image
-    groups = bounce.bounce_groups(cells, BOUNCE, collision=collision)
+    image = bounce.bounce_map(cells, BOUNCE, motion=Motion(collision=collision)).image
+    groups = bounce.bounce_groups(cells, BOUNCE, motion=Motion(collision=collision))
     return jax.block_until_ready(Groups(image, groups.group, groups.step, groups.count))
 
 
 def summary_only(cells: CellSpace, collision: str) -> GroupSummary:
-    return jax.block_until_ready(bounce.group_summary(cells, BOUNCE, collision=collision))
+    return jax.block_until_ready(
+        bounce.group_summary(cells, BOUNCE, motion=Motion(collision=collision))
+    )
 
 
 def check(results: dict[str, Groups | GroupSummary]) -> None:

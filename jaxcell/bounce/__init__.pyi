@@ -5,7 +5,9 @@ from .coverage import (
 )
 from .covered import CoveragePolicy as CoveragePolicy
 from .dynamics import (
-    Collision as Collision,
+    CELL_BY_CELL as CELL_BY_CELL,
+    ENDPOINT as ENDPOINT,
+    Motion as Motion,
     Moves as Moves,
     bounce_image as bounce_image,
     bounce_map as bounce_map,

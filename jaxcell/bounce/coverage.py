@@ -11,10 +11,10 @@ from ..base.precision import require_x64
 from ..mapping import persistent_groups
 from ..markov import limiting_distribution
 from ..optimize import mixture
-from ..space import CellSpace, estimates
+from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.extent import Extent
 from .covered import CoveragePolicy
-from .dynamics import Collision, moves as moves_of
+from .dynamics import moves as moves_of
 from .imprecise import noisy_chain, noisy_turns
 
 
@@ -29,8 +29,7 @@ def coverage_policy(
     target: Target = None,
     *,
     weights: Literal["basin", "size"] = "basin",
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     progress: Callable[[int], None] | None = None,
 ) -> CoveragePolicy:
     """The mixture of bouncing policies whose coverage is nearest to a target (Alam 2018, Alg. 3.3).
@@ -46,7 +45,7 @@ def coverage_policy(
     - `target`: as for [`coverage_target`][].
     - `weights`: what the persistent groups of one angle weigh, as for
         [`jaxcell.markov.limiting_distribution`][].
-    - `step`, `collision`: as for [`jaxcell.bounce.bounce_map`][].
+    - `motion`: how the robot moves.
     - `progress`: called with the number of angles that are done.
 
     **Returns:** [`CoveragePolicy`][].
@@ -79,13 +78,11 @@ def coverage_policy(
     wanted = coverage_target(cells, target)
     estimates.check(
         Extent.of(cells),
-        lambda e: estimates.coverage(
-            e, step, collision, angles=len(turns), branches=len(turns[0][0])
-        ),
+        lambda e: estimates.coverage(e, motion, angles=len(turns), branches=len(turns[0][0])),
         "coverage",
-        step,
+        motion.step,
     )
-    possible = moves_of(cells, step=step, collision=collision)
+    possible = moves_of(cells, motion=motion)
     groups, limiting, coverage = [], [], []
     for turn, probability in turns:
         chain = noisy_chain(possible, turn, probability)

@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 import math
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -9,12 +9,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import SimpleMap
-from ..space import CellSpace, estimates, stencil
+from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates, stencil
 from ..space.extent import Extent
 from ..space.steps import Steps
 
-
-Collision: TypeAlias = Literal["swept", "endpoint"]
 
 _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 
@@ -37,21 +35,18 @@ class Moves:
 
 
 @functools.lru_cache(maxsize=4)
-def moves(cells: CellSpace, *, step: float | None = None, collision: Collision = "swept") -> Moves:
+def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
     """Where one step leads from the centre of every cell. The last few answers are kept.
 
     **Arguments:**
 
     - `cells`: the cell space.
-    - `step`: length of a step in metres, by default one cell; it must cross a cell, so no less.
-    - `collision`: `"swept"` keeps the whole step in the closed free space (it may graze a corner,
-        but not slip between two obstacles that meet in a point); `"endpoint"` asks that of its end
-        only, as the dissertation does. The end must lie in a free cell in either case.
+    - `motion`: how the robot moves.
 
     **Returns:** [`Moves`][].
 
-    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown collision
-    rule; `MemoryError` where the moves would not fit the free memory.
+    **Raises:** `ValueError` for a step that is too short or not finite; `MemoryError` where the
+    moves would not fit the free memory.
 
     A corridor of three squares, with the directions East and West:
 
@@ -61,36 +56,21 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         >>> moves.target[moves.way].tolist()
         [[1, 2, 2], [0, 0, 1]]
     """
-    length = step_in_cells(cells, step, collision)
     estimates.check(
-        Extent.of(cells), lambda e: estimates.moves(e, step, collision), "moves of all cells", step
+        Extent.of(cells), lambda e: estimates.moves(e, motion), "moves of all cells", motion.step
     )
-    steps = Steps.of(cells, length, collision)
+    steps = Steps.of(cells, motion)
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
         free = np.ones(cells.positions, bool)
         return Moves(*jax.device_put((steps.targets(cells), steps.way, free)))
 
 
-def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
-    """The length of a step in cells, for a rule of [`moves`][] that there is.
-
-    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown rule.
-    """
-    length = 1.0 if step is None else step / cells.cell
-    if not (math.isfinite(length) and length >= 1 - 1e-9):
-        raise ValueError(f"step: expected at least one cell, {cells.cell:g} m, got {step} m")
-    if collision not in ("swept", "endpoint"):
-        raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
-    return length
-
-
 def grid_moves(
     free: Bool[Array, "rows columns"],
     directions: int,
     *,
-    step: float = 1.0,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> Moves:
     """Where one step leads on a grid whose blocked squares are the obstacles.
 
@@ -103,8 +83,7 @@ def grid_moves(
 
     - `free`: which squares are free; row 0 is the lowest.
     - `directions`: number of directions.
-    - `step`: length of a step in squares, at least 1.
-    - `collision`: as for [`moves`][].
+    - `motion`: how the robot moves; the side of a square is 1 m.
 
     **Returns:** [`Moves`][].
 
@@ -116,9 +95,7 @@ def grid_moves(
         >>> moves.target[moves.way].tolist()
         [[1, 1, 2], [0, 0, 2]]
     """
-    if step < 1 - 1e-9:
-        raise ValueError(f"step: expected at least one square, got {step}")
-    shape = stencil(directions, float(step), collision, free.shape)
+    shape = stencil(directions, motion, free.shape)
     return _grid_moves(free, shape.way, *shape.looks)
 
 
@@ -187,8 +164,7 @@ def bounce_map(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> SimpleMap:
     """The image of every cell, for a robot that goes straight and turns at a wall.
 
@@ -202,7 +178,7 @@ def bounce_map(
     - `cells`: the cell space.
     - `bounce`: bouncing angle in radians, counter-clockwise; an array of angles makes a batch of
         maps.
-    - `step`, `collision`: as for [`moves`][].
+    - `motion`: how the robot moves.
 
     **Returns:** [`jaxcell.mapping.SimpleMap`][] with arrays over the cells.
 
@@ -219,12 +195,12 @@ def bounce_map(
         ([1, 2, 5, 0, 3, 4], [0, 0, 1, 1, 0, 0])
     """
     shift = bounce_shift(bounce, cells.directions)
-    possible = moves(cells, step=step, collision=collision)
+    possible = moves(cells, motion=motion)
     estimates.check(
         Extent.of(cells),
         lambda e: estimates.IMAGE * e.size * shift.size,
         "images of all cells",
-        step,
+        motion.step,
     )
     target, way = np.asarray(possible.target), np.asarray(possible.way)
     maps = zip(*(_images(target, way, one) for one in shift.ravel().tolist()), strict=True)

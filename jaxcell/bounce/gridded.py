@@ -7,7 +7,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import GroupTotals
 from ..mapping.groups import follow, periodic_cells
-from .dynamics import Collision, bounce_shift
+from ..space import CELL_BY_CELL, Motion
+from .dynamics import bounce_shift
 from .wall_map import Walls, walls as walls_of
 
 
@@ -25,8 +26,7 @@ def grid_groups(
     bounce: Float[np.ndarray, "angles"] | float,
     directions: int,
     *,
-    step: float = 1.0,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> GroupTotals:
     """Total the periodic groups of many grids of one shape, each with many bouncing angles.
 
@@ -39,8 +39,7 @@ def grid_groups(
     - `free`: which squares are free, at least one of each grid; row 0 is the lowest.
     - `bounce`: bouncing angles in radians, counter-clockwise; one, or an axis of them.
     - `directions`: number of directions.
-    - `step`: length of a step in squares, at least 1.
-    - `collision`: as for [`jaxcell.bounce.moves`][].
+    - `motion`: how the robot moves; the side of a square is 1 m.
 
     **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[*rooms, angles]`, or `[*rooms]` for
     one angle.
@@ -64,9 +63,7 @@ def grid_groups(
     flat = free.reshape(math.prod(rooms), *free.shape[-2:])
     for room in np.flatnonzero(~flat.any(axis=(1, 2))).tolist()[:1]:
         raise ValueError(f"free: expected a free square in every grid, got none in number {room}")
-    found = wall_groups(
-        walls_of(flat, directions, step=step, collision=collision), np.atleast_1d(shift)
-    )
+    found = wall_groups(walls_of(flat, directions, motion=motion), np.atleast_1d(shift))
     fields = (getattr(found, field.name) for field in dataclasses.fields(found))
     return GroupTotals(*(x.reshape((*rooms, *shift.shape)) for x in fields))
 

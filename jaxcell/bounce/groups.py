@@ -11,10 +11,10 @@ from jaxtyping import Array, Float, Int, Int32
 
 from ..mapping import GroupSummary, PeriodicGroups
 from ..mapping.section import bucket
-from ..space import CellSpace, estimates
+from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.extent import Extent
 from ..space.steps import Steps
-from .dynamics import Collision, bounce_shift, step_in_cells
+from .dynamics import bounce_shift
 from .runs import Runs
 from .section import AngleGroups, angle_groups
 
@@ -84,16 +84,16 @@ def _expand(to: _ToWalls, at: _AtWalls, *, walls: int) -> PeriodicGroups:
 
 
 @functools.lru_cache(maxsize=4)
-def _runs(cells: CellSpace, step: float | None, collision: Collision) -> Runs:
+def _runs(cells: CellSpace, motion: Motion) -> Runs:
     estimates.check(
-        Extent.of(cells), lambda e: estimates.section(e, step, collision), "groups of cells", step
+        Extent.of(cells), lambda e: estimates.section(e, motion), "groups of cells", motion.step
     )
-    return Runs.of(Steps.of(cells, step_in_cells(cells, step, collision), collision))
+    return Runs.of(Steps.of(cells, motion))
 
 
 @functools.lru_cache(maxsize=4)
-def _to_walls(cells: CellSpace, step: float | None, collision: Collision) -> _ToWalls:
-    runs = _runs(cells, step, collision)
+def _to_walls(cells: CellSpace, motion: Motion) -> _ToWalls:
+    runs = _runs(cells, motion)
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
         return jax.device_put(_ToWalls(runs.steps.way, *runs.of_cells(cells)))
@@ -112,20 +112,18 @@ def _stacked(
 def _found(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*angles"] | Array | float | int,
-    step: float | None,
-    collision: Collision,
+    motion: Motion,
 ) -> tuple[list[AngleGroups], tuple[int, ...]]:
     """The groups of each angle, and the shape of the batch."""
     shift = bounce_shift(bounce, cells.directions)
-    return angle_groups(cells, _runs(cells, step, collision), shift.ravel().tolist()), shift.shape
+    return angle_groups(cells, _runs(cells, motion), shift.ravel().tolist()), shift.shape
 
 
 def bounce_groups(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> PeriodicGroups:
     """Find the periodic groups of a bounce map, by way of the section of its bumps.
 
@@ -147,12 +145,12 @@ def bounce_groups(
         >>> int(groups.count), groups.period.tolist()
         (1, [6, 6, 6, 6, 6, 6])
     """
-    found, angles = _found(cells, bounce, step, collision)
+    found, angles = _found(cells, bounce, motion)
     estimates.check(
         Extent.of(cells),
         lambda e: estimates.IMAGE * e.size * len(found),
         "groups of all cells",
-        step,
+        motion.step,
         "`record.save_cells` writes them a direction at a time, or ",
     )
     most, slots = (
@@ -169,15 +167,14 @@ def bounce_groups(
         np.array([one.period.size for one in found], np.int32).reshape(angles),
     )
     walls = bucket(int(np.diff(found[0].runs.begin).max()))
-    return _expand(_to_walls(cells, step, collision), at, walls=walls)
+    return _expand(_to_walls(cells, motion), at, walls=walls)
 
 
 def group_summary(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> GroupSummary:
     """Count the periodic groups of a bounce map, with their periods, basins and transients.
 
@@ -194,7 +191,7 @@ def group_summary(
         >>> int(found.count), found.period[:1].tolist(), found.basin[:1].tolist()
         (1, [6], [6])
     """
-    found, angles = _found(cells, bounce, step, collision)
+    found, angles = _found(cells, bounce, motion)
     each = [one.summary() for one in found]
     most = bucket(max(one.period.size for one in each))
     count = np.array([one.period.size for one in each], np.int32).reshape(angles)

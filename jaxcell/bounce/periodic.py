@@ -1,17 +1,17 @@
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals, PeriodicGroups
-from ..space import CellSpace, estimates
+from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.extent import Extent
 from ..space.steps import Steps
-from .dynamics import Collision, bounce_map, bounce_shift, step_in_cells
+from .dynamics import bounce_map, bounce_shift
 from .gridded import wall_groups
 from .groups import bounce_groups
 from .localization.filter_size import heading_filter_sizes
@@ -34,8 +34,7 @@ class BounceGroups(Result):
     tables: ClassVar[Mapping[str, str]] = {"bounce": "groups"}
 
     cells: CellSpace
-    motion: Mapping[str, Any]
-    "How the robot moves: `step` and `collision`, as for [`jaxcell.bounce.moves`][]."
+    motion: Motion
     bounce: Annotated[
         Float[np.ndarray, "angles"],
         quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
@@ -71,8 +70,7 @@ class BounceGroups(Result):
         cells: CellSpace,
         bounce: Float[np.ndarray, "*angles"] | float,
         *,
-        step: float | None = None,
-        collision: Collision = "swept",
+        motion: Motion = CELL_BY_CELL,
     ) -> "BounceGroups":
         """The periodic groups of the bounce map of each angle.
 
@@ -80,7 +78,7 @@ class BounceGroups(Result):
 
         - `cells`: the cell space.
         - `bounce`: one or several bouncing angles, in radians.
-        - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+        - `motion`: how the robot moves.
 
         **Raises:** `ValueError` for an angle that is not a whole number of directions;
         `MemoryError` where finding the numbers would not fit the free memory.
@@ -96,14 +94,13 @@ class BounceGroups(Result):
         """
         angles = np.atleast_1d(np.asarray(bounce, float))
         shift = bounce_shift(angles, cells.directions)
-        motion = {"step": step, "collision": collision}
         estimates.check(
             Extent.of(cells),
-            lambda e: estimates.counts(e, step, collision),
+            lambda e: estimates.counts(e, motion),
             "numbers of groups",
-            step,
+            motion.step,
         )
-        steps = Steps.of(cells, step_in_cells(cells, step, collision), collision)
+        steps = Steps.of(cells, motion)
         if len(steps.offset) <= estimates.MAX_WALL_WAYS:
             return cls(
                 cells,
@@ -121,8 +118,7 @@ class BounceGroups(Result):
 
         So [`jaxcell.record.save_cells`][] writes what would not fit the memory.
         """
-        length = step_in_cells(self.cells, self.motion["step"], self.motion["collision"])
-        steps = Steps.of(self.cells, length, self.motion["collision"])
+        steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
 
     @derived("bounce", "bouncing angle", "degree", kind="coordinate")
@@ -167,7 +163,7 @@ class BounceGroups(Result):
 
     @functools.cached_property
     def _found(self) -> PeriodicGroups:
-        return bounce_groups(self.cells, self.bounce, **self.motion)
+        return bounce_groups(self.cells, self.bounce, motion=self.motion)
 
     def _of_cells(
         self, values: Int[Array | np.ndarray, "angles cells"]
@@ -190,7 +186,7 @@ class BounceGroups(Result):
         # nearer to it; and both engines agree.
         angles = len(self.bounce)
         group, step = (one.reshape(angles, -1) for one in (self.group, self.step))
-        image = np.asarray(bounce_map(self.cells, self.bounce, **self.motion).image)
+        image = np.asarray(bounce_map(self.cells, self.bounce, motion=self.motion).image)
         leads = np.take_along_axis(group, image, 1) == group
         nearer = np.take_along_axis(step, image, 1) == np.maximum(step - 1, 0)
         basins = periods = missing = differ = 0
@@ -261,7 +257,7 @@ class RoomGroups(BounceGroups):
         bounce: Float[np.ndarray, "angles"],
         directions: int,
         *,
-        collision: Collision = "swept",
+        motion: Motion = CELL_BY_CELL,
     ) -> "RoomGroups":
         """The periodic groups and the filters in a room for some bouncing angles.
 
@@ -269,7 +265,7 @@ class RoomGroups(BounceGroups):
 
         - `free`: which squares are free; row 0 is the lowest.
         - `bounce`: bouncing angles in radians.
-        - `directions`, `collision`: as for [`jaxcell.bounce.grid_moves`][].
+        - `directions`, `motion`: as for [`jaxcell.bounce.grid_moves`][].
 
         An open room of two rows of three squares, with turns to the left and right about:
 
@@ -281,9 +277,8 @@ class RoomGroups(BounceGroups):
             ([10, 6], [14, 8])
         """
         shift, which = np.unique(bounce_shift(bounce, directions), return_inverse=True)
-        known = walls(free[None], directions, collision=collision)
+        known = walls(free[None], directions, motion=motion)
         numbers = _of_each(wall_groups(known, shift), which)
         numbers.append(heading_filter_sizes(known, shift)[0][which])
         cells = CellSpace.of_grid(free, directions)
-        motion = {"step": None, "collision": collision}
         return cls(cells, motion, bounce, *numbers)

@@ -5,9 +5,8 @@ import numpy as np
 from jaxtyping import Bool, Int, Int32
 
 from ..mapping.section import bucket
-from ..space import CellSpace
+from ..space import CELL_BY_CELL, CellSpace, Motion
 from ..space.steps import Steps
-from .dynamics import Collision, step_in_cells
 from .runs import Runs
 
 
@@ -68,8 +67,7 @@ def walls(
     free: Bool[np.ndarray, "grids rows columns"],
     directions: int,
     *,
-    step: float = 1.0,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> Walls:
     """Which wall follows which on grids whose blocked squares are the obstacles.
 
@@ -86,14 +84,10 @@ def walls(
         >>> walls.count.tolist()
         [[2, 3, 2, 3]]
     """
-    if step < 1 - 1e-9:
-        raise ValueError(f"step: expected at least one square, got {step}")
-    return wall_tables(Steps.on_grids(free, directions, float(step), collision))
+    return wall_tables(Steps.on_grids(free, directions, motion))
 
 
-def cell_walls(
-    cells: CellSpace, *, step: float | None = None, collision: Collision = "swept"
-) -> Walls:
+def cell_walls(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Walls:
     """Which wall follows which on a map, as a batch of one.
 
     **Arguments:** as for [`jaxcell.bounce.moves`][].
@@ -110,7 +104,7 @@ def cell_walls(
         >>> bounce.cell_walls(cells).behind[0, :, 0].tolist()
         [2, 2]
     """
-    return wall_tables(Steps.of(cells, step_in_cells(cells, step, collision), collision))
+    return wall_tables(Steps.of(cells, motion))
 
 
 def wall_tables(steps: Steps) -> Walls:

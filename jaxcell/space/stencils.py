@@ -5,7 +5,8 @@ import math
 import numpy as np
 from jaxtyping import Int
 
-from .cells import TOLERANCE
+from .motion import Motion
+from .segments import displacement
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Stencil:
 
 
 @functools.lru_cache(maxsize=64)
-def stencil(directions: int, step: float, collision: str, grid: tuple[int, int]) -> Stencil:
+def stencil(directions: int, motion: Motion, grid: tuple[int, int]) -> Stencil:
     """The stencil of a step on a grid.
 
     Directions in which a step leads off the grid from every square are one way, so that a stencil
@@ -49,22 +50,20 @@ def stencil(directions: int, step: float, collision: str, grid: tuple[int, int])
     **Arguments:**
 
     - `directions`: number of directions in a full turn.
-    - `step`: length of a step, in sides of a square.
-    - `collision`: `"endpoint"` asks only that the end point be free, `"swept"` the same of all the
-        way.
+    - `motion`: how a robot moves; the side of a square is 1 m.
     - `grid`: number of rows and of columns.
 
     **Returns:** [`Stencil`][].
 
     Steps of one square in 360 directions do 16 different things; North leads one row up:
 
-        >>> from jaxcell.space import stencil
-        >>> one = stencil(360, 1.0, "swept", (20, 30))
+        >>> from jaxcell.space import Motion, stencil
+        >>> one = stencil(360, Motion(), (20, 30))
         >>> len(one.offset), one.offset[one.way[90]].tolist()
         (16, [1, 0])
     """
     ways: dict[tuple, int] = {}
-    found = (_way(k, directions, step, collision, grid) for k in range(directions))
+    found = (_way(k, directions, motion, grid) for k in range(directions))
     way = [ways.setdefault(one, len(ways)) for one in found]
     # What fills up is the end square, which has to be free anyway.
     crossings = max(len(crossed) for _, crossed, _ in ways)
@@ -122,43 +121,11 @@ def steps_before(
     return before
 
 
-def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:
-    """End point of a step from the origin, rounded so that ties are ties on every platform."""
-    angle = 2 * math.pi * direction / directions
-    return round(step * math.cos(angle), 9), round(step * math.sin(angle), 9)
-
-
-def _way(
-    direction: int, directions: int, step: float, collision: str, grid: tuple[int, int]
-) -> tuple:
-    dx, dy = displacement(direction, directions, step)
+def _way(direction: int, directions: int, motion: Motion, grid: tuple[int, int]) -> tuple:
+    dx, dy = displacement(direction, directions, motion.in_cells(1.0))
     offset = (math.floor(round(0.5 + dy, 9)), math.floor(round(0.5 + dx, 9)))
     rows, columns = grid
     if abs(offset[0]) >= rows or abs(offset[1]) >= columns:
         off = (rows, 0) if rows <= columns else (0, columns)
         return off, (off,), ()
-    if collision == "endpoint":
-        return offset, (offset,), ()
-    crossed, beside = {offset: None}, []
-    east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
-    # The step meets the lines between columns at x = 1/2, 3/2, ... from its start, and rows
-    # likewise.
-    to_column = [(m + 0.5) / abs(dx) for m in range(int(abs(dx) + 0.5))] if dx else []
-    to_row = [(m + 0.5) / abs(dy) for m in range(int(abs(dy) + 0.5))] if dy else []
-    row = column = 0
-    while to_column or to_row:
-        next_column, next_row = (to_column or [math.inf])[0], (to_row or [math.inf])[0]
-        if abs(next_column - next_row) < TOLERANCE:
-            corner = (row, column + east), (row + north, column)
-            row, column = row + north, column + east
-            to_column, to_row = to_column[1:], to_row[1:]
-            # A corner at the end is not passed, unless the end square lies beyond it.
-            if next_row < 1 - TOLERANCE or (row, column) == offset:
-                beside.append(corner)
-        elif next_column < next_row:
-            column, to_column = column + east, to_column[1:]
-        else:
-            row, to_row = row + north, to_row[1:]
-        if min(next_column, next_row) < 1 - TOLERANCE:
-            crossed[row, column] = None
-    return offset, tuple(crossed), tuple(beside)
+    return offset, *motion.rule.squares(dx, dy, offset)

@@ -2,18 +2,23 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Int, Int32
 
-from .cells import CellSpace
-from .segments import blocked_steps
+from .cells import TOLERANCE, CellSpace
+from .motion import CELL_BY_CELL, Motion
+from .segments import displacement
 from .stencils import Stencil, line_places, stencil
 
 
 # Places of all squares of grids up to this size are kept.
 _SMALL = 2**16
+# Squares in a row of a block.
+_BLOCK = 32
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,8 +47,7 @@ class Steps:
         cls,
         free: Bool[np.ndarray, "grids rows columns"],
         directions: int,
-        length: float,
-        collision: str,
+        motion: Motion,
     ) -> "Steps":
         """Steps on grids whose blocked squares are the obstacles.
 
@@ -51,11 +55,10 @@ class Steps:
 
         - `free`: which squares are free; row 0 is the lowest.
         - `directions`: number of directions.
-        - `length`: of a step, in sides of a square.
-        - `collision`: `"swept"` or `"endpoint"`.
+        - `motion`: how a robot moves; the side of a square is 1 m.
         """
         rows, columns = free.shape[1:]
-        shape = stencil(directions, length, collision, (rows, columns))
+        shape = stencil(directions, motion, (rows, columns))
         margin = int(np.abs(shape.square).max())
         framed = np.pad(free, ((0, 0), (margin, margin), (margin, margin)))
 
@@ -76,24 +79,26 @@ class Steps:
         return cls(free, shape.way, shape.offset, shape.lines, shape.line, possible)
 
     @classmethod
-    def of(cls, cells: CellSpace, length: float, collision: str) -> "Steps":
+    def of(cls, cells: CellSpace, motion: Motion) -> "Steps":
         """Steps in a cell space, as a batch of one grid.
 
         **Arguments:**
 
         - `cells`: the cell space.
-        - `length`: of a step, in cells.
-        - `collision`: `"swept"` or `"endpoint"`.
+        - `motion`: how the robot moves.
+
+        **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
         """
         if cells.gridded:
-            return cls.on_grids(cells.free[None], cells.directions, length, collision)
-        return cls.among_walls(cells, length, collision)
+            return cls.on_grids(cells.free[None], cells.directions, in_squares(motion, cells.cell))
+        return cls.among_walls(cells, motion)
 
     @classmethod
-    def among_walls(cls, cells: CellSpace, length: float, collision: str) -> "Steps":
+    def among_walls(cls, cells: CellSpace, motion: Motion) -> "Steps":
         """The same by the walls themselves, which may have any shape."""
-        ends = cls.on_grids(cells.free[None], cells.directions, length, "endpoint")
-        near, blocked = blocked_steps(cells, length, collision)
+        length = motion.in_cells(cells.cell)
+        ends = cls.on_grids(cells.free[None], cells.directions, Motion(length, "endpoint"))
+        near, blocked = _blocked_steps(cells, motion)
         # Walls part directions that lead to the same square, but not where it is not free.
         able = np.stack([ends.possible(way).ravel()[near] for way in range(len(ends.offset))])
         blocked = blocked.T & able[ends.way]
@@ -162,8 +167,40 @@ def _needed(shape: Stencil) -> list[tuple[list, list]]:
     return list(zip(crossed, pairs, strict=True))
 
 
+def in_squares(motion: Motion, cell: float) -> Motion:
+    """Give the motion on a grid of unit squares that stand for cells."""
+    return dataclasses.replace(motion, step=motion.in_cells(cell))
+
+
+def _blocked_steps(
+    cells: CellSpace, motion: Motion
+) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
+    """Find the steps that walls of any shape block, to a tolerance of 1e-9 of a cell.
+
+    **Returns:** the free squares within a step of a wall, and the directions in which a wall blocks
+    the step from the centre of each. From other squares only the end has to be free.
+    """
+    rows, columns = cells.free.shape
+    # All longer ones lead off the map too.
+    length = min(motion.in_cells(cells.cell), math.hypot(rows, columns) + 1)
+    steps = np.array([displacement(k, cells.directions, length) for k in range(cells.directions)])
+    reach = float(np.linalg.norm(steps[0])) + TOLERANCE
+    tree = shapely.STRtree(shapely.linestrings(cells.walls))
+    # Blocks of squares are tested, which are far fewer, and then the squares of those near walls.
+    blocks = np.zeros((-(-rows // _BLOCK), -(-columns // _BLOCK)), bool)
+    bottom, left = np.indices(blocks.shape).reshape(2, -1) * _BLOCK
+    boxes = shapely.box(left, bottom, left + _BLOCK, bottom + _BLOCK)
+    blocks.flat[tree.query(boxes, predicate="dwithin", distance=reach)[0]] = True
+    around = blocks.repeat(_BLOCK, 0).repeat(_BLOCK, 1)[:rows, :columns]
+    square = np.argwhere(cells.free & around)
+    centres = square[:, ::-1] + 0.5
+    near, wall = tree.query(shapely.points(centres), predicate="dwithin", distance=reach)
+    near, blocked = motion.rule.blocked(cells, centres, steps, near, wall)
+    return square[near] @ (columns, 1), blocked
+
+
 def free_steps(
-    cells: CellSpace, step: float, collision: str
+    cells: CellSpace, motion: Motion = CELL_BY_CELL
 ) -> Int[np.ndarray, "directions positions"]:
     """The position where a step from each centre in each direction leads, among walls of any shape.
 
@@ -172,8 +209,7 @@ def free_steps(
     **Arguments:**
 
     - `cells`: the cell space.
-    - `step`: length of a step in cells.
-    - `collision`: `"swept"` or `"endpoint"`.
+    - `motion`: how the robot moves.
 
     **Returns:** the positions, by direction and position.
 
@@ -183,8 +219,8 @@ def free_steps(
 
         >>> from jaxcell import examples, space
         >>> cells = examples.corridor()
-        >>> space.free_steps(cells, 1.0, "swept").tolist()
+        >>> space.free_steps(cells).tolist()
         [[1, 2, 2], [0, 0, 1]]
     """
-    steps = Steps.among_walls(cells, step, collision)
+    steps = Steps.among_walls(cells, motion)
     return steps.targets(cells)[steps.way]

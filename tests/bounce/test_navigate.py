@@ -9,7 +9,7 @@ import scipy.sparse
 from hypothesis import given, strategies as st
 
 from jaxcell.bounce import AllPlans, all_plans, bounce_map, plan, replay
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
 
 
 # With as many free squares in each, so that all share one compiled program.
@@ -161,8 +161,8 @@ def test_plans_are_cheapest_paths_of_the_literal_roadmap(free, shifts, weights, 
     ("cells", "bounces", "options"),
     [
         (room(9, 13), LAB, {}),
-        (room(7, 20, seed=1), -LAB, {"collision": "endpoint"}),
-        (ROUND, np.deg2rad([30, 105, 225]), {"step": 0.65}),
+        (room(7, 20, seed=1), -LAB, {"motion": ENDPOINT}),
+        (ROUND, np.deg2rad([30, 105, 225]), {"motion": Motion(0.65)}),
     ],
 )
 def test_all_costs_are_those_of_dijkstra(cells, bounces, options):
@@ -345,7 +345,7 @@ def test_other_files_are_refused(tmp_path):
         ({"keep": 3, "change": 2}, "change: expected at least what keeping the angle costs, 3"),
         ({"change": 1e18}, "change: 1e.18 is too much beside keep 1"),
         ({"change": 10**18}, "change: 1e.18 is too much beside keep 1"),
-        ({"step": 0.5}, "step: expected at least one cell"),
+        ({"motion": Motion(0.5)}, "step: expected at least one cell"),
     ],
 )
 def test_refuses(arguments, message):

@@ -9,8 +9,7 @@ from jaxtyping import Array, Float, Int, Integer, Shaped
 
 from ...base import memory
 from ...base.quantities import Checks, Result, quantity
-from ...space import CellSpace
-from ..dynamics import Collision
+from ...space import CELL_BY_CELL, CellSpace, Motion
 from .files import read_roadmap, read_routes, write_plans
 from .navigate import Plan, read_plan
 from .roadmap import Method, Roadmap, describe_space
@@ -191,8 +190,7 @@ def all_plans(
     keep: int | float = 1,
     change: int | float = 100,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     method: Method = "exact",
     file: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -201,7 +199,7 @@ def all_plans(
 
     **Arguments:**
 
-    - `cells`, `bounces`, `keep`, `change`, `step`, `collision`, `method`: as for
+    - `cells`, `bounces`, `keep`, `change`, `motion`, `method`: as for
         [`jaxcell.bounce.plan`][].
     - `file`: a NetCDF file to write the plans to as they are found, and to read them from, for
         spaces whose plans do not fit the memory. By default they are kept in memory.
@@ -223,9 +221,7 @@ def all_plans(
         >>> plans.costs(np.array([0])).ravel().tolist()
         [0, 5, 4, 1, 2, 3]
     """
-    roadmap = Roadmap.of(
-        cells, bounces, keep, change, step=step, collision=collision, method=method
-    )
+    roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
 
     if file is None:
         # Costs, layers and turns, and once more where the parts are joined.

@@ -7,10 +7,10 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...space import CellSpace, estimates
+from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ...space.extent import Extent
 from ...space.steps import Steps
-from ..dynamics import Collision, bounce_shift, step_in_cells
+from ..dynamics import bounce_shift
 from ..runs import Runs
 
 
@@ -67,8 +67,7 @@ class Roadmap:
         keep: int | float = 1,
         change: int | float = 100,
         *,
-        step: float | None = None,
-        collision: Collision = "swept",
+        motion: Motion = CELL_BY_CELL,
         method: Method = "exact",
     ) -> "Roadmap":
         """The roadmap of a cell space.
@@ -83,9 +82,9 @@ class Roadmap:
         if method not in ("exact", "layered"):
             raise ValueError(f"method: expected 'exact' or 'layered', got {method!r}")
         estimates.check(
-            Extent.of(cells), lambda e: estimates.plans(e, step, collision), "a roadmap", step
+            Extent.of(cells), lambda e: estimates.plans(e, motion), "a roadmap", motion.step
         )
-        steps = Steps.of(cells, step_in_cells(cells, step, collision), collision)
+        steps = Steps.of(cells, motion)
         runs = Runs.of(steps)
         first, direction, at = runs.of_directions(np.ones(cells.directions, bool))
         position = cells.position_of_square.ravel()[runs.square[at]]
@@ -101,8 +100,8 @@ class Roadmap:
             method=method,
             space={
                 **describe_space(cells),
-                "step_m": cells.cell if step is None else step,
-                "collision": collision,
+                "step_m": cells.cell if motion.step is None else motion.step,
+                "collision": motion.collision,
             },
         )
         _check_precision(roadmap)
