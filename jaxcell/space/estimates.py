@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
+from .cells import CellSpace
 from .extent import Extent
 from .motion import Motion
 from .occupancy import cutting_bytes
@@ -185,6 +186,20 @@ def check(
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))
     return needed
+
+
+def check_cells(
+    cells: CellSpace,
+    motion: Motion,
+    need: Callable[[Extent, Motion], float | int],
+    doing: str,
+    also: str = "",
+) -> None:
+    """Refuse a computation on existing cells that takes more memory than is free.
+
+    **Arguments:** as for [`check`][].
+    """
+    check(Extent.of(cells), lambda extent: need(extent, motion), doing, motion.step, also)
 
 
 def _instead(extent: Extent, need: Need, available: int, step: float | None) -> str:

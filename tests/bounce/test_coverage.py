@@ -191,7 +191,7 @@ def bad(n, index, value):
 @pytest.mark.parametrize(
     ("target", "message"),
     [
-        (np.ones(4), r"expected 13 numbers, one a position, or an image, got shape \(4,\)"),
+        (np.ones(4), r"expected 13 numbers, one per position, or an image, got shape \(4,\)"),
         (np.ones((2, 2, 3)), r"got shape \(2, 2, 3\)"),
         (np.ones((0, 3)), r"got shape \(0, 3\)"),
         (np.zeros(13), "0 at all positions"),

@@ -1,7 +1,6 @@
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -11,16 +10,16 @@ from jaxcell.bounce import (
     bounce_image,
     bounce_map,
     bounce_shift,
-    cell_walls,
-    grid_moves,
     group_summary,
     moves,
     wall_groups,
     walls,
 )
 from jaxcell.bounce.headings import Headings
+from jaxcell.bounce.wall_tables import Walls
 from jaxcell.mapping import periodic_groups
 from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
+from jaxcell.space.steps import Steps
 
 
 def grids(free):
@@ -144,7 +143,7 @@ def test_totals_are_those_of_the_summary():
     turns = np.array([0, 1, 6, 9])
     angles = 2 * math.pi * turns / 24
     summary = vars(group_summary(cells, angles).totals())
-    for name, total in vars(wall_groups(cell_walls(cells), turns)).items():
+    for name, total in vars(wall_groups(Walls.of(Steps.of(cells, Motion())), turns)).items():
         np.testing.assert_array_equal(summary[name], total[0], err_msg=name)
     alone = group_summary(cells, angles[1]).totals()
     assert {name: int(total) for name, total in vars(alone).items()} == {
@@ -162,28 +161,13 @@ def test_both_routes_agree_on_random_grids(free, shift):
         np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), err_msg=name)
 
 
-def test_grids_of_one_shape_map_under_vmap():
-    rng = np.random.default_rng(2)
-    grids = rng.random((100, 5, 6)) > 0.25
-
-    @jax.jit
-    @jax.vmap
-    def all_of(free):
-        image = bounce_image(grid_moves(free, 8), 3).image
-        return periodic_groups(image, jnp.tile(free.ravel(), 8))
-
-    batch = jax.device_get(all_of(grids))
-    # What is expected is compiled for each grid.
-    for i, free in enumerate(grids[:2]):
-        cells = CellSpace.of_grid(free, 8)
-        expected = bounce_groups(cells, 3 * 2 * math.pi / 8)
-        for name in ("group", "step", "period"):
-            found = getattr(batch, name)[i].reshape(8, -1)
-            np.testing.assert_array_equal(
-                found[:, cells.square].ravel(), getattr(expected, name), err_msg=name
-            )
-            assert (found[:, ~free.ravel()] == -1).all()
-        assert int(batch.count[i]) == int(expected.count)
+def test_images_of_all_angles_are_mapped_under_vmap():
+    cells = CellSpace.of(CURVED, 0.4, 24)
+    shift = np.arange(24, dtype=np.int32)
+    found = jax.jit(jax.vmap(bounce_image, (None, 0)))(moves(cells), shift)
+    expected = bounce_map(cells, 2 * math.pi * shift / 24)
+    np.testing.assert_array_equal(found.image, expected.image)
+    np.testing.assert_array_equal(found.bumped, expected.bumped)
 
 
 def test_an_angle_is_a_whole_number_of_directions():

@@ -7,8 +7,8 @@ from hypothesis.extra import numpy as hnp
 
 from jaxcell import bundled
 from jaxcell.bounce import (
+    Walls,
     bounce_map,
-    cell_walls,
     grid_groups,
     heading_filter_sizes,
     wall_groups,
@@ -16,6 +16,7 @@ from jaxcell.bounce import (
 )
 from jaxcell.mapping import periodic_groups
 from jaxcell.space import CellSpace, Motion, Workspace
+from jaxcell.space.steps import Steps
 
 
 # One shape, so that little is compiled.
@@ -156,7 +157,7 @@ def test_refusals():
 def test_walls_of_a_map_tell_its_groups(name, cell, directions, collision):
     cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), cell, directions)
     shift = np.arange(directions)
-    found = wall_groups(cell_walls(cells, motion=Motion(collision=collision)), shift)
+    found = wall_groups(Walls.of(Steps.of(cells, Motion(collision=collision))), shift)
     for turn in shift.tolist():
         image = bounce_map(
             cells, 2 * math.pi * turn / directions, motion=Motion(collision=collision)

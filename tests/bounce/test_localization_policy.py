@@ -6,8 +6,9 @@ from hypothesis import given, settings, strategies as st
 
 from jaxcell import bundled, space
 from jaxcell.automata import adaptive_choice, equivalence
-from jaxcell.bounce import AdaptivelyLocalized, bounce_map, cell_walls, localization_policy
-from jaxcell.space import ENDPOINT, CellSpace
+from jaxcell.bounce import AdaptivelyLocalized, Walls, bounce_map, localization_policy
+from jaxcell.space import ENDPOINT, CellSpace, Motion
+from jaxcell.space.steps import Steps
 from jaxcell.verify import compare_policy
 
 
@@ -86,7 +87,7 @@ def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, f
 
 def test_the_machine_of_walls_is_that_of_cells():
     cells = lab("lab_b")
-    images, lengths, behind = cell_walls(cells).machine([1, 3])
+    images, lengths, behind = Walls.of(Steps.of(cells, Motion())).machine([1, 3])
     assert behind.size + behind.sum() == cells.size
     roots = [np.flatnonzero(behind >= steps) for steps in range(int(behind.max()) + 1)]
     found = localization_policy(cells, np.radians([45, 135]))

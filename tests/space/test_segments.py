@@ -30,9 +30,8 @@ def steps_on_grid(cells, step, collision):
     targets = np.empty((cells.directions, cells.positions), np.int32)
     for position, here in enumerate(np.argwhere(cells.free)):
         for direction, way in enumerate(shape.way):
-            look = [free(here + s) for s in shape.square]
-            passes = all(look[s] for s in shape.crossed[way])
-            passes &= all(look[s] or look[t] for s, t in shape.beside[way])
+            passes = all(free(here + s) for s in shape.crossed[way])
+            passes &= all(free(here + s) or free(here + t) for s, t in shape.beside[way])
             end = here + shape.offset[way]
             targets[direction, position] = (
                 cells.position_of_square[tuple(end)] if passes else position
@@ -153,7 +152,7 @@ def test_starts_from_a_corner_into_the_free_side(direction, free):
 @pytest.mark.parametrize("collision", ["swept", "endpoint"])
 def test_a_step_longer_than_the_map_leads_nowhere(step, collision):
     shape = stencil(36, Motion(step, collision), (20, 35))
-    assert len(shape.offset) == len(shape.lines) == len(shape.square) == 1
+    assert len(shape.offset) == len(shape.crossed) == 1
     cells = CellSpace.of(Workspace([(0, 0), (35, 0), (33, 20), (0, 18)]), 1.0, 36)
     targets = free_steps(cells, Motion(step, collision))
     np.testing.assert_array_equal(targets, np.tile(np.arange(cells.positions), (36, 1)))

@@ -11,9 +11,9 @@ from ...automata import Filter, Policy, minimize
 from ...base.quantities import Checks, Result, derived
 from ...space import CellSpace, Motion
 from ..dynamics import bounce_shift
-from ..periodic import BounceGroups
+from ..group_results import BounceGroups
+from .localize import Localization
 from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
-from .run import Localization
 
 
 class States(Result):

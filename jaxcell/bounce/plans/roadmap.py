@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
-from ...space.extent import Extent
 from ...space.steps import Steps
 from ..dynamics import bounce_shift
-from ..runs import Runs
+from ..straight_runs import Runs
 
 
 Method: TypeAlias = Literal["exact", "layered"]
@@ -81,9 +80,7 @@ class Roadmap:
         keep, change = _weights(keep, change)
         if method not in ("exact", "layered"):
             raise ValueError(f"method: expected 'exact' or 'layered', got {method!r}")
-        estimates.check(
-            Extent.of(cells), lambda e: estimates.plans(e, motion), "a roadmap", motion.step
-        )
+        estimates.check_cells(cells, motion, estimates.plans, "a roadmap")
         steps = Steps.of(cells, motion)
         runs = Runs.of(steps)
         first, direction, at = runs.of_directions(np.ones(cells.directions, bool))

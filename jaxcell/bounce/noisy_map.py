@@ -119,7 +119,7 @@ def noisy_chain(
 def _slots(
     moves: Moves, turns: Int[Array, "branches"], probability: Float[Array, "branches"]
 ) -> tuple[Int[Array, "branches cells"], Float[Array, "branches cells"]]:
-    directions, positions = moves.way.shape[0], moves.free.shape[0]
+    directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction = jnp.arange(directions, dtype=jnp.int32)[:, None]
     position = jnp.arange(positions, dtype=jnp.int32)[None]
     target = moves.target[moves.way]

@@ -12,9 +12,9 @@ from ...base.quantities import Checks, derived, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
 from ..plans.roadmap import Roadmap
+from .localize import Localization
 from .off_centre import Shares, policy_shares
 from .result import RunOnMap, States
-from .run import Localization
 
 
 Goal: TypeAlias = Literal["cell", "position", "class"]

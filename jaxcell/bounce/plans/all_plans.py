@@ -11,7 +11,7 @@ from ...base import memory
 from ...base.quantities import Checks, Result, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from .files import read_roadmap, read_routes, write_plans
-from .navigate import Plan, read_plan
+from .plan import Plan, read_plan
 from .roadmap import Method, Roadmap, describe_space
 from .routes import Routes, block_size, costs, solve
 
