@@ -337,7 +337,7 @@ def main() -> int:
     report(data, plans["lab"])
     data.to_netcdf(options.out / "all_plans.nc")
     for name, one in plans.items():
-        one.save(options.out / f"plans_{name}.nc")
+        one.save(options.out / f"plans_{name}.zarr")
     draw(data, plans["lab"], options.out / "all_plans.png")
     print(f"Data and figure in {options.out}")
     return 0

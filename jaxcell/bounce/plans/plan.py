@@ -215,7 +215,7 @@ def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, go
         layer = routes.layer[0, wall]
         while not roadmap.runs_through(cell, goal):
             if len(path) > 2 * roadmap.turned.size:
-                raise ValueError("the plans do not lead to the goal; their file was altered")
+                raise ValueError("the plans do not lead to the goal; their store was altered")
             run = roadmap.line(cell, roadmap.wall_cell[wall].item())
             turn = routes.turn[0, layer, wall].item()
             cell = roadmap.turned[turn, wall].item()
