@@ -9,8 +9,8 @@ from jaxtyping import Array, Float, Int
 
 from ..base.precision import require_x64
 from ..mapping import Chain
-from ..space import CellSpace
-from .dynamics import Collision, Moves, bounce_shift, moves as moves_of
+from ..space import CELL_BY_CELL, CellSpace, Motion
+from .dynamics import Moves, bounce_shift, moves as moves_of
 
 
 def noisy_bounce_map(
@@ -19,8 +19,7 @@ def noisy_bounce_map(
     error: float,
     reliability: float,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> Chain:
     """The generalized map of a robot that turns imprecisely at a wall (Alam 2018, section 3.3.3).
 
@@ -34,7 +33,7 @@ def noisy_bounce_map(
     - `bounce`: bouncing angle in radians, counter-clockwise.
     - `error`: the largest error in radians, a whole number of directions.
     - `reliability`: the probability of a turn without error, above 0 and at most 1.
-    - `step`, `collision`: as for [`jaxcell.bounce.bounce_map`][].
+    - `motion`: how the robot moves.
 
     **Returns:** [`jaxcell.mapping.Chain`][], which nothing leaves.
 
@@ -55,7 +54,7 @@ def noisy_bounce_map(
     """
     require_x64("noisy_bounce_map")
     turns, probability = noisy_turns(bounce, error, reliability, cells.directions)
-    return noisy_chain(moves_of(cells, step=step, collision=collision), turns, probability)
+    return noisy_chain(moves_of(cells, motion=motion), turns, probability)
 
 
 def noisy_turns(
@@ -120,7 +119,7 @@ def noisy_chain(
 def _slots(
     moves: Moves, turns: Int[Array, "branches"], probability: Float[Array, "branches"]
 ) -> tuple[Int[Array, "branches cells"], Float[Array, "branches cells"]]:
-    directions, positions = moves.way.shape[0], moves.free.shape[0]
+    directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction = jnp.arange(directions, dtype=jnp.int32)[:, None]
     position = jnp.arange(positions, dtype=jnp.int32)[None]
     target = moves.target[moves.way]

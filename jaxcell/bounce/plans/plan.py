@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.quantities import Checks, Result, derived, quantity
-from ...space import CellSpace
-from ..dynamics import Collision, bounce_shift, motion_violations, moves
+from ...space import CELL_BY_CELL, CellSpace, Motion
+from ..dynamics import bounce_shift, motion_violations, moves
 from .roadmap import Method, Roadmap
 from .routes import Routes, costs, solve
 
@@ -150,8 +150,7 @@ def plan(
     keep: int | float = 1,
     change: int | float = 100,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     method: Method = "exact",
 ) -> Plan:
     """A cheapest plan from one cell to another (Alam 2018, Alg. 3.1).
@@ -174,7 +173,7 @@ def plan(
     - `bounces`: the angles to choose from, in radians, counter-clockwise.
     - `start`, `goal`: cells.
     - `keep`, `change`: the costs. Plans of whole costs cost whole numbers.
-    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+    - `motion`: how the robot moves.
     - `method`: `"exact"`, or `"layered"` as the dissertation does.
 
     **Returns:** [`jaxcell.bounce.Plan`][]. If there is no path, its cost is -1.
@@ -194,9 +193,7 @@ def plan(
         >>> found.cost, found.visited.tolist()
         (4, [0, 1, 2, 5, 4])
     """
-    roadmap = Roadmap.of(
-        cells, bounces, keep, change, step=step, collision=collision, method=method
-    )
+    roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
     start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
     return read_plan(cells, roadmap, solve(roadmap, roadmap.entry_of[[goal]]), start, goal)
 
@@ -218,7 +215,7 @@ def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, go
         layer = routes.layer[0, wall]
         while not roadmap.runs_through(cell, goal):
             if len(path) > 2 * roadmap.turned.size:
-                raise ValueError("the plans do not lead to the goal; their file was altered")
+                raise ValueError("the plans do not lead to the goal; their store was altered")
             run = roadmap.line(cell, roadmap.wall_cell[wall].item())
             turn = routes.turn[0, layer, wall].item()
             cell = roadmap.turned[turn, wall].item()
@@ -246,8 +243,7 @@ def replay(
     start: int,
     actions: Float[np.ndarray, "steps"] | Sequence[float],
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> Int[np.ndarray, "visited"]:
     """Run an action string in the bounce dynamics.
 
@@ -256,7 +252,7 @@ def replay(
     - `cells`: the cell space.
     - `start`: the cell of the robot.
     - `actions`: 0 for a step forward, an angle in radians for a bump.
-    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+    - `motion`: how the robot moves.
 
     **Returns:** the cells that the robot visits.
 
@@ -273,7 +269,7 @@ def replay(
     """
     if not 0 <= start < cells.size:
         raise ValueError(f"start: cell {start} does not exist; cells are 0 to {cells.size - 1}")
-    possible = moves(cells, step=step, collision=collision)
+    possible = moves(cells, motion=motion)
     target = np.asarray(possible.target)[np.asarray(possible.way)]
     direction, position = divmod(start, cells.positions)
     path = [start]

@@ -9,12 +9,11 @@ from jaxtyping import Array, Float, Int, Integer, Shaped
 
 from ...base import memory
 from ...base.quantities import Checks, Result, quantity
-from ...space import CellSpace
-from ..dynamics import Collision
-from .files import read_roadmap, read_routes, write_plans
-from .navigate import Plan, read_plan
-from .roadmap import Method, Roadmap, describe_space
+from ...space import CELL_BY_CELL, CellSpace, Motion
+from .plan import Plan, read_plan
+from .roadmap import Method, Roadmap
 from .routes import Routes, block_size, costs, solve
+from .store import read_roadmap, read_routes, write_plans
 
 
 # Costs of so many pairs are read at a time.
@@ -58,7 +57,7 @@ class AllPlans:
     cells: CellSpace
     roadmap: Roadmap
     source: Routes | Path
-    "The routes to all entries, or the file that holds them."
+    "The routes to all entries, or the store that holds them."
 
     def plan(self, start: int, goal: int) -> Plan:
         """What [`jaxcell.bounce.plan`][] gives."""
@@ -132,32 +131,25 @@ class AllPlans:
         return CostSummary(self.cells, pairs / size**2, total / pairs, largest, self.plan(*ends))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plans to a NetCDF file, whole or not at all.
+        """Write the plans to a Zarr store, whole or not at all.
 
-        **Raises:** `FileNotFoundError` if the folder does not exist.
+        **Raises:** `FileNotFoundError` if the parent folder does not exist.
         """
         write_plans(path, self.roadmap, map(self._ways, _blocks(self.roadmap)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
-        """The plans in a file. What is asked of them is read when it is asked.
+        """Open a store of plans. Routes are read from it when they are needed.
 
         **Arguments:**
 
-        - `path`: the file.
+        - `path`: the store.
         - `cells`: the cell space that the plans are for.
 
-        **Raises:** `ValueError` if it is not a file of plans, or one of other cells;
+        **Raises:** `ValueError` if it is not a store of plans, or of other cells;
         `FileNotFoundError`.
         """
-        roadmap = read_roadmap(Path(path))
-        for name, expected in describe_space(cells).items():
-            if roadmap.space.get(name) != expected:
-                raise ValueError(
-                    f"{path}: {name}: expected {expected} as in the cells, got "
-                    f"{roadmap.space.get(name)}"
-                )
-        return cls(cells, roadmap, Path(path))
+        return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
     def _goals(
         self, goals: Int[np.ndarray, "goals"] | None
@@ -191,27 +183,26 @@ def all_plans(
     keep: int | float = 1,
     change: int | float = 100,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     method: Method = "exact",
-    file: str | os.PathLike[str] | None = None,
+    store: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> AllPlans:
     """Cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
     **Arguments:**
 
-    - `cells`, `bounces`, `keep`, `change`, `step`, `collision`, `method`: as for
+    - `cells`, `bounces`, `keep`, `change`, `motion`, `method`: as for
         [`jaxcell.bounce.plan`][].
-    - `file`: a NetCDF file to write the plans to as they are found, and to read them from, for
-        spaces whose plans do not fit the memory. By default they are kept in memory.
-    - `progress`: called now and then with how much of the work is done, and how much there is.
+    - `store`: a folder such as `plans.zarr` to write the plans to as they are found, and to read
+        them from, for spaces whose plans do not fit the memory. By default plans stay in memory.
+    - `progress`: called with the number of solved entries, and the number of all entries.
 
     **Returns:** [`jaxcell.bounce.AllPlans`][].
 
-    **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `MemoryError` where the plans would not
-    fit the free memory and there is no file; `FileNotFoundError` if the folder of the
-    file does not exist.
+    **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `MemoryError` if the plans do not fit the
+    free memory and there is no store; `FileNotFoundError` if the parent folder of the store does
+    not exist.
 
     What the plans from all six cells of a corridor to cell 0 cost:
 
@@ -223,17 +214,15 @@ def all_plans(
         >>> plans.costs(np.array([0])).ravel().tolist()
         [0, 5, 4, 1, 2, 3]
     """
-    roadmap = Roadmap.of(
-        cells, bounces, keep, change, step=step, collision=collision, method=method
-    )
+    roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
 
-    if file is None:
+    if store is None:
         # Costs, layers and turns, and once more where the parts are joined.
         state = roadmap.number.itemsize + roadmap.small.itemsize * (1 + len(roadmap.bounces))
         memory.check(
             2.0 * state * roadmap.entry.size * roadmap.walls,
             f"plans from {roadmap.walls:,} walls to {roadmap.entry.size:,} entries",
-            "write them to a file, or use larger cells or fewer directions",
+            "write them to a store, or use larger cells or fewer directions",
         )
 
     def solved() -> Iterator[Routes]:
@@ -242,9 +231,9 @@ def all_plans(
             if progress is not None:
                 progress(int(some[-1]) + 1, roadmap.entry.size)
 
-    if file is not None:
-        write_plans(file, roadmap, solved())
-        return AllPlans(cells, roadmap, Path(file))
+    if store is not None:
+        write_plans(store, roadmap, solved())
+        return AllPlans(cells, roadmap, Path(store))
     return AllPlans(cells, roadmap, Routes.joined(list(solved())))
 
 
@@ -277,7 +266,7 @@ def _angles_used(
             one |= np.take_along_axis(one, onward, axis=1)
         onward = np.take_along_axis(onward, onward, axis=1)
     else:
-        raise ValueError("the plans do not lead to their goals; their file was altered")
+        raise ValueError("the plans do not lead to their goals; their store was altered")
     first = routes.layer.astype(np.int32) * walls + wall
     count = sum(np.take_along_axis(one, first, axis=1).astype(routes.turn.dtype) for one in used)
     return np.asarray(count)

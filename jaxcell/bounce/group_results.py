@@ -1,23 +1,22 @@
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals, PeriodicGroups
-from ..space import CellSpace, estimates
-from ..space.extent import Extent
+from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.steps import Steps
-from .dynamics import Collision, bounce_map, bounce_shift, step_in_cells
-from .gridded import wall_groups
+from .dynamics import bounce_map, bounce_shift
 from .groups import bounce_groups
+from .groups_on_grids import wall_groups
 from .localization.filter_size import heading_filter_sizes
-from .runs import Runs
 from .section import AngleGroups, angle_groups
-from .wall_map import wall_tables, walls
+from .straight_runs import Runs
+from .wall_tables import Walls, walls
 
 
 _PADDING = "-1: no such group"
@@ -25,17 +24,16 @@ _PADDING = "-1: no such group"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BounceGroups(Result):
-    """The periodic groups of a bouncing robot, for each of some bouncing angles.
+    """The periodic groups of a bouncing robot, for one or several bouncing angles.
 
-    The numbers of cells and of single groups are computed when they are first asked for.
+    The numbers of cells and of single groups are computed on first use.
     """
 
     title: ClassVar[str] = "Periodic groups of a bouncing robot"
     tables: ClassVar[Mapping[str, str]] = {"bounce": "groups"}
 
     cells: CellSpace
-    motion: Mapping[str, Any]
-    "How the robot moves: `step` and `collision`, as for [`jaxcell.bounce.moves`][]."
+    motion: Motion
     bounce: Annotated[
         Float[np.ndarray, "angles"],
         quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
@@ -71,16 +69,15 @@ class BounceGroups(Result):
         cells: CellSpace,
         bounce: Float[np.ndarray, "*angles"] | float,
         *,
-        step: float | None = None,
-        collision: Collision = "swept",
+        motion: Motion = CELL_BY_CELL,
     ) -> "BounceGroups":
-        """The periodic groups of the bounce map of each angle.
+        """Find the periodic groups of the bounce map of each angle.
 
         **Arguments:**
 
         - `cells`: the cell space.
         - `bounce`: one or several bouncing angles, in radians.
-        - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+        - `motion`: how the robot moves.
 
         **Raises:** `ValueError` for an angle that is not a whole number of directions;
         `MemoryError` where finding the numbers would not fit the free memory.
@@ -96,33 +93,19 @@ class BounceGroups(Result):
         """
         angles = np.atleast_1d(np.asarray(bounce, float))
         shift = bounce_shift(angles, cells.directions)
-        motion = {"step": step, "collision": collision}
-        estimates.check(
-            Extent.of(cells),
-            lambda e: estimates.counts(e, step, collision),
-            "numbers of groups",
-            step,
-        )
-        steps = Steps.of(cells, step_in_cells(cells, step, collision), collision)
+        estimates.check_cells(cells, motion, estimates.counts, "numbers of groups")
+        steps = Steps.of(cells, motion)
         if len(steps.offset) <= estimates.MAX_WALL_WAYS:
-            return cls(
-                cells,
-                motion,
-                angles,
-                *_of_each(wall_groups(wall_tables(steps), shift), slice(None)),
-            )
-        each = [
-            _of_each(one.summary().totals(), slice(None)) for one in _by_angle(cells, steps, shift)
-        ]
+            return cls(cells, motion, angles, *_totals(wall_groups(Walls.of(steps), shift)))
+        each = [_totals(groups.summary().totals()) for groups in _by_angle(cells, steps, shift)]
         return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
 
     def by_angle(self) -> Iterator[AngleGroups]:
-        """The groups of each angle, from which cells follow one direction at a time.
+        """Find the groups of each angle, from which cells follow one direction at a time.
 
-        So [`jaxcell.record.save_cells`][] writes what would not fit the memory.
+        [`jaxcell.record.save_cells`][] uses this to write arrays that do not fit the memory.
         """
-        length = step_in_cells(self.cells, self.motion["step"], self.motion["collision"])
-        steps = Steps.of(self.cells, length, self.motion["collision"])
+        steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
 
     @derived("bounce", "bouncing angle", "degree", kind="coordinate")
@@ -131,7 +114,7 @@ class BounceGroups(Result):
 
     @derived("bounce direction position", "periodic group that the cell reaches", kind="index")
     def group(self) -> Int[np.ndarray, "angles directions positions"]:
-        return self._of_cells(self._found.group)
+        return self._of_cells(self._groups.group)
 
     @derived(
         "bounce direction position",
@@ -140,11 +123,11 @@ class BounceGroups(Result):
         kind="count",
     )
     def step(self) -> Int[np.ndarray, "angles directions positions"]:
-        return self._of_cells(self._found.step)
+        return self._of_cells(self._groups.step)
 
     @derived("bounce direction position", "period of that group", "mappings", kind="count")
     def period(self) -> Int[np.ndarray, "angles directions positions"]:
-        rows = zip(np.asarray(self._found.group_period), self.group, strict=True)
+        rows = zip(np.asarray(self._groups.group_period), self.group, strict=True)
         return np.stack([period[group] for period, group in rows])
 
     @derived("bounce direction position", "whether the cell is on its group", kind="flag")
@@ -153,8 +136,8 @@ class BounceGroups(Result):
 
     @derived("bounce group_index", "period of the group", "mappings", padding=_PADDING)
     def group_period(self) -> Int[np.ndarray, "angles groups"]:
-        count = np.asarray(self._found.count)
-        period = np.asarray(self._found.group_period)[:, : count.max()]
+        count = np.asarray(self._groups.count)
+        period = np.asarray(self._groups.group_period)[:, : count.max()]
         return np.where(np.arange(period.shape[1]) < count[:, None], period, -1)
 
     @derived("bounce group_index", "cells that reach the group", "cells", padding=_PADDING)
@@ -166,8 +149,8 @@ class BounceGroups(Result):
         return self._of_groups(np.maximum, self.step)
 
     @functools.cached_property
-    def _found(self) -> PeriodicGroups:
-        return bounce_groups(self.cells, self.bounce, **self.motion)
+    def _groups(self) -> PeriodicGroups:
+        return bounce_groups(self.cells, self.bounce, motion=self.motion)
 
     def _of_cells(
         self, values: Int[Array | np.ndarray, "angles cells"]
@@ -177,20 +160,20 @@ class BounceGroups(Result):
     def _of_groups(
         self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]
     ) -> Int[np.ndarray, "angles groups"]:
-        """The sum or the maximum over the cells of each group."""
-        found = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
-        for row, group, of_cells in zip(found, self.group, values, strict=True):
+        """Collect the sum or the maximum over the cells of each group."""
+        table = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
+        for row, group, of_cells in zip(table, self.group, values, strict=True):
             collect.at(row, group, of_cells)
             row[group.max() + 1 :] = -1
-        return found
+        return table
 
     def checks(self) -> Checks:
-        # Basins hold all cells; a group has as many periodic cells as its period; in each basin
-        # some cell is at every step up to the farthest; each image is in the same group, one step
-        # nearer to it; and both engines agree.
+        # Basins hold all cells. A group has as many periodic cells as its period. Each basin has a
+        # cell at every step up to the farthest. Each image is in the same group, one step nearer to
+        # it. The numbers that were found at walls are those of all cells.
         angles = len(self.bounce)
         group, step = (one.reshape(angles, -1) for one in (self.group, self.step))
-        image = np.asarray(bounce_map(self.cells, self.bounce, **self.motion).image)
+        image = np.asarray(bounce_map(self.cells, self.bounce, motion=self.motion).image)
         leads = np.take_along_axis(group, image, 1) == group
         nearer = np.take_along_axis(step, image, 1) == np.maximum(step - 1, 0)
         basins = periods = missing = differ = 0
@@ -207,8 +190,8 @@ class BounceGroups(Result):
             occurs[np.minimum(first[group[i]] + step[i], first[-1] - 1)] = True
             missing += int(np.count_nonzero(~occurs))
             numbers = (transient.max(), period.min(), period.max(), period.sum(), basin.max())
-            summed = [one[i] for one in _of_each(self, slice(None))]
-            differ += int(np.count_nonzero(np.array([count, *numbers]) != summed))
+            at_walls = [total[i] for total in _totals(self)]
+            differ += int(np.count_nonzero(np.array([count, *numbers]) != at_walls))
         return {
             "basins_minus_cells": (basins, 0),
             "periodic_cells_minus_period": (periods, 0),
@@ -218,20 +201,17 @@ class BounceGroups(Result):
         }
 
 
-def _of_each(
-    groups: GroupTotals | BounceGroups, which: Int[np.ndarray, "angles"] | slice
-) -> list[Int[np.ndarray, "angles"]]:
-    """The six numbers of the groups of the angles of one grid."""
+def _totals(groups: GroupTotals | BounceGroups) -> list[Int[np.ndarray, "angles"]]:
+    """List the fields of [`jaxcell.mapping.GroupTotals`][] for the angles of one grid."""
     names = [field.name for field in dataclasses.fields(GroupTotals)]
-    numbers = (np.atleast_2d(getattr(groups, name))[0] for name in names)
-    return [number[which] for number in numbers]
+    return [np.atleast_2d(getattr(groups, name))[0] for name in names]
 
 
 def _by_angle(
     cells: CellSpace, steps: Steps, shift: Int[np.ndarray, "angles"]
 ) -> Iterator[AngleGroups]:
     runs = Runs.of(steps)
-    return (angle_groups(cells, runs, [one])[0] for one in shift.tolist())
+    return (angle_groups(cells, runs, [turn])[0] for turn in shift.tolist())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -261,15 +241,15 @@ class RoomGroups(BounceGroups):
         bounce: Float[np.ndarray, "angles"],
         directions: int,
         *,
-        collision: Collision = "swept",
+        motion: Motion = CELL_BY_CELL,
     ) -> "RoomGroups":
-        """The periodic groups and the filters in a room for some bouncing angles.
+        """Find the periodic groups and the filters in a room.
 
         **Arguments:**
 
-        - `free`: which squares are free; row 0 is the lowest.
+        - `free`: the free squares; row 0 is the lowest.
         - `bounce`: bouncing angles in radians.
-        - `directions`, `collision`: as for [`jaxcell.bounce.grid_moves`][].
+        - `directions`, `motion`: as for [`jaxcell.bounce.walls`][].
 
         An open room of two rows of three squares, with turns to the left and right about:
 
@@ -281,9 +261,7 @@ class RoomGroups(BounceGroups):
             ([10, 6], [14, 8])
         """
         shift, which = np.unique(bounce_shift(bounce, directions), return_inverse=True)
-        known = walls(free[None], directions, collision=collision)
-        numbers = _of_each(wall_groups(known, shift), which)
-        numbers.append(heading_filter_sizes(known, shift)[0][which])
+        known = walls(free[None], directions, motion=motion)
+        totals = [*_totals(wall_groups(known, shift)), heading_filter_sizes(known, shift)[0]]
         cells = CellSpace.of_grid(free, directions)
-        motion = {"step": None, "collision": collision}
-        return cls(cells, motion, bounce, *numbers)
+        return cls(cells, motion, bounce, *(total[which] for total in totals))

@@ -1,3 +1,17 @@
+"""The totals of the periodic groups of many grids and bouncing angles at once, in NumPy.
+
+Headings do not depend on the walls. At every bump the heading grows by the bouncing angle, and
+after `360 / gcd(360, angle)` bumps (in degrees) it is the first one again. So the section of bumps
+falls apart into independent cycles of headings. Each cycle is a ring of layers of walls: the walls
+of one layer lead to those of the next. The map from the first layer to itself has the periodic
+groups of all layers. That map depends on the ways of the headings alone, so cycles of the same ways
+are followed once.
+
+This stands beside `section`, which lists each group, because sweeps over rooms and angles need
+totals only. It takes 0.6 of the time for the rooms of Figure 2.7 (the row `group_study` of the
+benchmarks), and a third of the time for all angles of a room of `experiments/ch2_angle_study.py`.
+"""
+
 import dataclasses
 import math
 from collections.abc import Callable
@@ -7,17 +21,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import GroupTotals
 from ..mapping.groups import follow, periodic_cells
-from .dynamics import Collision, bounce_shift
-from .wall_map import Walls, walls as walls_of
+from ..space import CELL_BY_CELL, Motion
+from .dynamics import bounce_shift
+from .wall_tables import Walls, walls as walls_of
 
 
 _BLOCK = 1 << 15
-
-# Headings do not depend on the walls: after every bump a robot heads the bouncing angle farther,
-# and after `360 / gcd(360, angle)` bumps (in degrees) as at first. So the section of bumps falls
-# apart into independent cycles of headings. Each is layers of walls, the walls of one layer leading
-# to those of the next, and the map from the first layer to itself has the periodic groups of all of
-# them. That map depends on the ways of the headings alone: cycles of the same ways are isomorphic.
 
 
 def grid_groups(
@@ -25,28 +34,24 @@ def grid_groups(
     bounce: Float[np.ndarray, "angles"] | float,
     directions: int,
     *,
-    step: float = 1.0,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> GroupTotals:
     """Total the periodic groups of many grids of one shape, each with many bouncing angles.
 
-    Gives the totals of what [`jaxcell.bounce.group_summary`][] gives for each grid and angle. That
-    takes four times as long for the rooms of Figure 2.7, the row `group_study` of the benchmarks:
-    here no list of groups is made, and headings whose ways are the same are followed once.
+    The totals are those of [`jaxcell.bounce.group_summary`][] for each grid and angle.
 
     **Arguments:**
 
-    - `free`: which squares are free, at least one of each grid; row 0 is the lowest.
-    - `bounce`: bouncing angles in radians, counter-clockwise; one, or an axis of them.
+    - `free`: the free squares, at least one of each grid; row 0 is the lowest.
+    - `bounce`: bouncing angles in radians, counter-clockwise; a number, or an axis of them.
     - `directions`: number of directions.
-    - `step`: length of a step in squares, at least 1.
-    - `collision`: as for [`jaxcell.bounce.moves`][].
+    - `motion`: how the robot moves; the side of a square is 1 m.
 
     **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[*rooms, angles]`, or `[*rooms]` for
-    one angle.
+    a number.
 
-    **Raises:** `ValueError` for an angle that is not a whole number of directions, a step below 1,
-    and a grid without a free square.
+    **Raises:** `ValueError` for an angle that is not a whole number of directions, a step shorter
+    than a square, and a grid without a free square.
 
     In an open room of two rows of three squares, a robot that turns right about stays in its row or
     column:
@@ -64,11 +69,9 @@ def grid_groups(
     flat = free.reshape(math.prod(rooms), *free.shape[-2:])
     for room in np.flatnonzero(~flat.any(axis=(1, 2))).tolist()[:1]:
         raise ValueError(f"free: expected a free square in every grid, got none in number {room}")
-    found = wall_groups(
-        walls_of(flat, directions, step=step, collision=collision), np.atleast_1d(shift)
-    )
-    fields = (getattr(found, field.name) for field in dataclasses.fields(found))
-    return GroupTotals(*(x.reshape((*rooms, *shift.shape)) for x in fields))
+    totals = wall_groups(walls_of(flat, directions, motion=motion), np.atleast_1d(shift))
+    fields = (getattr(totals, field.name) for field in dataclasses.fields(totals))
+    return GroupTotals(*(field.reshape((*rooms, *shift.shape)) for field in fields))
 
 
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
@@ -94,14 +97,14 @@ def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
     orders = directions // np.gcd(shift, directions)
     for order in np.unique(orders).tolist():
         angles = np.flatnonzero(orders == order)
-        # A heading of every cycle, and those that it leads to.
+        # A heading of every cycle, and the headings that it leads to.
         first = np.arange(directions // order)
         bumps = np.arange(order) * shift[angles, None, None]
         ways = walls.way[(first[:, None] + bumps) % directions]
         cycles, which = np.unique(ways.reshape(-1, order), axis=0, return_inverse=True)
-        found = _measured(walls, cycles)[:, :, which.reshape(ways.shape[:2])]
-        for total, one, collect in zip(totals, found, _COLLECT, strict=True):
-            total[:, angles] = collect(one, axis=2)
+        fields = _measured(walls, cycles)[:, :, which.reshape(ways.shape[:2])]
+        for total, field, collect in zip(totals, fields, _COLLECT, strict=True):
+            total[:, angles] = collect(field, axis=2)
     return GroupTotals(*totals)
 
 
@@ -111,17 +114,17 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] for some cycles of headings."""
+    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] for cycles of headings."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
-    found = np.empty((6, grids * len(cycles)), np.int64)
-    # So many at a time that a layer of them fits a cache.
+    fields = np.empty((6, grids * len(cycles)), np.int64)
+    # As many cycles at a time as make a layer that fits a cache.
     block = max(1, _BLOCK // walls.slots)
-    for begin in range(0, found.shape[1], block):
-        some = np.arange(begin, min(begin + block, found.shape[1]))
-        grid, cycle = np.divmod(some, len(cycles))
-        found[:, some] = _measure(tables, grid, cycles[cycle])
-    return found.reshape(6, grids, len(cycles))
+    for begin in range(0, fields.shape[1], block):
+        part = np.arange(begin, min(begin + block, fields.shape[1]))
+        grid, cycle = np.divmod(part, len(cycles))
+        fields[:, part] = _measure(tables, grid, cycles[cycle])
+    return fields.reshape(6, grids, len(cycles))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -135,7 +138,7 @@ class _Tables:
 
     @classmethod
     def of(cls, walls: Walls) -> "_Tables":
-        # NumPy takes by 64-bit numbers, and turns others into them each time.
+        # NumPy converts indices to 64 bits each time unless they have 64 already.
         tables = walls.next.astype(np.int64), walls.length, walls.behind
         return cls(walls.behind.shape[1], *(x.reshape(-1, walls.slots) for x in tables))
 
@@ -155,7 +158,7 @@ def _measure(
     image, mappings = _once_around(tables, turn)
     periodic = live & periodic_cells(image)
 
-    # As in `jaxcell.mapping.section`: `into` is how many cells of a group are on the last run to a
+    # As in `jaxcell.mapping.section`: `into` is the number of cells of a group on the last run to a
     # periodic place, its own included.
     at = np.flatnonzero(periodic)
     groups: list[tuple[np.ndarray, np.ndarray]] = []
@@ -173,7 +176,7 @@ def _measure(
     lead[at] = 1 - into
     none = np.zeros(live.size, bool)
     around, transient = _pull(tables, layer, turn, groups, lead, none)
-    # A place from which the first return is periodic may have come to its group before that.
+    # A place whose first return is periodic may have come to its group before that return.
     weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
     leader, lead = follow(image, periodic, weight)
     lead[at] = 1 - into
@@ -198,7 +201,10 @@ def _measure(
 def _once_around(
     tables: _Tables, turn: Int[np.ndarray, "order cycles"]
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """The place in the first layer to which each leads, and the mappings on the way."""
+    """Follow each place of the first layer around its cycle.
+
+    **Returns:** the place of the first layer to which it leads, and the mappings to it.
+    """
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
     mappings = np.zeros(slot.size, np.int64)
@@ -208,7 +214,7 @@ def _once_around(
         run = there[cycle] * slots + slot
         slot = following[run]
         mappings += 1 + length[run]
-        # Orbits that have met stay together, and most do soon.
+        # Orbits that have met stay together, and most meet soon.
         if bumps in (4, 8, 16, 32, 64, 128):
             place, which = np.unique(cycle * slots + slot, return_inverse=True)
             merged.append((which, mappings))
@@ -232,8 +238,8 @@ def _pull(
 
     **Arguments:**
 
-    - `wanted`: places of the first layer; where there are some, the layers that lead to none of
-        them are left out.
+    - `wanted`: a mask of places of the first layer. Layers that lead to none of these places are
+        left out, unless the mask is empty.
 
     **Returns:** the mappings from places of the first layer, one round before; and the longest
     transient of each cycle, among the layers that were not left out.
@@ -241,10 +247,10 @@ def _pull(
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]
     longest = np.zeros(cycles, np.int64)
-    all_of_them = not wanted.any()
+    all_layers = not wanted.any()
     for j in reversed(range(len(layer))):
         to = tables.next[turn[j]] + base
-        if not all_of_them:
+        if not all_layers:
             wanted = wanted[to.ravel()]
             if not wanted.any():
                 break

@@ -35,7 +35,7 @@ def localization_filter(
         >>> import math
         >>> from jaxcell import bounce, examples
         >>> cells = examples.lab()
-        >>> bounces = bounce.bounce_map(cells, math.radians(45), collision="endpoint")
+        >>> bounces = bounce.bounce_map(cells, math.radians(45), motion=bounce.ENDPOINT)
         >>> filter = bounce.localization_filter(bounces)
         >>> len(filter.transition), sorted(cycle.uncertainty for cycle in filter.cycles)
         (129, [1, 3, 4])

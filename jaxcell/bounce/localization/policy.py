@@ -9,12 +9,12 @@ from jaxtyping import Array, Float, Int
 from ...automata import Decisions, Homing, Policy, adaptive_choice, homing_sequence
 from ...automata.adaptive import Aim, levels
 from ...base.quantities import Checks, derived, quantity
-from ...space import CellSpace
-from ..dynamics import Collision, bounce_shift
+from ...space import CELL_BY_CELL, CellSpace, Motion
+from ..dynamics import bounce_shift
 from ..plans.roadmap import Roadmap
+from .localize import Localization
 from .off_centre import Shares, policy_shares
 from .result import RunOnMap, States
-from .run import Localization
 
 
 Goal: TypeAlias = Literal["cell", "position", "class"]
@@ -34,8 +34,7 @@ class LocalizationPolicy(States):
     tables: ClassVar[Mapping[str, str]] = {"bounce": "angles"}
 
     cells: CellSpace
-    motion: Mapping[str, Any]
-    "How the robot moves: `step` and `collision`, as for [`jaxcell.bounce.moves`][]."
+    motion: Motion
     bounces: Annotated[
         Float[np.ndarray, "angles"],
         quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
@@ -237,8 +236,7 @@ def localization_policy(
     goal: Goal = "cell",
     *,
     aim: Aim = "worst",
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     limit: int = 5_000_000,
     metadata: Mapping[str, Any] | None = None,
 ) -> LocalizationPolicy:
@@ -260,7 +258,7 @@ def localization_policy(
         cell, or a position, cannot be found out, the policy stops at the class too.
     - `aim`: whether the bumps until then are to be few at `"worst"`, or in the `"mean"` over all
         starts.
-    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+    - `motion`: how the robot moves.
     - `limit`: how many cells the searched sets may have together. Beyond it the policy is the best
         that was found, at least as good as the greedy one, and `least` is what is proved of all.
     - `metadata`: kept with the policy, and saved with it.
@@ -275,11 +273,12 @@ def localization_policy(
         >>> import numpy as np
         >>> from jaxcell import bounce, examples
         >>> cells = examples.lab()
-        >>> policy = bounce.localization_policy(cells, np.radians([45, 135]), collision="endpoint")
+        >>> angles, motion = np.radians([45, 135]), bounce.ENDPOINT
+        >>> policy = bounce.localization_policy(cells, angles, motion=motion)
         >>> policy.largest_uncertainty, policy.worst_bumps, policy.optimal, policy.fixed_bumps
         (1, 11, True, 12)
     """
-    roadmap = Roadmap.of(cells, bounces, step=step, collision=collision)
+    roadmap = Roadmap.of(cells, bounces, motion=motion)
     images, lengths = roadmap.wall[roadmap.turned], roadmap.length[roadmap.turned]
     roots = [roadmap.wall[roadmap.length == t] for t in range(int(roadmap.length.max()) + 1)]
     place = roadmap.wall_cell % cells.positions if goal == "position" else None
@@ -289,7 +288,7 @@ def localization_policy(
     shape = cells.directions, cells.positions
     return LocalizationPolicy(
         cells=cells,
-        motion={"step": step, "collision": collision},
+        motion=motion,
         bounces=roadmap.bounces,
         goal=goal,
         aim=aim,

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.quantities import Checks, derived, quantity
-from ..plans.navigate import Plan
+from ..plans.plan import Plan
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
