@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 from sweep_kills import damage_chunk
-from jaxcell.sweep.storage.store import SweepStore
-from jaxcell.sweep.study_task import read_study
 
 import jaxcell.cli.sweep.view
 from jaxcell.cli import main
 from jaxcell.study import Drift
 from jaxcell.sweep import Spec, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.storage.digests import digests
+from jaxcell.sweep.storage.store import SweepStore
+from jaxcell.sweep.study_task import read_study
 from jaxcell.sweep.workers.work import with_files_found
 
 
