@@ -229,7 +229,7 @@ def test_short_plans_are_recorded(cells, read, tmp_path, goal):
     assert len(recorded.over("step", "/map/robot", "Arrows2D:origins")) == goal + 1
     (text,) = recorded.static("/text", "TextDocument:text")
     assert "| bumps | 0 |" in text
-    assert ("is there already" in text) == (goal == 0)
+    assert ("starts at the goal" in text) == (goal == 0)
 
 
 def test_the_robot_has_its_own_colour(recorded):

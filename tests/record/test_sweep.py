@@ -177,7 +177,7 @@ def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
     (timeline,) = (one for one in recorded.timelines if one.startswith("a x "))
     assert len(recorded.over(timeline, "/series/v0/median", "Scalars:scalars")) == 1000
     (text,) = recorded.static("/text", "TextDocument:text")
-    assert "or too many: `v16`, `v17`, `v18`, `v19`." in text
+    assert "or are too many: `v16`, `v17`, `v18`, `v19`." in text
 
 
 def test_what_is_no_sweep_is_refused(tmp_path, sweep):

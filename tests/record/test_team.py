@@ -155,7 +155,7 @@ def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):
     assert np.count_nonzero(pictures[max(pictures)]) == team.covered[-1]
     marks = thin.over("step", "/map/collisions", "Boxes2D:centers")
     assert sum(len(one or []) for one in marks.values()) == team.collided.sum()
-    assert f"every {stride}th is shown" in thin.static("/text", "TextDocument:text")[0]
+    assert f"Every {stride}th step is shown" in thin.static("/text", "TextDocument:text")[0]
 
 
 def test_a_team_that_fills_the_map_is_shown(read, tmp_path):

@@ -6,7 +6,7 @@ from ...base.files import replacing
 
 
 def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Write a dataset as a NetCDF-4 file, compressed, whole or not at all.
+    """Write a dataset as a compressed NetCDF-4 file, whole or not at all.
 
     **Arguments:**
 
@@ -15,7 +15,7 @@ def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
 
     **Raises:** `FileNotFoundError` if the folder does not exist.
 
-    Any dataset, written and read again:
+    A dataset, written and read again:
 
         >>> import pathlib, tempfile
         >>> import xarray as xr

@@ -15,55 +15,55 @@ from ..canvas.stream import plane, send_blueprint, send_changing
 from ..canvas.timeline import along_values
 
 
-# Sides of the drawn box, whatever the units of its axes.
+# The side of the drawn box, for any units of its axes.
 _SIDE = 10.0
 _AROUND = -3, -1.2, _SIDE + 1, _SIDE + 1.4
 _OUT: Color = MARGIN
 _MAX_NAMED = len(CATEGORIES)
 _SEEN = """Cells of one colour lead to the same attractor, which has a dark shade; grey cells lead
-out of the box. A period is in mappings, 0 where an orbit does not come back."""
+out of the box. A period is in mappings, 0 if an orbit does not return."""
 
 
-def log_basins(stream: rr.RecordingStream, found: Basins, spec: Spec) -> None:
+def log_basins(stream: rr.RecordingStream, result: Basins, spec: Spec) -> None:
     """Log attractors and basins.
 
-    The first two axes are drawn. Of a box with more, the timeline `slice` goes through the third,
-    and the others are cut in the middle.
+    The pictures show the first two axes. The timeline `slice` goes through the third axis, if the
+    box has one, and the other axes are cut in the middle.
     """
-    names = np.arange(found.attractors)
-    count = found.box.cells[2] if found.box.dimensions > 2 else 1
+    names = np.arange(result.attractors)
+    count = result.box.cells[2] if result.box.dimensions > 2 else 1
     times = np.arange(count)
-    basins = _pictures(found, names, times)
-    log_pictures(stream, "box/basins", _classes(found.attractors), basins, "slice", times)
-    scale = Scale.counting(0, int(found.step.max()), "{} mappings".format, ground="out of the box")
-    steps = _slices(found, np.where(found.basin < 0, 0, scale.levels(found.step)), times)
+    basins = _pictures(result, names, times)
+    log_pictures(stream, "box/basins", _classes(result.attractors), basins, "slice", times)
+    scale = Scale.counting(0, int(result.step.max()), "{} mappings".format, ground="out of the box")
+    steps = _slices(result, np.where(result.basin < 0, 0, scale.levels(result.step)), times)
     log_pictures(stream, "box/steps", scale.classes, steps, "slice", times)
-    _log_ends(stream, found)
+    _log_ends(stream, result)
     views: list[rrb.View] = [_view("Basins", "basins"), _view("Mappings to the attractor", "steps")]
-    if _deep(found):
-        _log_orbits(stream, found)
+    if _deep(result):
+        _log_orbits(stream, result)
         views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
     columns = "fraction", "sampled", "period", "cells_on", "mean_steps"
-    table = described(found, *columns, first={"": names.tolist()})
-    seen = _SEEN + _cut(found, "slice")
-    text = "\n\n".join([f"# {found.title}", seen, table, numbers(found), made_with(spec)])
-    legend = [*_legend(found.attractors), *scale.legend(4)]
-    tab = log_tab(stream, "", found.title, views, text, legend)
+    table = described(result, *columns, first={"": names.tolist()})
+    seen = _SEEN + _cut(result, "slice")
+    text = "\n\n".join([f"# {result.title}", seen, table, numbers(result), made_with(spec)])
+    legend = [*_legend(result.attractors), *scale.legend(4)]
+    tab = log_tab(stream, "", result.title, views, text, legend)
     send_blueprint(stream, [tab], "slice", speed=10.0)
 
 
-def log_continuation(stream: rr.RecordingStream, found: Continuation, spec: Spec) -> None:
-    """Log attractors and basins along parameters, over a timeline of the values of the first."""
-    name, values = next(iter(found.params.items()))
+def log_continuation(stream: rr.RecordingStream, result: Continuation, spec: Spec) -> None:
+    """Log attractors and basins along parameters, over the values of the first as a timeline."""
+    name, values = next(iter(result.params.items()))
     line, times, meaning = along_values(name, values)
-    each = zip(found.members, found.label, strict=True)
-    middle = np.array(found.members[0].box.cells[2:3] or (0,)) // 2
+    each = zip(result.members, result.label, strict=True)
+    middle = np.array(result.members[0].box.cells[2:3] or (0,)) // 2
     pictures = np.concatenate([_pictures(one, name, middle) for one, name in each])
-    log_pictures(stream, "box/basins", _classes(found.attractors), pictures, line, times)
-    for number, share in enumerate(found.fraction.T):
+    log_pictures(stream, "box/basins", _classes(result.attractors), pictures, line, times)
+    for number, share in enumerate(result.fraction.T):
         curve = f"fractions/attractor_{number}"
         log_curve(stream, curve, share, line, times, _color(number), shape="Linear")
-    _log_ends(stream, found.members[0])
+    _log_ends(stream, result.members[0])
     style = {**LABEL, "positions": [[_SIDE / 2, -0.6]]}
     send_changing(
         stream,
@@ -73,21 +73,21 @@ def log_continuation(stream: rr.RecordingStream, found: Continuation, spec: Spec
         None,
         line,
         style=style,
-        labels=found.parameters,
+        labels=result.parameters,
     )
-    table = described(found, "parameters", "count", "outside_share", first={"": range(times.size)})
-    seen = f"{_SEEN}{_cut(found.members[0])}\n\nA time of the slider `{line}` is {meaning}."
-    text = "\n\n".join([f"# {found.title}", seen, table, made_with(spec)])
+    table = described(result, "parameters", "count", "outside_share", first={"": range(times.size)})
+    seen = f"{_SEEN}{_cut(result.members[0])}\n\nA time of the slider `{line}` is {meaning}."
+    text = "\n\n".join([f"# {result.title}", seen, table, made_with(spec)])
     first, last = int(times.min()), int(times.max())
     curves = curve_view("fractions", f"Share of the box, along {line}", last, 1.0, first=first)
     views = [_view("Basins", "basins", "parameters"), curves]
-    legend = _legend(found.attractors)
-    tab = log_tab(stream, "", found.title, views, text, legend)
+    legend = _legend(result.attractors)
+    tab = log_tab(stream, "", result.title, views, text, legend)
     send_blueprint(stream, [tab], line, speed=max(4.0, (last - first) / 10))
 
 
 def _classes(attractors: int) -> list[PictureClass]:
-    """Class 0 leads to no attractor; then the basin of each, and the attractor itself."""
+    """Return the classes: 0 leads to no attractor; then each basin, and its attractor."""
     named = [PictureClass("out of the box", _OUT)]
     for k in range(attractors):
         color = _color(k)
@@ -110,56 +110,57 @@ def _legend(attractors: int) -> list[tuple[str, Color]]:
 
 
 def _slices(
-    found: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
+    result: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """The classes of cells over the first two axes, rows along the second, for each of some
-    coordinates along the third; the others are cut.
+    """Cut the classes of cells at coordinates along the third axis.
+
+    Rows are along the second axis, columns along the first; further axes are cut in the middle.
     """
-    box = found.box
+    box = result.box
     rest = [n // 2 for n in box.cells[3:]]
-    cuts = [np.ravel_multi_index([k, *rest], box.cells[2:]) if _deep(found) else 0 for k in thirds]
+    cuts = [np.ravel_multi_index([k, *rest], box.cells[2:]) if _deep(result) else 0 for k in thirds]
     first, second = (*box.cells[:2], 1)[:2]
     return classes.astype(np.uint8).reshape(first, second, -1)[..., cuts].T
 
 
-def _cut(found: Basins, timeline: str = "") -> str:
-    """What the pictures show of a box with more axes than two."""
-    if not _deep(found):
+def _cut(result: Basins, timeline: str = "") -> str:
+    """Describe the cuts of a box with more than two axes."""
+    if not _deep(result):
         return ""
-    cut = [(name, found.box.ticks(axis)) for axis, name in enumerate(found.names)][2:]
+    cut = [(name, result.box.ticks(axis)) for axis, name in enumerate(result.names)][2:]
     at = [f"{name} = {ticks[ticks.size // 2]:.4g}" for name, ticks in cut]
-    said = f"\n\nThe maps go along {found.names[0]} and {found.names[1]}"
+    drawn = f"\n\nThe maps go along {result.names[0]} and {result.names[1]}"
     if not timeline:
-        return f"{said}, at {', '.join(at)}."
+        return f"{drawn}, at {', '.join(at)}."
     name, ticks = cut[0]
-    through = f"{said}, and the timeline `{timeline}` through the {ticks.size} cells of {name}"
+    through = f"{drawn}, and the timeline `{timeline}` through the {ticks.size} cells of {name}"
     rest = f"; they are cut at {', '.join(at[1:])}" if at[1:] else ""
     return f"{through}, from {ticks[0]:.4g} to {ticks[-1]:.4g}{rest}."
 
 
-def _deep(found: Basins) -> bool:
-    return found.box.dimensions > 2
+def _deep(result: Basins) -> bool:
+    return result.box.dimensions > 2
 
 
 def _pictures(
-    found: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
+    result: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """The classes of cells, for each of some coordinates along the third axis."""
+    """Return pictures of the classes of cells, cut at coordinates along the third axis."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
-    kind = kinds[found.basin]
-    for k, cells in zip(names, found.attractor_cells, strict=True):
+    kind = kinds[result.basin]
+    for k, cells in zip(names, result.attractor_cells, strict=True):
         kind[cells] = min(2 + 2 * k, 255)
-    return _slices(found, kind, thirds)
+    return _slices(result, kind, thirds)
 
 
-def _log_orbits(stream: rr.RecordingStream, found: Basins) -> None:
-    """The attractors of a box with three axes or more, in its first three."""
-    size = np.array(found.box.upper) - np.array(found.box.lower)
-    each = {f"attractor_{k}": orbit for k, orbit in enumerate(found.orbit[:_MAX_NAMED])}
-    if found.attractors > _MAX_NAMED:
-        each["more_attractors"] = np.concatenate(found.orbit[_MAX_NAMED:])
+def _log_orbits(stream: rr.RecordingStream, result: Basins) -> None:
+    """Log the attractors of a box with three or more axes, in the first three."""
+    size = np.array(result.box.upper) - np.array(result.box.lower)
+    each = {f"attractor_{k}": orbit for k, orbit in enumerate(result.orbit[:_MAX_NAMED])}
+    if result.attractors > _MAX_NAMED:
+        each["more_attractors"] = np.concatenate(result.orbit[_MAX_NAMED:])
     for k, (name, orbit) in enumerate(each.items()):
-        place = _SIDE * (orbit[:, :3] - np.array(found.box.lower)[:3]) / size[:3]
+        place = _SIDE * (orbit[:, :3] - np.array(result.box.lower)[:3]) / size[:3]
         cloud = rr.Points3D(place, colors=_color(k), radii=0.08)
         stream.log(f"space/{name}", cloud, static=True)
     half = np.full(3, _SIDE / 2)
@@ -167,15 +168,15 @@ def _log_orbits(stream: rr.RecordingStream, found: Basins) -> None:
     stream.log("space/box", frame, static=True)
 
 
-def _log_ends(stream: rr.RecordingStream, found: Basins) -> None:
-    """The drawn box, with the ends and the names of its axes."""
-    box = found.box
+def _log_ends(stream: rr.RecordingStream, result: Basins) -> None:
+    """Log the drawn box, with the ends and the names of its axes."""
+    box = result.box
     columns, rows = box.cells[0], box.cells[1] if box.dimensions > 1 else 1
     stretch = rr.Transform3D(translation=[0, _SIDE, 0], scale=[_SIDE / columns, -_SIDE / rows, 1])
     for name in ("basins", "steps"):
         stream.log(f"box/{name}", stretch, static=True)
     below = _SIDE + 0.2
-    names = (*found.names, "")
+    names = (*result.names, "")
     labels = [
         (f"{box.lower[0]:.4g}", 0.0, below),
         (names[0], _SIDE / 2, below),

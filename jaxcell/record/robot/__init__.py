@@ -1,4 +1,4 @@
-"""Recordings of robots that are driven."""
+"""Recordings of robots while they drive."""
 
 from ...base.extras import import_module
 

@@ -1,4 +1,4 @@
-"""The recording of a result that has none of its own, from the descriptions of its quantities."""
+"""The default recording of a result, from the descriptions of its quantities."""
 
 import math
 from typing import Any
@@ -21,7 +21,7 @@ _ON_A_MAP = ("position",), ("direction", "position")
 
 
 def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
-    """Log maps and curves of whatever quantities a result has."""
+    """Log maps and curves of the quantities of a result."""
     cells, quantities = cells_of(result), values(result)
     maps = {name: one for name, one in quantities.items() if one[0].dims in _ON_A_MAP}
     curves = {name: one for name, one in quantities.items() if one[0].dims == ("step",)}
