@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..base.quantities import Quantity, Result, values
-from .canvas.curves import curve_view, log_curve
+from .canvas.curves import curve
 from .canvas.map import CellMap
 from .canvas.page import log_legend, log_tab
 from .canvas.prose import Spec, made_with, numbers
@@ -31,8 +31,7 @@ def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
         map = CellMap(stream, cells)
         views += [_log_map(map, name, *one, timeline) for name, one in maps.items()]
     for name, (about, value) in curves.items():
-        log_curve(stream, f"curves/{name}", np.asarray(value))
-        views.append(curve_view(f"curves/{name}", _titled(about), len(value) - 1))
+        views.append(curve(stream, f"curves/{name}", _titled(about), np.asarray(value)))
     grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
     text = "\n\n".join([f"# {result.title}", numbers(result), made_with(spec, cells)])
     tab = log_tab(stream, "", result.title, grid, text, [])

@@ -4,7 +4,7 @@ import rerun.blueprint as rrb
 
 from ...automata import Filter
 from ...bounce import Localized
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
 from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, Color, cycle_color
@@ -27,9 +27,8 @@ def log_localization(stream: rr.RecordingStream, localized: Localized, spec: Spe
     """
     drawing = draw_filter(localized.filter, localized.run.states)
     map, colors = CellMap(stream, localized.cells), localized.belief_color
-    log_curve(stream, "filter/color", colors, color=KNOWN, shape="StepBefore")
-    last, most = colors.size - 1, int(colors.max())
-    color = curve_view("filter/color", "Filter's colour", last, most)
+    path, title, most = "filter/color", "Filter's colour", int(colors.max())
+    color = curve(stream, path, title, colors, most, color=KNOWN, shape="StepBefore")
     maps = log_localized(map, localized, "filter", curves=[color])
     shown = directions_shown(localized.cells, localized.run.path)
     text = log_text(stream, "text", _text(localized, drawing, spec))

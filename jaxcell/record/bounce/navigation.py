@@ -10,7 +10,7 @@ from ...base.written import configuration
 from ...bounce import CostSummary, Plan
 from ...space import CellSpace
 from ..canvas import palette
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
 from ..canvas.page import log_legends, log_tab
@@ -89,9 +89,8 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     ):
         happens = np.zeros(len(plan.visited))
         happens[1:][plan.actions != 0] = turns
-        log_curve(map.stream, f"plan/{name}", np.cumsum(happens), color=color)
-        last = len(plan.visited) - 1
-        views.append(curve_view(f"plan/{name}", title, last, int(happens.sum())))
+        most, path = int(happens.sum()), f"plan/{name}"
+        views.append(curve(map.stream, path, title, np.cumsum(happens), most, color=color))
     shown = ["plan/**", *_ENDS, "trail", "robot", "turn"]
     left = rrb.Vertical(map.view("The plan", shown), rrb.Horizontal(*views), row_shares=[3, 1])
     return log_tab(map.stream, "", "Plan", left, text, legend, shares=(3, 2), rows=(2, 1))

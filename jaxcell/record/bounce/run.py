@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, Integer, UInt8
 
 from ...bounce.localization.result import RunOnMap
 from ..canvas.belief import MAX_ARROWS, log_beliefs, robot_length
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.marks import MAX_CORNERS, Poses, log_robot, send_labels
 from ..canvas.palette import BELIEF, CURRENT, KNOWN, ROBOT, TRAIL, Color
@@ -88,12 +88,11 @@ def log_localized(
     at, ground = map.below(map.xy(run.path[-1:])[0], map.frame)
     end, labels = np.array([last]), ["the truth"]
     send_labels(stream, "map/truth", labels, end, ground=ground, positions=at[None])
-    log_curve(stream, f"{path}/uncertainty", size, shape="Linear")
-    log_curve(stream, f"{path}/bits", np.log2(np.maximum(size, 1)), shape="Linear")
+    bits, most = np.log2(np.maximum(size, 1)), int(size.max())
     marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth", *also]
     numbers = (
-        curve_view(f"{path}/uncertainty", "Cells left", last, int(size.max())),
-        curve_view(f"{path}/bits", "The same, log2", last),
+        curve(stream, f"{path}/uncertainty", "Cells left", size, most, shape="Linear"),
+        curve(stream, f"{path}/bits", "The same, log2", bits, shape="Linear"),
         log_bumps(stream, run.observations),
         *curves,
     )
@@ -118,8 +117,8 @@ def log_bumps(stream: rr.RecordingStream, observations: Int[np.ndarray, "steps"]
     """Log the number of bumps so far."""
     # A step ends with its observation, so a bump counts from the step before.
     bumps = np.append(0, np.cumsum(observations))
-    log_curve(stream, "robot/bumps", bumps, color=ROBOT, shape="StepBefore")
-    return curve_view("robot/bumps", "Bumps so far", observations.size, int(bumps[-1]))
+    path, title, most = "robot/bumps", "Bumps so far", int(bumps[-1])
+    return curve(stream, path, title, bumps, most, color=ROBOT, shape="StepBefore")
 
 
 def log_states(

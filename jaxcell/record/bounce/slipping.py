@@ -4,7 +4,7 @@ import rerun.blueprint as rrb
 
 from ...bounce import Slipped
 from ..canvas.belief import arrows, belief_length, heat, heat_scale, log_belief_style
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES
@@ -33,7 +33,7 @@ def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
         log_turns(map, slipped.pose[:, :2], slipped.turned_by >= 0, slipped.bounces[turns].tolist())
         marks.append("turn")
     seen = map.view("The robot, and its belief", marks)
-    views = rrb.Vertical(seen, _curves(stream, slipped, last), row_shares=[7, 3])
+    views = rrb.Vertical(seen, _curves(stream, slipped), row_shares=[7, 3])
     legend, text = scale.legend(shown=[]), _text(slipped, spec)
     tabs = [log_tab(stream, "", "Belief", views, text, legend, shares=(3, 2), rows=(3, 1))]
     if len(slipped.smoothed):
@@ -54,13 +54,13 @@ def _log_likeliest(map: CellMap, slipped: Slipped) -> None:
     log_belief_style(stream, cells)
 
 
-def _curves(stream: rr.RecordingStream, slipped: Slipped, last: int) -> rrb.Container:
-    log_curve(stream, "belief/credible", slipped.credible)
-    log_curve(stream, "belief/nowhere", slipped.nowhere, color=CATEGORIES["pink"])
-    most = int(slipped.credible.max())
+def _curves(stream: rr.RecordingStream, slipped: Slipped) -> rrb.Container:
+    credible, nowhere = slipped.credible, slipped.nowhere
+    title, most = "Cells of the credible set, 95 %", int(credible.max())
+    pink = CATEGORIES["pink"]
     return rrb.Horizontal(
-        curve_view("belief/credible", "Cells of the credible set, 95 %", last, most),
-        curve_view("belief/nowhere", "Probability of being nowhere", last, 1.0),
+        curve(stream, "belief/credible", title, credible, most),
+        curve(stream, "belief/nowhere", "Probability of being nowhere", nowhere, 1.0, color=pink),
         log_bumps(stream, slipped.observations),
     )
 

@@ -4,7 +4,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Int
 
 from ...bounce import TeamTrajectory
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.marks import log_robot
 from ..canvas.page import log_tab
@@ -84,8 +84,7 @@ def _log_curves(
         ("collisions", "Collisions so far", collisions, team.collisions_in_all),
         ("part", "Part", part, team.parts),
     ):
-        log_curve(stream, f"team/{name}", values[times], times=times)
-        views.append(curve_view(f"team/{name}", title, team.steps, most))
+        views.append(curve(stream, f"team/{name}", title, values[times], most, times))
     return rrb.Horizontal(*views, column_shares=[2, 1, 1])
 
 

@@ -1,6 +1,6 @@
 """Curves of numbers over a whole timeline."""
 
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -31,6 +31,20 @@ def log_curve(
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
     log_curve_style(stream, path, color, name, shape, width)
+
+
+def curve(
+    stream: rr.RecordingStream,
+    path: str,
+    title: str,
+    values: Num[np.ndarray, "times"],
+    most: float | int | None = None,
+    times: Int[np.ndarray, "times"] | None = None,
+    **style: Any,
+) -> rrb.TimeSeriesView:
+    """Log a curve over the timeline `step`, as [`log_curve`][], and return a view of it."""
+    log_curve(stream, path, values, times=times, **style)
+    return curve_view(path, title, values.size - 1 if times is None else int(times[-1]), most)
 
 
 def log_curve_style(

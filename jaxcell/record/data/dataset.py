@@ -1,13 +1,15 @@
-"""Make the dataset of any result, from the descriptions of its quantities."""
+"""Make the dataset of any result, from the descriptions of its quantities, and save it."""
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from ...base.files import replacing
 from ...base.quantities import (
     PROBABILITY,
     Checks,
@@ -73,6 +75,36 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
             variables[name] = variable
     checks = {**_checks_of_kinds(variables, cells), **_checks(result, "")}
     return variables.assign_attrs(check_attributes(result.title, checks))
+
+
+def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
+    """Write a dataset as a compressed NetCDF-4 file, whole or not at all.
+
+    **Arguments:**
+
+    - `dataset`: the dataset.
+    - `path`: the file to write or replace.
+
+    **Raises:** `FileNotFoundError` if the folder does not exist.
+
+    A dataset, written and read again:
+
+        >>> import pathlib, tempfile
+        >>> import xarray as xr
+        >>> from jaxcell import record
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "result.nc")
+        ...     record.save_dataset(xr.Dataset({"steps": ("cell", [1, 2])}), path)
+        ...     xr.load_dataset(path).steps.values.tolist()
+        [1, 2]
+    """
+    encoding = {
+        name: {"zlib": True, "complevel": 1, "_FillValue": None}
+        for name, variable in dataset.variables.items()
+        if variable.ndim and variable.dtype.kind in "bif"
+    }
+    with replacing(path) as temporary:
+        dataset.to_netcdf(temporary, format="NETCDF4", engine="netcdf4", encoding=encoding)
 
 
 def attributes_of(described: Quantity) -> dict[str, Any]:
