@@ -184,8 +184,8 @@ def alias(
     second, part = image.copy(), np.ones(image.shape)
     open_ = np.ones(image.shape, bool)
     for _ in range(slots - 1):
-        # The least likely outcome shares its slot with the most likely one, and is finished. Of equal
-        # outcomes the first is taken, however a processor rounds them, so that draws are the same.
+        # The least likely outcome shares its slot with the most likely one, and is finished. The
+        # first of equal outcomes is taken, so that draws do not depend on how they are rounded.
         compared = left.round(_EQUAL)
         least = np.where(open_, compared, np.inf).argmin(axis=1)
         most = np.where(open_, compared, -np.inf).argmax(axis=1)

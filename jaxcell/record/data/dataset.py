@@ -1,13 +1,15 @@
-"""The dataset of any result, from the descriptions of its quantities."""
+"""Make the dataset of any result, from the descriptions of its quantities, and save it."""
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from ...base.files import replacing
 from ...base.quantities import (
     PROBABILITY,
     Checks,
@@ -23,21 +25,22 @@ from .summary import cells_of
 
 
 def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """A result as a labelled dataset.
+    """Convert a result to a labelled dataset.
 
-    Each quantity is a variable with its meaning, units and kind as attributes; those of a part
-    begin with the name of the part, except coordinates. Rows of different lengths are left out. A
-    result on cells has their coordinates: over `position` `x` and `y`, over `direction` `theta`.
+    Each quantity is a variable with its meaning, units and kind as attributes. The names of the
+    variables of a part begin with the name of the part, except coordinates. Rows of different
+    lengths are left out. A result on cells has their coordinates: `x` and `y` over `position`,
+    `theta` over `direction`.
 
     **Arguments:**
 
-    - `result`: what a study gave.
-    - `spec`: what was asked for, kept as JSON in the attribute `spec`.
+    - `result`: the result of a study.
+    - `spec`: its parameters, kept as JSON in the attribute `spec`.
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the numbers contradict what
-    their kinds or the relations between them say.
+    **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the numbers contradict their
+    kinds or the checks of the result.
 
     The share of time of a robot that wanders in a corridor of two squares:
 
@@ -52,30 +55,60 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
         ...     share: Annotated[np.ndarray, quantity("position", "share of time", "1")]
         ...     steps: Annotated[int, quantity("", "steps that were made")]
         >>> cells = space.CellSpace.of_grid(np.ones((1, 2), bool), directions=4)
-        >>> found = Wandering(cells, np.array([0.25, 0.75]), steps=100)
-        >>> record.dataset(found).share.attrs["long_name"]
+        >>> wandering = Wandering(cells, np.array([0.25, 0.75]), steps=100)
+        >>> record.dataset(wandering).share.attrs["long_name"]
         'share of time'
     """
     cells = cells_of(result)
     attributes = {**provenance(result.title, cells, spec), **result.attributes}
-    found = xr.Dataset(attrs=attributes)
+    variables = xr.Dataset(attrs=attributes)
     if cells is not None:
-        found = found.assign_coords(cell_coordinates(cells))
+        variables = variables.assign_coords(cell_coordinates(cells))
     for name, (described, value) in _flat(result).items():
         array = np.asarray(value)
         if array.dtype == object:
             continue
         variable = xr.Variable(described.dims, array, attributes_of(described))
         if described.kind == "coordinate":
-            found = found.assign_coords({name: variable})
+            variables = variables.assign_coords({name: variable})
         else:
-            found[name] = variable
-    checks = {**_checks_of_kinds(found, cells), **_checks(result, "")}
-    return found.assign_attrs(check_attributes(result.title, checks))
+            variables[name] = variable
+    checks = {**_checks_of_kinds(variables, cells), **_checks(result, "")}
+    return variables.assign_attrs(check_attributes(result.title, checks))
+
+
+def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
+    """Write a dataset as a compressed NetCDF-4 file, whole or not at all.
+
+    **Arguments:**
+
+    - `dataset`: the dataset.
+    - `path`: the file to write or replace.
+
+    **Raises:** `FileNotFoundError` if the folder does not exist.
+
+    A dataset, written and read again:
+
+        >>> import pathlib, tempfile
+        >>> import xarray as xr
+        >>> from jaxcell import record
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "result.nc")
+        ...     record.save_dataset(xr.Dataset({"steps": ("cell", [1, 2])}), path)
+        ...     xr.load_dataset(path).steps.values.tolist()
+        [1, 2]
+    """
+    encoding = {
+        name: {"zlib": True, "complevel": 1, "_FillValue": None}
+        for name, variable in dataset.variables.items()
+        if variable.ndim and variable.dtype.kind in "bif"
+    }
+    with replacing(path) as temporary:
+        dataset.to_netcdf(temporary, format="NETCDF4", engine="netcdf4", encoding=encoding)
 
 
 def attributes_of(described: Quantity) -> dict[str, Any]:
-    """The attributes of a variable that say what it is."""
+    """Return the attributes of a variable that describe its quantity."""
     attributes = {"long_name": described.meaning, **described.attributes}
     if described.units is not None:
         attributes["units"] = described.units
@@ -83,11 +116,12 @@ def attributes_of(described: Quantity) -> dict[str, Any]:
 
 
 def check_attributes(title: str, checks: Checks) -> dict[str, float | int]:
-    """The value of each check, as an attribute `check_<name>` of the dataset of that title.
+    """Return the value of each check, as an attribute `check_<name>` of a dataset.
 
-    Checks are computed from the arrays that are about to be saved, and not from what made them, so
-    that they can be computed again from any file. A dataset that contradicts itself is not made at
-    all. The limits are far beyond rounding: only a defect, or altered arrays, exceed one.
+    Checks are computed from the arrays of the dataset only, so they can be repeated on a saved
+    file. The limits are far above rounding: only a defect, or altered arrays, exceed them.
+
+    **Raises:** `RuntimeError` if a value exceeds its limit.
     """
     for name, (value, limit) in checks.items():
         if not (value <= limit or limit == np.inf):
@@ -99,20 +133,20 @@ def check_attributes(title: str, checks: Checks) -> dict[str, float | int]:
 
 
 def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
-    found = dict(values(result))
+    flat = dict(values(result))
     for name, part in parts(result).items():
         if isinstance(part, tuple):
-            found |= _along(name.removesuffix("s"), part)
+            flat |= _along(name.removesuffix("s"), part)
             continue
         for key, (about, value) in _flat(part).items():
             # Dimensions are shared, and so are their coordinates.
-            found[key if about.kind == "coordinate" else f"{name}_{key}"] = about, value
-    return found
+            flat[key if about.kind == "coordinate" else f"{name}_{key}"] = about, value
+    return flat
 
 
-def _along(dim: str, several: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
-    """The single numbers that all of several parts have, along a dimension."""
-    rows = [values(one, lambda about: not about.dims) for one in several]
+def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
+    """Return the single numbers that all parts have, along a dimension."""
+    rows = [values(member, lambda about: not about.dims) for member in members]
     return {
         f"{dim}_{name}": (
             dataclasses.replace(about, dims=(dim,)),
@@ -124,18 +158,18 @@ def _along(dim: str, several: tuple[Result, ...]) -> dict[str, tuple[Quantity, n
 
 
 def _checks(result: Result, prefix: str) -> Checks:
-    """The relations that a result and its parts name."""
-    found = {prefix + name: one for name, one in result.checks().items()}
+    """Return the checks of a result and of its parts."""
+    checks = {prefix + name: check for name, check in result.checks().items()}
     for name, part in parts(result).items():
         if not isinstance(part, tuple):
-            found |= _checks(part, f"{prefix}{name}_")
-    return found
+            checks |= _checks(part, f"{prefix}{name}_")
+    return checks
 
 
-def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:
-    """The largest violation of what the kind of each variable says."""
+def _checks_of_kinds(dataset: xr.Dataset, cells: CellSpace | None) -> Checks:
+    """Return the largest violation of the kind of each variable."""
     checks: dict[str, tuple[float, float]] = {}
-    for name, variable in found.data_vars.items():
+    for name, variable in dataset.data_vars.items():
         kind, array = variable.attrs.get("kind"), np.atleast_1d(variable.values)
         if "padding" in variable.attrs:
             array = _without(array, float(variable.attrs["padding"].partition(":")[0]))
@@ -146,7 +180,7 @@ def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:
             sums = np.atleast_1d(variable.sum(over).values)
             checks[f"{name}_sums_to_1"] = (_most(np.abs(sums - 1)), PROBABILITY)
         if kind == "time":
-            # What is not known is no contradiction.
+            # Unknown times are NaN.
             array = _without(array, math.nan)
         if kind in ("count", "time") and array.size:
             checks[f"{name}_below_0"] = (_most(-array.astype(float)), 0)
@@ -159,10 +193,10 @@ def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:
 
 
 def _without(array: np.ndarray, padding: float) -> np.ndarray:
-    """The values that are not padding, which may be NaN."""
+    """Return the values that are not padding; the padding may be NaN."""
     return array[~np.isnan(array) if math.isnan(padding) else array != padding]
 
 
 def _most(*arrays: np.ndarray) -> float:
-    """The largest value above 0; NaN if one is."""
+    """Return the largest value above 0, or 0; NaN if an array has a NaN."""
     return float(max(np.max(array, initial=0.0) for array in arrays))

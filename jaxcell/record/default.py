@@ -1,4 +1,4 @@
-"""The recording of a result that has none of its own, from the descriptions of its quantities."""
+"""The default recording of a result, from the descriptions of its quantities."""
 
 import math
 from typing import Any
@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..base.quantities import Quantity, Result, values
-from .canvas.curves import curve_view, log_curve
+from .canvas.curves import curve
 from .canvas.map import CellMap
 from .canvas.page import log_legend, log_tab
 from .canvas.prose import Spec, made_with, numbers
@@ -21,7 +21,7 @@ _ON_A_MAP = ("position",), ("direction", "position")
 
 
 def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
-    """Log maps and curves of whatever quantities a result has."""
+    """Log maps and curves of the quantities of a result."""
     cells, quantities = cells_of(result), values(result)
     maps = {name: one for name, one in quantities.items() if one[0].dims in _ON_A_MAP}
     curves = {name: one for name, one in quantities.items() if one[0].dims == ("step",)}
@@ -31,8 +31,7 @@ def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
         map = CellMap(stream, cells)
         views += [_log_map(map, name, *one, timeline) for name, one in maps.items()]
     for name, (about, value) in curves.items():
-        log_curve(stream, f"curves/{name}", np.asarray(value))
-        views.append(curve_view(f"curves/{name}", _titled(about), len(value) - 1))
+        views.append(curve(stream, f"curves/{name}", _titled(about), np.asarray(value)))
     grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
     text = "\n\n".join([f"# {result.title}", numbers(result), made_with(spec, cells)])
     tab = log_tab(stream, "", result.title, grid, text, [])
