@@ -22,6 +22,8 @@ _TURNS = 8
 _MAX_STEPS = 2**30
 # 95 % of a normal distribution lies within this number of standard deviations.
 _NORMAL_95 = 1.959963984540054
+# Shares of a slot that agree to this many digits are equal but for rounding.
+_EQUAL = 9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -182,9 +184,11 @@ def alias(
     second, part = image.copy(), np.ones(image.shape)
     open_ = np.ones(image.shape, bool)
     for _ in range(slots - 1):
-        # The least likely outcome shares its slot with the most likely one, and is finished.
-        least = np.where(open_, left, np.inf).argmin(axis=1)
-        most = np.where(open_, left, -np.inf).argmax(axis=1)
+        # The least likely outcome shares its slot with the most likely one, and is finished. The
+        # first of equal outcomes is taken, so that draws do not depend on how they are rounded.
+        compared = left.round(_EQUAL)
+        least = np.where(open_, compared, np.inf).argmin(axis=1)
+        most = np.where(open_, compared, -np.inf).argmax(axis=1)
         part[row, least] = np.minimum(left[row, least], 1)
         second[row, least] = image[row, most]
         left[row, most] -= 1 - part[row, least]

@@ -4,7 +4,6 @@ import dataclasses
 import itertools
 import math
 
-import jax
 import numpy as np
 import pytest
 import shapely
@@ -194,32 +193,15 @@ def test_sets_of_a_robot_without_errors_leave_cells_out():
     assert 1 <= sets.estimate(state).cells.size < CELLS.size / 3
 
 
-def test_particles_find_the_emulated_robot_on_the_host_and_in_a_batch():
-    slip, held, batch = space.Slip.of(0.03, give=0.02), [], []
-    cloud = Particles(CELLS, TURN, slip, count=2000)
-    first, legs, walls = cloud.start(), space.stride_legs(8, 1.0, 1.0), space.felt_walls(ROOM, 0.02)
+def test_particles_find_the_emulated_robot():
+    cloud, held = Particles(CELLS, TURN, space.Slip.of(0.03, give=0.02), count=2000), []
     for seed in range(12):
         observed, pose = run_of_the_emulator(seed * 6, 0.03, 12, seed)
-        state = first
+        state = cloud.start()
         for observation in observed:
             state = cloud.observe(state, observation)
-        truth = int(space.nearest_cell(CELLS, *pose))
-        held.append(truth in cloud.estimate(state).cells)
-        after, matched = bounce.particle_run(
-            first.pose,
-            first.believed,
-            np.array(observed),
-            jax.random.key(seed),
-            legs,
-            walls,
-            shift=3,
-            slip=slip,
-            directions=8,
-        )
-        batch.append(truth in np.asarray(space.nearest_cell(CELLS, *np.asarray(after[-1]).T)))
-        assert matched.shape == (12,)
+        held.append(int(space.nearest_cell(CELLS, *pose)) in cloud.estimate(state).cells)
     assert np.mean(held) > 0.8
-    assert np.mean(batch) > 0.9
 
 
 def test_equal_seeds_give_equal_particles():

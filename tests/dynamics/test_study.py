@@ -126,7 +126,7 @@ def test_torn_periodic_axis_is_reported_once_before_cells_are_mapped(tmp_path, c
 
 
 def test_interrupted_sweep_is_resumed(own, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
     ran = []
     run_alone = study.Dynamics.run
 
