@@ -115,7 +115,7 @@ class _Moves:
     matrix: scipy.sparse.csr_array
     allowed: Bool[np.ndarray, "actions cells"]
     stays: Bool[np.ndarray, "actions cells"]
-    "Whether the action cannot leave the space."
+    "`True` if the action cannot leave the space."
 
     @classmethod
     def of(cls, model: DecisionModel) -> "_Moves":

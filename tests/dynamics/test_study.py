@@ -221,7 +221,7 @@ def test_bad_parameters_are_refused_in_one_line(asked, said):
     assert "\n" not in str(refused.value)
 
 
-# Those that no published case is of.
+# Systems without a published case.
 @pytest.mark.parametrize("name", ["pendulum", "thomas"])
 def test_built_in_systems_have_attractors(name):
     found = study.Dynamics(system=name, cells=(11,)).run()

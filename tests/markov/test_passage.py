@@ -32,7 +32,7 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
     chain = Chain.from_scipy(matrix)
     found = np.asarray(first_passage(chain, start, target, STEPS))
     np.testing.assert_allclose(found, by_taboo(matrix, start, there, STEPS), atol=1e-14)
-    # What has arrived and what survives is everything, from each start and whatever leaves.
+    # The mass that has arrived and the mass that survives sum to 1, from each start.
     surviving = np.asarray(survival(chain, target, STEPS))
     np.testing.assert_allclose(np.cumsum(found) + surviving @ start, 1, rtol=1e-12)
     for cell in range(cells):

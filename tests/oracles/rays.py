@@ -70,9 +70,9 @@ class Runs:
     heading: np.ndarray
     "The heading of each run, in radians."
     length: np.ndarray
-    "How far the robot ran, in metres."
+    "The length of each run, in metres."
     observed: np.ndarray
-    "How far it ran by its own measure."
+    "The length by the robot's own measure."
     point: np.ndarray
     "The place of the bump at the end of the run."
     wall: np.ndarray
