@@ -10,6 +10,7 @@ from hypothesis import given, strategies as st
 from random_chains import birth_and_death, solve_exactly
 
 from jaxcell import mapping, markov
+from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.stationary import Rooted, solve_stationary
 
 
@@ -66,7 +67,9 @@ def test_factorisation_gives_way_where_rounding_spoils_it(matrix):
     share, constant = exact(matrix)
     step = scipy.sparse.csr_array(matrix)
     one_class = np.zeros(len(matrix), int)
-    value, _ = solve_stationary(step, one_class, small=0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solve, "LIMITS", solve.Limits(small=0))
+        value, _ = solve_stationary(step, one_class)
     np.testing.assert_allclose(value, np.array(share, float), atol=1e-7)
     visits = Rooted.of(step, one_class, value).visits(small=0)
     assert kemeny_of(visits, np.delete(share, np.argmax(value))) == pytest.approx(
@@ -81,12 +84,13 @@ def kemeny_of(visits, share):
 
 @pytest.mark.parametrize("back", [0.1, 1 - 0.9])
 @pytest.mark.parametrize("small", [0, 200])
-def test_first_cell_may_be_rare(back, small):
+def test_first_cell_may_be_rare(back, small, monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=small))
     matrix = birth_and_death(np.full(19, 0.9), np.full(19, back))
     expected = np.array(exact(matrix)[0], float)
     for turned in (slice(None), slice(None, None, -1)):
         step = scipy.sparse.csr_array(matrix[turned, turned])
-        value, _ = solve_stationary(step, np.zeros(20, int), small=small)
+        value, _ = solve_stationary(step, np.zeros(20, int))
         assert value.max() == pytest.approx(0.8888888888888888, rel=1e-14)
         np.testing.assert_allclose(value, expected[turned], atol=1e-14)
 
