@@ -50,8 +50,6 @@ def advect(
 
     **Returns:** `x` and `y` of the points at the end, in cells.
 
-    **Raises:** `ValueError` for an unknown method, or fewer steps than 1.
-
     A flow of a tenth of a cell a second to the East, everywhere and always:
 
         >>> import numpy as np

@@ -39,8 +39,6 @@ def flow_map(
 
     **Returns:** the displacements along the axes x and y of the grid, in cells.
 
-    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][].
-
     In the time to cross a cell, cells drift by one on average:
 
         >>> from jaxcell import drift, examples
@@ -146,8 +144,6 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 
     **Returns:** the chains of the phases, one after the other; or the one chain of a flow that is
     not periodic, or of a step of whole periods.
-
-    **Raises:** `ValueError` for a duration that does not fit the period, or as [`drift_map`][].
 
     Five hours of the bundled sea, repeated:
 

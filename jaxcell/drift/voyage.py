@@ -89,8 +89,6 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 
     **Returns:** the model, for [`jaxcell.markov.value_iteration`][].
 
-    **Raises:** `ValueError` for a goal that is empty or not on the map, or a discount out of range.
-
     Two layers of three cells: at the surface everything drifts East, below it West.
     The goal is cell 0; from cell 3, below it, going up gains 100:
 
@@ -133,8 +131,6 @@ def discounted_voyage(
 
     **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy almost traps
     drifters, times are beyond 64-bit numbers; `certificate` and `arrival` say so.
-
-    **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model].
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):
@@ -198,8 +194,6 @@ def simulate_voyages(
     - `steps`: number of steps.
 
     **Returns:** [`Tracks`][jaxcell.drift.Tracks].
-
-    **Raises:** `ValueError` for an invalid start, no drifters, or a negative number of steps.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     A drifter from cell 2 to cell 0 goes down, West twice, and up:

@@ -60,8 +60,6 @@ class Water:
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
-
-        **Raises:** `ValueError` for a layer that does not exist or has no water.
         """
         layers = currents.sizes["layer"]
         if not 0 <= layer < layers:
@@ -134,8 +132,6 @@ class Water:
         **Arguments:**
 
         - `lon`, `lat`: the place in degrees; longitudes may differ by whole turns.
-
-        **Raises:** `ValueError` if the place is not in the water or off the grid.
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")

@@ -19,7 +19,7 @@ def gyres():
     return water, {step: drift.drift_map(water, flow, method.lasting(step)) for step in steps}
 
 
-def test_each_gyre_is_nearly_closed_whatever_the_step(gyres):
+def test_each_gyre_is_nearly_closed_for_all_steps(gyres):
     water, maps = gyres
     left, groups = water.column < 12, []
     for step, chain in maps.items():

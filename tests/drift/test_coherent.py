@@ -36,7 +36,7 @@ def test_a_saddle_stretches_at_its_rate(dx, dy):
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(1000.0, 1000.0), (400.0, 1500.0)])
-def test_shear_stretches_as_it_should(dx, dy):
+def test_shear_stretches_at_its_rate(dx, dy):
     rate, time = 3e-5, 6 * 3600.0
     shear = rate * time
     expected = math.log((shear + math.hypot(shear, 2)) / 2) / time
@@ -61,7 +61,7 @@ def test_a_cell_at_a_coast_has_an_exponent():
     assert np.isfinite(found).all()
 
 
-def test_ridges_are_crests():
+def test_ridges_are_the_crests_of_the_values():
     nothing = np.zeros((15, 15))
     water = Water.of(sea(nothing, nothing))
     x, y = water.column, water.row

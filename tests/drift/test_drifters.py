@@ -32,7 +32,7 @@ def test_drifters_begin_in_their_cells_and_go_with_the_flow(getkey):
     np.testing.assert_allclose(share[1, [11, 12, 20, 21]], 0.25, atol=0.03)
 
 
-def test_the_key_decides():
+def test_drifters_are_reproducible_from_their_key():
     water, flow = uniform(0.5, 0.25)
 
     def run(seed):
@@ -45,7 +45,7 @@ def test_the_key_decides():
     assert (run(1)[0] != run(2)[0]).any()
 
 
-def test_what_leaves_the_grid_is_gone(getkey):
+def test_drifters_that_left_the_grid_do_not_return(getkey):
     water, flow = uniform(1.0, 0.0)
     found = simulate_drifters(getkey(), water, flow, [22, 23], 900.0, 6, drifters=4000)
     assert set(found.cell[3]) == {25, 26}
@@ -81,7 +81,7 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     assert np.isnan(found.transport[2])
 
 
-def test_distances_are_those_of_the_definitions(getkey):
+def test_comparisons_are_those_of_the_definitions(getkey):
     currents = double_gyre(12, 24)
     water, flow = Water.of(currents), Flow.of(currents)
     duration = crossing_time(water, flow)

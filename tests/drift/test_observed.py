@@ -44,7 +44,7 @@ def test_answers_are_those_of_the_chain(pair):
     np.testing.assert_allclose([named[f"hours of set {k}"] for k in sets.rank], sets.hours)
 
 
-def test_errors_are_those_of_shares(pair):
+def test_errors_are_those_of_multinomial_shares(pair):
     """By the law of large numbers, of the derivatives of times with respect to shares."""
     named = dict(zip(pair.estimates_name.tolist(), pair.estimates_error, strict=True))
     for rank in pair.nearly_closed_sets.rank:
@@ -60,7 +60,7 @@ def test_errors_are_those_of_shares(pair):
     assert not pair.persistent_share.any()
 
 
-def test_a_cell_is_persistent_in_as_many_draws_as_miss_its_one_way_out():
+def test_a_cell_is_persistent_in_draws_without_its_only_exit():
     """One of 20 leaves a cell, and is not drawn with a chance of (1 - 1/20)^20."""
     seen, moves = moves_of(np.zeros(20, int), np.array([-1] + [0] * 19))
     found = drift.ObservedDrift.of(seen, moves, samples=80)

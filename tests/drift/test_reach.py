@@ -14,7 +14,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds)
-def test_layers_are_put_together(seed):
+def test_layers_are_combined_in_order(seed):
     waters, chains = random_layers(seed)
     sea = Sea.of(waters, chains)
     place = [
@@ -57,7 +57,7 @@ def graph_of(sea, vertical):
 
 
 @given(seeds)
-def test_reach_equals_searches_of_the_graph(seed):
+def test_reachable_cells_are_those_of_a_graph_search(seed):
     sea = random_sea(seed, leak=0.1)
     start = int(np.random.default_rng(seed).integers(np.count_nonzero(sea.layer == 0)))
     column, at = [], start
@@ -72,7 +72,7 @@ def test_reach_equals_searches_of_the_graph(seed):
     assert expected <= free
 
 
-def test_where_the_layer_does_not_exist():
+def test_drifters_do_not_go_below_the_sea_bed():
     # Two cells that stay put, and below the second nothing.
     wets = [np.array([[True, True]]), np.array([[True, False]])]
     chains = [Chain(np.arange(n)[None], np.ones((1, n))) for n in (2, 1)]
@@ -82,7 +82,7 @@ def test_where_the_layer_does_not_exist():
     assert reachable_at_depth(sea, 1).tolist() == [False, True, False]
 
 
-def test_refusals():
+def test_starts_below_the_surface_and_mixed_layers_are_refused():
     waters, chains = random_layers(0)
     sea = Sea.of(waters, chains)
     surface = waters[0].cells

@@ -88,7 +88,7 @@ def test_a_zarr_store_is_read(tmp_path):
     same(drift.open_trajectories(tmp_path / "particles.zarr"))
 
 
-def test_decoded_times_of_a_dataset_in_hand_are_read():
+def test_decoded_times_of_an_open_dataset_are_read():
     found = drift.open_trajectories(xr.decode_cf(parcels()))
     same(drift.Trajectories(found.lon, found.lat, found.time - found.time[0], found.drifter))
 
@@ -148,14 +148,14 @@ def test_boxes_end_at_the_poles(cell, asked, south, north):
 
 
 @pytest.mark.parametrize(("west", "cell"), [(1.7, 0.1), (3.4, 0.2), (-51.2, 0.1), (0.35, 0.01)])
-def test_boxes_begin_with_the_first_observation_whatever_the_rounding(west, cell):
+def test_boxes_begin_with_the_first_observation_despite_rounding(west, cell):
     lon = west + cell * np.array([0.0, 1.5])
     seen = drift.Trajectories(lon, np.full(2, 0.55), np.zeros(2), np.arange(2))
     assert drift.boxes(seen, cell).number.shape[1] == 2
 
 
 @pytest.mark.parametrize(("count", "moves"), [(1, []), (2, [0]), (3, [0, 0])])
-def test_a_drifter_that_was_seen_a_few_times(count, moves):
+def test_a_drifter_with_few_observations_has_few_moves(count, moves):
     seen = drift.Trajectories(
         *(np.full(count, 5.0), np.full(count, 0.5)), np.arange(count) * 3600.0, np.zeros(count, int)
     )
@@ -209,7 +209,7 @@ def known():
     return matrix, drift.count_moves(seen, water, 3600.0)
 
 
-def test_the_chain_of_trajectories_is_given_back_within_the_errors(known):
+def test_the_chain_of_trajectories_is_estimated_within_its_errors(known):
     matrix, moves = known
     found = drift.bootstrap(moves, lambda chain: chain.to_scipy().toarray(), samples=200)
     np.testing.assert_allclose(found.value, moves.chain.to_scipy().toarray())
@@ -225,7 +225,7 @@ def test_the_chain_of_trajectories_is_given_back_within_the_errors(known):
     assert 0.85 < np.median(ratio) < 1.15
 
 
-def test_what_is_asked_of_it_has_errors(known):
+def test_times_and_leakage_are_estimated_within_their_errors(known):
     matrix, moves = known
     half = np.arange(20) < 10
 
@@ -244,7 +244,7 @@ def test_what_is_asked_of_it_has_errors(known):
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_counts_are_those_of_every_pair(seed):
+def test_moves_are_those_of_every_pair_of_observations(seed):
     random = np.random.default_rng(seed)
     number = random.integers(0, 3, 12)
     hours = random.choice(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 12)

@@ -52,7 +52,7 @@ def algorithm(sea, goal, discount, rounds):
 
 @given(seeds, st.sampled_from([0.0, 0.2]))
 @settings(max_examples=8)
-def test_the_algorithm_cell_by_cell(seed, leak):
+def test_values_are_those_of_the_algorithm_cell_by_cell(seed, leak):
     sea = random_sea(seed, shape=(3, 3), leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))
     found = discounted_voyage(sea, goal, 0.9)
@@ -65,7 +65,7 @@ def test_the_algorithm_cell_by_cell(seed, leak):
     assert found.action[goal] == 0
 
 
-def test_who_cannot_arrive_drifts():
+def test_a_drifter_that_cannot_arrive_drifts():
     # Three separate cells in a row over two more, each of which stays put.
     wets = [np.array([[True, True, True]]), np.array([[True, True, False]])]
     chains = [Chain(np.arange(n)[None], np.ones((1, n))) for n in (3, 2)]
@@ -79,7 +79,7 @@ def test_who_cannot_arrive_drifts():
     np.testing.assert_allclose(found.value, [never, 90, never, never, 0], atol=1e-12)
 
 
-def test_no_better_to_be_lost():
+def test_leaving_is_no_better_than_staying():
     # Cell 0 may drift off the grid for good, or go down, from where it may rise to the goal.
     wets = [np.array([[True, False]]), np.array([[True, True]]), np.array([[True, True]])]
     chains = [
@@ -95,7 +95,7 @@ def test_no_better_to_be_lost():
 
 @given(seeds, st.sampled_from([0.0, 0.3]))
 @settings(max_examples=15)
-def test_the_closed_loop(seed, leak):
+def test_the_closed_loop_follows_the_actions(seed, leak):
     sea = random_sea(seed, leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))
     surest = surest_voyage(sea, goal)
@@ -117,7 +117,7 @@ def test_the_closed_loop(seed, leak):
         assert (np.asarray(found.time) >= np.asarray(surest.time) * (1 - 1e-9)).all()
 
 
-def test_several_goals():
+def test_a_goal_may_have_several_cells():
     sea = random_sea(3)
     goals = np.array([2, sea.cells - 1])
     model = voyage_model(sea, goals, 0.9)
@@ -166,7 +166,7 @@ def test_simulated_drifters_arrive_as_often_as_predicted(leak):
     )
 
 
-def test_simulation_is_reproducible_and_starts_where_told():
+def test_simulation_is_reproducible_from_its_key_and_start():
     voyage = surest_voyage(random_sea(1), 0)
     key = jax.random.key(7)
     one, two = (simulate_voyages(key, voyage, 5, 30, 20) for _ in range(2))
@@ -177,7 +177,7 @@ def test_simulation_is_reproducible_and_starts_where_told():
     assert there.time.tolist() == [0, 0, 0]
 
 
-def test_refusals():
+def test_invalid_goals_discounts_and_simulations_are_refused():
     sea = random_sea(0)
     with pytest.raises(ValueError, match="goal: cell 999 does not exist"):
         discounted_voyage(sea, 999)

@@ -89,8 +89,6 @@ def diagnose(
 
     **Returns:** [`Diagnosis`][].
 
-    **Raises:** `ValueError` if the groups are of another map, or the flow is of other water.
-
     The surface of the bundled sea, where the flow makes the groups:
 
         >>> from jaxcell import drift, examples, mapping
