@@ -120,12 +120,15 @@ def test_agreement_counts_cells():
     assert math.isnan(agreement(water, label, np.zeros(18, bool)).ratio)
 
 
-def test_bad_input_is_refused():
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda w, f: ridges(w, np.zeros(32), share=0), "share: expected more than 0 and at most"),
+        (lambda w, f: agreement(w, np.zeros(32, int), np.zeros(32, bool)), "got no border"),
+        (lambda w, f: ftle(w, f, 0), "duration: expected a number of seconds other than 0"),
+    ],
+)
+def test_shares_labels_and_durations_out_of_range_are_refused(call, message):
     currents = double_gyre(4, 8)
-    water = Water.of(currents)
-    with pytest.raises(ValueError, match="share: expected more than 0 and at most 1, got 0"):
-        ridges(water, np.zeros(32), share=0)
-    with pytest.raises(ValueError, match="two groups side by side or more, got no border"):
-        agreement(water, np.zeros(32, int), np.zeros(32, bool))
-    with pytest.raises(ValueError, match="duration: expected a number of seconds other than 0"):
-        ftle(water, Flow.of(currents), 0)
+    with pytest.raises(ValueError, match=message):
+        call(Water.of(currents), Flow.of(currents))

@@ -549,7 +549,7 @@ def test_a_format_that_hides_truncation_is_refused(tmp_path):
 @given(st.integers(4, 900), st.binary(min_size=1, max_size=6))
 def test_a_damaged_header_gives_no_traceback(tmp_path_factory, place, noise):
     path = tmp_path_factory.getbasetemp() / "damaged.nc"
-    write(path.parent, regular(), path.name, "NETCDF3_CLASSIC")
+    write(path.parent, regular(), path.name, format="NETCDF3_CLASSIC")
     raw = bytearray(path.read_bytes())
     raw[place : place + len(noise)] = noise
     path.write_bytes(raw)

@@ -255,18 +255,6 @@ def test_zeta_and_angle_may_be_missing(tmp_path):
     np.testing.assert_allclose(open_currents(write(tmp_path, degrees)).u, whole.u)
 
 
-def test_the_grid_may_be_in_another_file(tmp_path):
-    """In the file of the grid there is all that does not change in time, but for the levels."""
-    whole = native(0.3, 0.1, 30)
-    levels = ["Cs_r", "hc", "Vtransform"]
-    fixed = [name for name, one in whole.data_vars.items() if "ocean_time" not in one.dims]
-    grid = write(tmp_path, whole[[name for name in fixed if name not in levels]], "grid.nc")
-    apart = write(tmp_path, whole.drop_vars([name for name in fixed if name not in levels]))
-    found = open_currents(apart, grid=grid, depths=(0, 5))
-    expected = open_currents(write(tmp_path, whole, "whole.nc"), depths=(0, 5))
-    xr.testing.assert_equal(found, expected)
-
-
 def test_velocities_to_the_east_are_not_turned(tmp_path):
     dataset = native(0.3, 0.1, 30)
     rho = ("ocean_time", "s_rho", "eta_rho", "xi_rho")

@@ -1,5 +1,7 @@
 """Files of trajectories in the layouts of real products, and the chains that they give."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -273,21 +275,19 @@ def test_moves_are_those_of_every_pair_of_observations(seed):
     )  # fmt: skip
 
 
-def test_bad_input_is_refused():
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s, w: drift.boxes(s, 0), "cell: expected more than 0 and at most 90 degrees"),
+        (lambda s, w: drift.boxes(s, 1.0, (0, 10, 5, 5)), "bounds: expected West, South, East and"),
+        (lambda s, w: drift.count_moves(s, w, 0), "lag: expected a positive number of seconds"),
+        (lambda s, w: drift.count_moves(s, w, 3600.0, least=0), "least: expected 1 or more, got 0"),
+        (lambda s, w: dataclasses.replace(s, time=0 * s.time), "number 1 does not"),
+        (lambda s, w: drift.bootstrap(drift.count_moves(s, w, 6 * 3600.0), len, samples=1),
+         "samples: expected 2 or more, got 1"),
+    ],
+)  # fmt: skip
+def test_cells_lags_and_samples_out_of_range_are_refused(call, message):
     seen = drift.open_trajectories(parcels())
-    water = drift.boxes(seen, 1.0)
-    with pytest.raises(
-        ValueError, match="cell: expected more than 0 and at most 90 degrees, got 0"
-    ):
-        drift.boxes(seen, 0)
-    with pytest.raises(ValueError, match="bounds: expected West, South, East and North, got"):
-        drift.boxes(seen, 1.0, (0, 10, 5, 5))
-    with pytest.raises(ValueError, match="lag: expected a positive number of seconds, got 0"):
-        drift.count_moves(seen, water, 0)
-    with pytest.raises(ValueError, match="least: expected 1 or more, got 0"):
-        drift.count_moves(seen, water, 3600.0, least=0)
-    with pytest.raises(ValueError, match="number 2 does not"):
-        drift.Trajectories(np.zeros(3), np.zeros(3), np.array([0.0, 1, 1]), np.zeros(3, int))
-    moves = drift.count_moves(seen, water, 6 * 3600.0)
-    with pytest.raises(ValueError, match="samples: expected 2 or more, got 1"):
-        drift.bootstrap(moves, lambda chain: 0.0, samples=1)
+    with pytest.raises(ValueError, match=message):
+        call(seen, drift.boxes(seen, 1.0))
