@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from drift import products
 
 from jaxcell.drift import Water, open_currents
 from jaxcell.drift.currents.sphere import overlapping_columns
@@ -17,18 +18,9 @@ def flat(lon, u=None):
     """A file on longitudes and latitudes; the current tells the longitude and the row."""
     lon = np.asarray(lon, float)
     u = 0.001 * (lon % 360) + np.arange(ROWS)[:, None] if u is None else u
-    meaning = "sea_water_velocity"
-    dims = ("lat", "lon")
-    return xr.Dataset(
-        {
-            "u": (dims, u, {"standard_name": f"eastward_{meaning}", "units": "m/s"}),
-            "v": (dims, 0 * u - 0.25, {"standard_name": f"northward_{meaning}", "units": "m/s"}),
-        },
-        {
-            "lat": ("lat", LAT, {"units": "degrees_north"}),
-            "lon": ("lon", lon, {"units": "degrees_east"}),
-        },
-    )
+    time = products.hours(count=1)
+    plain = products.regular(values=(u, -0.25), lon=lon, lat=LAT, time=time)
+    return plain.rename(latitude="lat", longitude="lon")
 
 
 def opened(tmp_path, dataset, **options):

@@ -6,6 +6,7 @@ import croco
 import numpy as np
 import pytest
 import xarray as xr
+from drift import products
 from drift.products import refused
 
 from jaxcell.drift import open_currents
@@ -114,17 +115,10 @@ def test_a_single_level_must_be_that_of_the_surface(tmp_path, level, is_read):
 
 def fixed(depth, **attributes):
     """Currents on fixed depths: 0.5 m/s at the surface, less by 0.01 with each metre."""
-    east = 0.5 - 0.01 * np.abs(depth)[None, :, None, None] * np.ones((1, 1, 3, 4))
-    dims = ("time", "depth", "lat", "lon")
-    return xr.Dataset(
-        {"uo": (dims, east), "vo": (dims, 0 * east)},
-        {
-            "time": ("time", [0.0], {"units": "hours since 2020-01-01"}),
-            "depth": ("depth", depth, {"units": "m"} | attributes),
-            "lat": 0.1 * np.arange(3),
-            "lon": 0.1 * np.arange(4),
-        },
-    )
+    east = 0.5 - 0.01 * np.abs(depth)[:, None, None]
+    currents = products.regular(values=(east, 0), depth=depth, time=products.hours(count=1))
+    currents.depth.attrs.update(attributes)
+    return currents
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -3,8 +3,8 @@
 import croco
 import numpy as np
 import pytest
-import xarray as xr
-from drift.products import refused
+from drift import products
+from drift.products import refused, write
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
@@ -27,22 +27,14 @@ def test_in_a_file_of_croco_1_is_water(tmp_path, standard_name):
     assert "mask_rho: 1 is water, by its name" in currents.attrs["notes"]
 
 
-def regular(wet, **mask):
-    """Currents on longitude and latitude, missing on land, with a mask that is called `m`."""
-    u = np.where(wet, 0.1, np.nan)[None, None]
-    dims = ("time", "depth", "lat", "lon")
-    variables = dict.fromkeys(("uo", "vo"), (dims, u))
-    if mask:
-        variables[mask.pop("name", "m")] = (("lat", "lon"), mask.pop("values"), mask)
-    j, i = (0.1 * np.arange(size) for size in wet.shape)
-    hours = ("time", [0.0], {"units": "hours since 2020-01-01"})
-    coords = {"time": hours, "depth": [0.0], "lat": j, "lon": i}
-    return xr.Dataset(variables, coords)
-
-
-def write(tmp_path, dataset):
-    dataset.to_netcdf(tmp_path / "sea.nc")
-    return tmp_path / "sea.nc"
+def regular(wet, values=None, name="m", **attributes):
+    """Currents on longitude and latitude, missing on land, with a mask of some values."""
+    lat, lon = (0.1 * np.arange(size) for size in wet.shape)
+    u = np.where(wet, 0.1, np.nan)
+    currents = products.regular(values=(u, u), lon=lon, lat=lat, time=products.hours(count=1))
+    if values is not None:
+        currents[name] = ("latitude", "longitude"), values, attributes
+    return currents
 
 
 # The values of land and of water, and the attributes that say which is which.

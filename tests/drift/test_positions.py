@@ -3,7 +3,7 @@
 import croco
 import numpy as np
 import pytest
-import xarray as xr
+from drift import products
 from drift.products import refused
 
 from jaxcell.drift import open_currents
@@ -67,20 +67,15 @@ def test_an_angle_that_is_not_that_of_the_grid_is_refused(tmp_path, turn_deg, va
 
 def globe(lat, curved=False, wet=True):
     lon = np.arange(0.0, 360, 30)
-    flow = np.where(np.broadcast_to(wet, (len(lon), len(lat))).T, 0.1, np.nan)[None]
-    names = {"uo": "eastward_sea_water_velocity", "vo": "northward_sea_water_velocity"}
-    if curved:
-        lon, lat = np.meshgrid(lon, lat)
-        dims = ("y", "x")
-        positions = {"lon": (dims, lon), "lat": (dims, lat)}
-    else:
-        dims = ("lat", "lon")
-        positions = {"lon": ("lon", lon), "lat": ("lat", lat)}
-    variables = {
-        name: (("time", *dims), flow, {"standard_name": meaning}) for name, meaning in names.items()
-    }
-    hours = {"time": ("time", [0.0], {"units": "hours since 2020-01-01"})}
-    return xr.Dataset(variables, positions | hours)
+    flow = np.where(np.broadcast_to(wet, (len(lon), len(lat))).T, 0.1, np.nan)
+    time = products.hours(count=1)
+    plain = products.regular(values=(flow, flow), lon=lon, lat=lat, time=time)
+    plain = plain.rename(latitude="lat", longitude="lon")
+    if not curved:
+        return plain
+    rows = plain.drop_vars(["lat", "lon"]).rename(lat="y", lon="x")
+    lon, lat = np.meshgrid(lon, lat)
+    return rows.assign(lon=(("y", "x"), lon), lat=(("y", "x"), lat))
 
 
 @pytest.mark.parametrize("curved", [False, True])
