@@ -14,10 +14,7 @@ from .flow import Flow, between, in_squares
 
 
 # For each stage of a method: the part of the step that it is ahead, and its weight in the mean.
-_STAGES = {
-    "euler": ((0.0, 1.0),),
-    "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
-}
+_STAGES = {"euler": ((0.0, 1.0),), "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))}
 METHODS = tuple(_STAGES)
 # Up to the first number of points one compiled program serves all. From the second on a program is
 # compiled for the number of steps, which is faster.

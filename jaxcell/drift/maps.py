@@ -215,10 +215,7 @@ def _turned(
     right, up = (x - water.column) * dx, (y - water.row) * dy
     angle = np.radians([[0], [45], [-45]])
     cos, sin = np.cos(angle), np.sin(angle)
-    return (
-        water.column + (right * cos - up * sin) / dx,
-        water.row + (right * sin + up * cos) / dy,
-    )
+    return (water.column + (right * cos - up * sin) / dx, water.row + (right * sin + up * cos) / dy)
 
 
 def _around(

@@ -66,7 +66,7 @@ class Tracks:
 
     @property
     def arrived(self) -> Bool[Array, "drifters"]:
-        """Whether each drifter arrived."""
+        """The mask of the drifters that arrived."""
         return jnp.isfinite(self.time)
 
 
@@ -112,10 +112,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 
 
 def discounted_voyage(
-    sea: Sea,
-    goal: npt.ArrayLike | int,
-    discount: float = 0.99,
-    tolerance: float = 1e-8,
+    sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99, tolerance: float = 1e-8
 ) -> Voyage:
     """Compute the navigation policy of Alam 2018, Alg. 5.5, by value iteration.
 

@@ -110,7 +110,7 @@ class Water:
 
     @functools.cached_property
     def boundary(self) -> Bool[np.ndarray, "cells"]:
-        """Whether a cell has fewer than eight neighbours, at a coast or the edge of the grid."""
+        """The mask of cells with fewer than eight neighbours, at a coast or an edge of the grid."""
         return np.any(self.neighbor < 0, axis=0)
 
     @property

@@ -19,7 +19,7 @@ def write(folder, dataset, name="sea.nc", encoding=None, **options):
 
 
 def refused(path, message, **choice):
-    """Reading is refused in one line, which begins with the path and has a message."""
+    """Check that reading is refused in one line, which begins with the path and has a message."""
     with pytest.raises(ValueError, match=message) as caught:
         open_currents(path, **choice)
     assert str(caught.value).startswith(f"{path}: ")
@@ -27,7 +27,7 @@ def refused(path, message, **choice):
 
 
 def numbers(records=RECORDS, rows=ROWS, columns=COLUMNS):
-    """Two velocities that tell record, row and column; of eighths, so that floats hold them."""
+    """Two velocities that tell record, row and column, in eighths, which floats hold exactly."""
     t, j, i = np.indices((records, rows, columns))
     return (t + j) / 8 - i / 64, i / 32 - (t + 2 * j) / 64
 

@@ -33,7 +33,7 @@ def test_drifters_that_do_not_strand_drift_on():
     np.testing.assert_allclose(found[:5, :5], half * matrix)
     np.testing.assert_array_equal(cell, [1, 3, 4])
     np.testing.assert_array_equal(found[[1, 3, 4], [5, 6, 7]], 0.5)
-    # Nothing is afloat again, so that each beach is an end.
+    # No drifter comes afloat again, so that each beach is an end.
     np.testing.assert_array_equal(found[5:], np.eye(8)[5:])
     assert drift.long_term_behaviour(chain, HOUR).groups.count == 3
 

@@ -99,7 +99,7 @@ def test_borders_lie_on_ridges_in_the_double_gyre():
     agree = agreement(water, np.asarray(found.groups.group), ridge)
     assert agree.near > 0.8
     assert agree.ratio > 5
-    # The wall between the gyres is all that is found but for the walls around.
+    # Apart from the outer walls, the only ridge is the wall between the gyres.
     grid = water.on_grid(ridge, False)
     assert grid[2:-2, 20:22].any(axis=1).all()
     left = np.where(water.column < 21, 0, 1)

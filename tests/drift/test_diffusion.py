@@ -1,4 +1,4 @@
-"""What the current does not resolve, and where drifters come from."""
+"""Diffusion of unresolved motion, and reversed flows."""
 
 import jax
 import numpy as np
@@ -19,7 +19,7 @@ SAMPLED = {"spread": "sampled", "edge": "exit", "samples": 3}
 
 @pytest.fixture(scope="module")
 def river():
-    """Still water but for a current of half a cell a step to the East."""
+    """A current of half a cell per step to the East."""
     currents = sea(np.full((SIDE, SIDE), 500 / STEP), np.zeros((SIDE, SIDE)))
     return drift.Water.of(currents), drift.Flow.of(currents, diffusivity=DIFFUSIVITY)
 

@@ -92,10 +92,10 @@ def test_groups_and_times_do_not_depend_on_the_first_meridian(seed):
     leaving = np.asarray(again.probability.leaving)[to]
     np.testing.assert_allclose(leaving, found.probability.leaving, atol=1e-9)
     expected = drift.diagnose(water, flow, found.groups, drift.DriftStep(1.0))
-    told = drift.diagnose(other, turned_flow, again.groups, drift.DriftStep(1.0))
-    assert told.warning == expected.warning
-    assert (told.locked, told.whole_pieces) == (expected.locked, expected.whole_pieces)
-    assert sorted(told.pieces.tolist()) == sorted(expected.pieces.tolist())
+    checked = drift.diagnose(other, turned_flow, again.groups, drift.DriftStep(1.0))
+    assert checked.warning == expected.warning
+    assert (checked.locked, checked.whole_pieces) == (expected.locked, expected.whole_pieces)
+    assert sorted(checked.pieces.tolist()) == sorted(expected.pieces.tolist())
 
 
 def test_pieces_meet_across_the_seam():

@@ -48,7 +48,7 @@ def test_depths_within_the_levels_are_interpolated(tmp_path, part, depths):
     np.testing.assert_allclose(currents.u[0, :, 1, 1], expected, atol=1e-12)
 
 
-# Levels of the file, the depth that is asked for, and what is said of it.
+# Levels of the file, the chosen depth, the nearest level and its layer, and the end of the error.
 BEYOND = {
     "the lowest is not the surface": (slice(0, 1), None, HEIGHTS[0], 0, "-0.984375 only"),
     "nor when asked": (slice(0, 1), 0, HEIGHTS[0], 0, "-0.984375 only"),
@@ -92,7 +92,7 @@ def test_cells_in_which_the_levels_reach_count_only(tmp_path):
 
 @pytest.mark.parametrize(("levels", "theta"), [(3, 0.1), (5, 10.0), (40, 10.0)])
 def test_a_whole_file_reaches_from_the_surface_to_the_bed(tmp_path, levels, theta):
-    """However thick its last layers are beside the others."""
+    """It does so for last layers of any thickness."""
     speed = 0.01 * np.arange(1, levels + 1)
     path = write(tmp_path, levels=levels, theta=theta, u=speed)
     currents = open_currents(path, depths=(0, DEPTH))

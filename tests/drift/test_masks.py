@@ -58,7 +58,7 @@ MASKS = {
 @pytest.mark.parametrize("case", MASKS)
 @pytest.mark.parametrize("lost", [False, True])
 def test_masks_are_known_by_attributes(tmp_path, case, lost):
-    """Also where land has a velocity, so that nothing but the mask tells."""
+    """They are known even if land has a velocity, so that only the mask tells it."""
     on_land, on_water, attributes = MASKS[case]
     values = np.where(WET, float(on_water), on_land)
     dataset = regular(WET if lost else np.ones_like(WET), values=values, **attributes)
@@ -84,7 +84,7 @@ def exchanged(file):
 def test_a_mask_against_all_the_data_is_refused(tmp_path):
     path = croco.write(tmp_path / "croco.nc", WET, change=exchanged)
     land = (~WET).sum()
-    # Every water cell here has another beside it, and so a current through that side.
+    # Every water cell has a water cell beside it, and so a current through that side.
     message = (
         rf"mask_rho: none of the {land} cells that are water by it has a current other than 0, but "
         rf"{WET.sum()} of the {WET.sum()} that are land have; are land and water exchanged\? "
@@ -123,7 +123,7 @@ def test_a_sea_at_rest_and_a_sea_with_some_current_are_read(tmp_path):
 
 @given(arrays(bool, (4, 5)))
 def test_right_masks_are_read_and_exchanged_masks_refused(tmp_path_factory, wet):
-    """Where water and land have neighbours of their kind, so that there is a current."""
+    """Only for masks whose water and land have neighbours of their kind, and so a current."""
     if not (wet[:, 1:] & wet[:, :-1]).any() or wet.all():
         return
     path = tmp_path_factory.getbasetemp() / "croco.nc"

@@ -37,7 +37,7 @@ def test_records_continue_from_file_to_file(tmp_path):
 
 @pytest.mark.parametrize("calendar", ["noleap", "360_day"])
 def test_calendars_continue_from_file_to_file(tmp_path, calendar):
-    """Through the end of a leap year of the common calendar."""
+    """The records cross the end of a leap year of the common calendar."""
     for year in (2020, 2021):
         time = np.arange(3) * 100, {"units": f"days since {year}-05-01", "calendar": calendar}
         write(tmp_path, products.regular("uo", "vo", time=time), f"{year}.nc")
@@ -90,7 +90,7 @@ def test_one_record_at_a_time_is_read(tmp_path):
 
 
 def native(folder, **options):
-    """A file of CROCO, and the same in two: what does not change in time apart."""
+    """A file of CROCO, and the same in two files, one for variables that do not change in time."""
     path = croco.write(folder / "whole.nc", croco.island(), turn_deg=20.0, **options)
     with xr.open_dataset(path, decode_times=False, mask_and_scale=False) as whole:
         fixed = [name for name, one in whole.data_vars.items()
@@ -155,7 +155,7 @@ def test_missing_sources_are_refused(tmp_path):
         open_currents([])
     with pytest.raises(ValueError, match="cannot be read as a Zarr store"):
         open_currents(tmp_path)
-    # Nobody listens there.
+    # No server listens at this address.
     address = "http://127.0.0.1:9/dodsC/sea.nc"
     message = f"^{address}: cannot be reached by OPeNDAP .no network, or no such dataset.: "
     with pytest.raises(ValueError, match=message):

@@ -28,7 +28,7 @@ def strait(rows=5, columns=8):
 
 @pytest.fixture(scope="module")
 def both():
-    """Found with the tide, and by the mean of the records."""
+    """The results with the tide, and by the mean of the records."""
     step = drift.METHODS["drifters"].lasting(STEP)
     return [drift.SeaDrift.of(strait(), step, mean=mean) for mean in (False, True)]
 
@@ -66,7 +66,7 @@ def test_answers_for_cells_are_of_release_at_the_first_record(both):
     for k in range(chain.phases):
         period = period @ chain.at(k).to_scipy().toarray()
     assert layer.behaviour.unrolled.cells == 4 * layer.cells
-    # In whole periods nobody leaves at other times than in between.
+    # The products of whole periods have all that leaves.
     gone = 1 - period.sum(axis=1)
     chance = np.linalg.solve(np.eye(chain.cells) - period, gone)
     np.testing.assert_allclose(layer.leaving, chance, atol=1e-9)
@@ -262,7 +262,7 @@ def test_the_mean_of_the_records_is_read_one_by_one(tmp_path, monkeypatch):
         there[{"time": 3, "y": 10, "x": 12}] = np.nan
         wanted = there.mean("time").where(every.water)
         np.testing.assert_allclose(mean[component][0], wanted, rtol=0, atol=1e-15)
-    # What does not fit is read so, and it is said.
+    # A file that does not fit is read as its mean, with a note.
     monkeypatch.setattr("jaxcell.drift.currents.netcdf.LARGEST_BYTES", 30_000)
     read = study.Drift(file=(tmp_path / "gap.nc",), depths=(0.0,)).currents()
     assert read.attrs["mean_of"] == 5

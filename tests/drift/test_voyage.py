@@ -150,7 +150,7 @@ def test_simulated_drifters_arrive_as_often_as_predicted(leak):
         by_then = float((tracks.time <= step).mean())
         share = law[: step + 1].sum()
         assert abs(by_then - share) < 4 * math.sqrt(share * (1 - share) / drifters) + 1e-12
-    # Every step is one that the closed loop may make, and nobody comes back.
+    # Every step is one that the closed loop may make, and no drifter comes back.
     cell = np.asarray(tracks.cell)
     here, there = cell[:-1].ravel(), cell[1:].ravel()
     matrix = voyage.chain.to_scipy().toarray()

@@ -104,9 +104,7 @@ class Spread:
 
 
 def boxes(
-    seen: Trajectories,
-    cell: float | int,
-    bounds: Sequence[float | int] | None = None,
+    seen: Trajectories, cell: float | int, bounds: Sequence[float | int] | None = None
 ) -> Water:
     """Make cells of longitude and latitude that drifters visited.
 

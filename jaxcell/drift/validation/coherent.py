@@ -81,10 +81,7 @@ def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[
 
 
 def ridges(
-    water: Water,
-    values: Float[np.ndarray, "cells"],
-    *,
-    share: float | int = 0.25,
+    water: Water, values: Float[np.ndarray, "cells"], *, share: float | int = 0.25
 ) -> Bool[np.ndarray, "cells"]:
     """Find the cells on a ridge of some values, such as [`ftle`][].
 

@@ -73,12 +73,7 @@ class Diagnosis:
 
 
 def diagnose(
-    water: Water,
-    flow: Flow,
-    groups: PersistentGroups,
-    step: DriftStep,
-    *,
-    start: float | int = 0.0,
+    water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep, *, start: float | int = 0.0
 ) -> Diagnosis:
     """Diagnose whether the persistent groups of a drift map can be trusted.
 

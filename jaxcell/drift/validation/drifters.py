@@ -182,10 +182,7 @@ class Comparison:
 
 
 def compare(
-    water: Water,
-    chain: Chain,
-    drifted: Drifters,
-    hours: Sequence[float | int] = (1, 12, 24),
+    water: Water, chain: Chain, drifted: Drifters, hours: Sequence[float | int] = (1, 12, 24)
 ) -> Comparison:
     """Compare a drift map with simulated drifters, from their places of release on.
 
