@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from jaxcell import bounce, drift, optimize
 from jaxcell.automata import minimize
 from jaxcell.patrol.files.graph_files import load_graph
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Workspace
 from jaxcell.space.maps.random_rooms import place, random_room
 from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.workers.work import Job, compute, find_task, study_of
@@ -61,7 +61,7 @@ def test_groups_are_those_of_bounce_groups():
     bounces = np.array([45.0, 90.0, 135.0])
     found = task("groups")({"bounce": bounces}, {"map": LAB, "collision": "endpoint"}, 0)
     for i, angle in enumerate(np.radians(bounces)):
-        expected = bounce.bounce_groups(lab(), float(angle), collision="endpoint")
+        expected = bounce.bounce_groups(lab(), float(angle), motion=ENDPOINT)
         period = np.asarray(expected.group_period)
         period = period[period > 0]
         assert found["count"][i] == int(expected.count) == period.size
@@ -83,7 +83,7 @@ def test_filters_are_those_of_the_dissertation():
     assert found.knowledge_cycles.values.tolist()[0] == 3
     assert found.least_uncertainty.values.tolist() == [1, 1]
     assert found.largest_uncertainty.values.tolist() == [4, 2]
-    filter = bounce.localization_filter(bounce.bounce_map(lab(), math.pi / 4, collision="endpoint"))
+    filter = bounce.localization_filter(bounce.bounce_map(lab(), math.pi / 4, motion=ENDPOINT))
     assert found.minimal_states[0] == len(minimize(filter).transition)
 
 

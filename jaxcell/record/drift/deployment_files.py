@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...drift import SeaDrift
 
 
