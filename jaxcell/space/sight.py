@@ -47,8 +47,8 @@ def visible_cells(
         Axes before the last are views, each of which gets a matrix of its own:
         `2 * pi * np.arange(d)[:, None] / d` are the directions of a space that has `d`.
 
-    **Returns:** `visible[..., i, j]`, true if `j` is wholly visible from the centre of `i`. It takes
-    a byte per pair: 100 MB for 10,000 positions.
+    **Returns:** `visible[..., i, j]`, true if `j` is wholly visible from the centre of `i`, a byte
+    per pair: 100 MB for 10,000 positions.
 
     **Raises:** `ValueError` for a number out of range, or only one of `field_of_view` and
     `heading`; `MemoryError` if the pairs do not fit the free memory.
