@@ -84,8 +84,8 @@ class Offsets:
                 break
         if len(classes) > limit or not few:
             raise ValueError(
-                f"map: offsets within a cell have at least {len(classes)} classes; expected at most "
-                f"{limit}, which can be found; use --anywhere"
+                f"map: offsets within a cell have at least {len(classes)} classes; expected at "
+                f"most {limit}, which can be found; use --anywhere"
             )
         offsets, bumps = zip(*classes.values(), strict=True)
         return cls(cells, motion, np.array(offsets), np.array(bumps))

@@ -187,7 +187,7 @@ class LocalizationPolicy(States):
 
         - `start`: the cell of the robot, which the policy does not know.
 
-        **Returns:** [`jaxcell.bounce.Localization`][], with the state of the last bump at each time.
+        **Returns:** [`jaxcell.bounce.Localization`][], with the state of the last bump over time.
 
         **Raises:** `ValueError` if the cell does not exist.
         """
