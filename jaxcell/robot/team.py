@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..base.documents import Fields
-from ..base.files import replacing
+from ..base.paths import replacing
 from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
 from .tasks.task import Task, common_fields, robot_fields

@@ -4,16 +4,13 @@ import dataclasses
 import itertools
 import math
 
-import jax
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
 from jaxcell import bounce, space
-from jaxcell.automata import Belief, Bounded
-from jaxcell.mapping import ObservedChain
-from jaxcell.markov import filtered, possible, smoothed
+from jaxcell.automata import Belief
 from jaxcell.robot import Particles, Walker, run_belief
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
@@ -194,25 +191,6 @@ def test_sets_of_a_robot_without_errors_leave_cells_out():
     for observation in run_of_the_emulator(0, 0.0, 12, 0)[0]:
         state = sets.observe(state, observation)
     assert 1 <= sets.estimate(state).cells.size < CELLS.size / 3
-
-
-def test_the_batch_gives_what_the_host_does(fine, hidden):
-    model = ObservedChain.from_scipy(hidden.moves, hidden.bumps[0])
-    runs = np.array([run_of_the_emulator(c, 0.03, 6, c)[0] for c in (3, 40)])
-    start, reached, runs = jax.device_put((fine.centres, fine.centres > 0, runs))
-    found, _ = jax.vmap(filtered, (None, None, 0))(model, start, runs)
-    early = jax.vmap(smoothed, (None, None, 0))(model, start, runs)
-    known = jax.vmap(possible, (None, None, 0))(model, reached, runs)
-    found, early, known, runs = jax.device_get((found, early, known, runs))
-    belief, sets = Belief(hidden), Bounded.of(hidden)
-    for run, weights, befores, masks in zip(runs, found, early, known, strict=True):
-        state, known_ = belief.start(), sets.start()
-        for time, observation in enumerate(run.tolist(), 1):
-            state = belief.observe(state, observation)
-            known_ = sets.observe(known_, observation)
-            np.testing.assert_allclose(weights[time], state.weight / state.weight.sum(), atol=1e-12)
-            np.testing.assert_array_equal(np.flatnonzero(masks[time]), known_)
-        np.testing.assert_allclose(befores, belief.smoothed(run.tolist()), atol=1e-9)
 
 
 def test_particles_find_the_emulated_robot():

@@ -129,10 +129,12 @@ def test_drift_is_that_of_group_counts():
     water, flow = drift.Water.of(currents, 0), drift.Flow.of(currents, 0).mean()
     batch = {"duration": np.array([3600.0, 14400.0])}
     found = task("drift")(batch, {"file": GYRES, "depths": 0, "rho": 0.8, "method": "source"}, 0)
-    expected = drift.group_counts(water, flow, [3600.0, 14400.0], [0.8])
-    np.testing.assert_array_equal(found.persistent_groups, expected[:, 0])
+    expected = drift.group_counts(water, flow, [drift.DriftStep(s) for s in (3600.0, 14400.0)])
+    np.testing.assert_array_equal(found.persistent_groups, expected)
     assert found.step.values.tolist() == [3600, 14400]
-    behaviour = drift.long_term_behaviour(drift.drift_map(water, flow, 3600.0, rho=0.8), 3600.0)
+    behaviour = drift.long_term_behaviour(
+        drift.drift_map(water, flow, drift.DriftStep(3600.0, rho=0.8)), 3600.0
+    )
     hours = np.asarray(behaviour.hours)
     assert found.longest_hours[0] == pytest.approx(hours[np.isfinite(hours)].max())
 

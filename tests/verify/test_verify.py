@@ -23,7 +23,7 @@ from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
 from jaxcell.optimize import Graph, Linear, minimum_commute
 from jaxcell.patrol.files.graph_files import load_graph
-from jaxcell.patrol.map.vulnerability import Vulnerability
+from jaxcell.patrol.map.attacked_cell import Vulnerability
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.space import CellSpace, Motion, Workspace, visible_cells
 
@@ -245,7 +245,7 @@ def test_patrols_of_a_map():
 def test_drifters(edge):
     # As the current changes, some drifters stay almost for ever, which no solve is certified for.
     currents = drift.open_currents(DATA / "ocean" / "gyres.nc", time=0).isel(layer=slice(2, 3))
-    found = drift.SeaDrift.of(currents, 3400.0, edge=edge, start=0).towards(100)
+    found = drift.SeaDrift.of(currents, drift.DriftStep(3400.0, edge=edge), start=0).towards(100)
     (layer,) = found.layers
     behaviour = layer.behaviour
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.documents import Fields, refused
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...space import CellSpace, free_steps
 from ..routing import grid_steps, wave
 from .task import Task, common_fields, robot_fields
