@@ -19,7 +19,7 @@ _MAX_PROGRAM = 5000
 
 
 def compare_drift(drift: SeaLayers) -> list[Comparison]:
-    """Compare groups by networkx, the ends of drifters by solves, and voyages by linear programs."""
+    """Compare groups by networkx, ends of drifters by solves, and voyages by linear programs."""
     found = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):
         return found

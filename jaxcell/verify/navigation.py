@@ -14,7 +14,7 @@ _SEARCH = "cost of the plan, by Dijkstra's algorithm on cells and the angle in u
 
 
 def compare_plan(plan: Plan, motion: Motion = CELL_BY_CELL) -> list[Comparison]:
-    """Compare a plan of method `"exact"` with its steps by geometry, and with a search of all cells.
+    """Compare a plan of method `"exact"` with its steps by geometry, and a search of all cells.
 
     The searched graph has a layer for each angle in use, and a last layer before the first bump.
     The checks of the plan itself compare its actions with its cells and its cost.
