@@ -18,6 +18,8 @@ PACKAGES = [
     "markov",
     "optimize",
     "patrol",
+    "patrol.map",
+    "patrol.walks",
     "record",
     "robot",
     "space",

@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from ..base.extras import import_module
+from ..base.optional_modules import import_module
 from ..base.quantities import Result
 
 

@@ -6,6 +6,7 @@ import pytest
 from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.record import dataset, save_recording
 from jaxcell.record.bounce.coverage import heat_levels, heat_scale
+from jaxcell.space import ENDPOINT
 
 
 BOUNCES = np.radians([45, 90, 135])
@@ -18,7 +19,7 @@ def cells(lab):
 
 @pytest.fixture(scope="module")
 def policy(cells):
-    return coverage_policy(cells, BOUNCES, math.pi / 4, 0.6, collision="endpoint")
+    return coverage_policy(cells, BOUNCES, math.pi / 4, 0.6, motion=ENDPOINT)
 
 
 def test_the_dataset_has_the_groups_of_each_angle(cells, policy):

@@ -8,7 +8,7 @@ from recordings import packed
 from jaxcell.bounce import Localized, bounce_map, localization_filter, localize
 from jaxcell.record import save_recording
 from jaxcell.record.canvas.palette import CURRENT, ROBOT
-from jaxcell.space import CellSpace
+from jaxcell.space import CellSpace, Motion
 
 
 MOST_ARROWS = 400
@@ -171,11 +171,11 @@ def test_a_robot_that_is_elsewhere(lab, read, tmp_path):
     """The filter is of the lab, the robot is in its mirror image."""
     there = CellSpace.of_grid(lab.cells.free[:, ::-1].copy(), 8)
     filter = lab.filter.with_trap()
-    map = bounce_map(there, lab.bounce, collision=lab.collision)
+    map = bounce_map(there, lab.bounce, motion=Motion(collision=lab.collision))
     runs = [localize(map, filter, start) for start in range(there.size)]
     run = next(run for run in runs if run.states[-1] == filter.trap)
     path = tmp_path / "elsewhere.rrd"
-    motion = {"collision": lab.collision}
+    motion = Motion(collision=lab.collision)
     save_recording(Localized(filter, there, motion, lab.bounce, run), path)
     recorded = read(path)
     text = recorded.text()
@@ -193,7 +193,7 @@ def test_a_robot_that_cannot_move(read, tmp_path):
     filter = localization_filter(map)
     run = localize(map, filter, 2)
     path = tmp_path / "still.rrd"
-    save_recording(Localized(filter, cells, {}, bounce, run), path)
+    save_recording(Localized(filter, cells, Motion(), bounce, run), path)
     recorded = read(path)
     assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars") == {0: [4]}
     assert len(recorded.over("step", "/map/candidates", "Boxes2D:centers")[0]) == 4

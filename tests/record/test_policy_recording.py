@@ -6,11 +6,14 @@ from jaxcell.bounce import AdaptivelyLocalized, localization_policy
 from jaxcell.record import dataset, save_recording, summary
 from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT
+from jaxcell.space import Motion
 
 
 @pytest.fixture(scope="module")
 def found(lab):
-    policy = localization_policy(lab.cells, np.radians([45, 135]), collision=lab.collision)
+    policy = localization_policy(
+        lab.cells, np.radians([45, 135]), motion=Motion(collision=lab.collision)
+    )
     return AdaptivelyLocalized.of(policy, 151)
 
 

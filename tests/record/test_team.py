@@ -4,7 +4,7 @@ import pytest
 from jaxcell.bounce import TeamOutcome, team_trajectories, team_trajectory
 from jaxcell.record import dataset, save_recording, summary
 from jaxcell.record.canvas.palette import robot_color
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Workspace
 
 
 BOUNCE = np.radians(135)
@@ -15,7 +15,7 @@ def team(lab):
     """A team that covers the lab in several parts, with collisions."""
     rng = np.random.default_rng(0)
     starts = [rng.choice(19, 3, replace=False) + 19 * rng.integers(8, size=3) for _ in range(20)]
-    runs = team_trajectories(lab.cells, np.array(starts), BOUNCE, collision="endpoint")
+    runs = team_trajectories(lab.cells, np.array(starts), BOUNCE, motion=ENDPOINT)
     return next(run for run in runs if run.parts > 1 and run.collisions.max() > 0)
 
 

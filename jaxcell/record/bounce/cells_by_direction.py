@@ -9,7 +9,7 @@ import numpy as np
 import zarr
 from zarr.codecs import BloscCodec
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...base.quantities import quantities, quantity, values
 from ...bounce import BounceGroups
 from ...mapping import GroupSummary

@@ -6,7 +6,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
-from ...base.written import configuration
+from ...base.formatting import configuration
 from ...bounce import CostSummary, Plan
 from ...space import CellSpace
 from ..canvas import palette

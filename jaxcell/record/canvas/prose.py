@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
+from ...base.formatting import format_value
 from ...base.quantities import Result, quantities, values
-from ...base.written import written
 from ...space import CellSpace
 from ..data.summary import cells_of
 
@@ -71,7 +71,7 @@ def numbers(result: Result, cells: CellSpace | None = None) -> str:
     **Returns:** the table; an empty text if there is nothing to show.
     """
     singles, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
-    rows = [(about.meaning, written(value, about, cells)) for about, value in singles.values()]
+    rows = [(about.meaning, format_value(value, about, cells)) for about, value in singles.values()]
     return table(("quantity", "value"), rows) if rows else ""
 
 
@@ -103,7 +103,7 @@ def described(
         column = [getattr(one, name) for one in several]
         column = list(column[0]) if isinstance(results, Result) else column
         columns[head] = [
-            "" if value is None else written(value, about[name], cells) for value in column
+            "" if value is None else format_value(value, about[name], cells) for value in column
         ]
     return table([*columns], list(zip(*columns.values(), strict=True)), most)
 

@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from .palette import BLACK, Color
 
 
