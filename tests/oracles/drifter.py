@@ -7,7 +7,7 @@ SINK = -1
 
 
 class Drifter:
-    """Where a drifter of one cell may be a step later, cell by cell in plain NumPy."""
+    """The cells where a drifter may be after a step, one cell at a time in plain NumPy."""
 
     def __init__(
         self,
