@@ -38,7 +38,7 @@ def pytest_sessionfinish():
 
 @pytest.fixture(autouse=True, scope="session")
 def one_thread():
-    """Use one BLAS thread, because parallel tests leave no core to threads that wait by spinning."""
+    """Use one BLAS thread: parallel tests leave no core to threads that wait by spinning."""
     from jaxcell.base.threads import one_blas_thread
 
     with one_blas_thread():
@@ -47,7 +47,7 @@ def one_thread():
 
 @pytest.fixture(autouse=True, scope="session")
 def commands_of_tests():
-    """Make the output of commands independent of the speed of the machine, and keep JAX as above."""
+    """Make the output of commands independent of the speed of the machine; keep JAX as above."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.cli.terminal._FIRST_LINE", 3600.0)
         patch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
