@@ -96,7 +96,7 @@ def with_marker(rng: np.random.Generator, conditions: Conditions) -> Seen:
 def without_marker(
     rng: np.random.Generator, conditions: Conditions, *, sign: str | None = None
 ) -> np.ndarray:
-    """A cluttered frame, with up to six sheets that show the sign, if it is named."""
+    """A cluttered frame; `sign` names another sign for up to six sheets."""
     draw = _drawer(rng)
     canvas = background(rng)
     for _ in range(conditions.things):
