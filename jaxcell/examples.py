@@ -71,7 +71,7 @@ def ruin() -> "Chain":
 
 
 def stream() -> "Chain":
-    """Make a chain of four cells of water: the first flows into the second, then into the others."""
+    """Make a chain of four cells of water: 0 flows into 1, and 1 flows into 2 and 3."""
     return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
@@ -90,7 +90,7 @@ def _chain(matrix: Any) -> "Chain":
 
 
 def sea() -> "Sea":
-    """Make two layers of three cells in a row: the upper flows to the East, the lower to the West."""
+    """Make two layers of three cells in a row: the upper flows East, the lower flows West."""
     from .drift import Sea, Water
     from .mapping import Chain
 
