@@ -7,7 +7,7 @@ SINK = -1
 
 
 class Drifter:
-    """The cells where a drifter may be after a step, one cell at a time in plain NumPy."""
+    """The images of a drifter of one cell after a step, cell by cell in plain NumPy."""
 
     def __init__(
         self,
