@@ -1,10 +1,8 @@
 import json
-import multiprocessing
 import os
 import re
 import subprocess
 import sys
-from collections import deque
 from pathlib import Path
 
 import dask
@@ -107,40 +105,26 @@ def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
     assert len({process for process, _, numbers in calls if numbers == "1"}) == 3
 
 
-def test_deaths_are_counted_for_each_job_and_forgotten_with_it(monkeypatch):
+def test_deaths_are_counted_for_each_job(monkeypatch):
     deaths = {number: 3 if number == 7 else 2 for number in range(30)}
     made = []
 
     class Mortal:
-        """A worker within this process that dies of a job as often as it is to."""
+        """A worker within this process that dies of a job some times."""
 
         def __init__(self, environment):
-            self.connection, self._end = multiprocessing.Pipe()
-            self.jobs, self.began = deque(), None
             made.append(self)
 
-        def give(self, job):
-            self.jobs.append(job)
-            self._end.send(None)
-
-        def receive(self):
-            self.connection.recv()
-            number = self.jobs[0].number
-            if deaths[number]:
-                deaths[number] -= 1
+        def compute(self, job, timeout):
+            if deaths[job.number]:
+                deaths[job.number] -= 1
                 raise EOFError
-            self.jobs.popleft()
-            return number
+            return job.number
 
         def end(self):
-            self.connection.close()
-            self._end.close()
+            pass
 
-    monkeypatch.setattr("jaxcell.sweep.workers.engines.Worker", Mortal)
-    # Two jobs are on their way at a time; a later one may come to lie where one was.
-    monkeypatch.setattr(
-        "jaxcell.sweep.workers.engines.id", lambda job: job.number % 2, raising=False
-    )
+    monkeypatch.setattr("jaxcell.sweep.workers.process.Worker", Mortal)
     outcomes = [(job.number, found) for job, found in engine_named("processes", 1)(jobs_of(30)[0])]
     died = Failed("its worker died each of 3 times: out of memory?")
     assert outcomes == [(number, died if number == 7 else number) for number in range(30)]
@@ -148,9 +132,7 @@ def test_deaths_are_counted_for_each_job_and_forgotten_with_it(monkeypatch):
 
 
 @pytest.mark.usefixtures("forked")
-def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path, monkeypatch):
-    # At the first death, of the chunk, of a half of it, and of the member.
-    monkeypatch.setattr("jaxcell.sweep.workers.engines._MAX_DEATHS", 1)
+def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
     spec = stub_spec("kill = 5", text="[grid]\nx = {count = 12}")
     found = run_sweep(spec, tmp_path / "out", engine="processes", workers=1)
     assert found.done == 2

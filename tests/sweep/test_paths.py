@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 from sweep_kills import damage_chunk
-from jaxcell.sweep.storage.store import SweepStore
-from jaxcell.sweep.study_task import read_study
 
 import jaxcell.cli.sweep.view
 from jaxcell.cli import main
 from jaxcell.study import Drift
 from jaxcell.sweep import Spec, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.storage.digests import digests
+from jaxcell.sweep.storage.store import SweepStore
+from jaxcell.sweep.study_task import read_study
 from jaxcell.sweep.workers.work import with_files_found
 
 
@@ -61,7 +61,9 @@ def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
     copy = (study / "maps" / "lab_a.json").read_bytes()
     (study / "maps" / "lab_a.json").write_bytes(copy + b"\n")
     spec = Spec.load("../study/specs/spec.toml")
-    with pytest.raises(ValueError, match=r"with other versions or files \(\.\./maps/lab_a\.json: \w+ there"):
+    with pytest.raises(
+        ValueError, match=r"with other versions or files \(\.\./maps/lab_a\.json: \w+ there"
+    ):
         run_sweep(spec, out, resume=True)
 
 
