@@ -61,9 +61,8 @@ def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
     copy = (study / "maps" / "lab_a.json").read_bytes()
     (study / "maps" / "lab_a.json").write_bytes(copy + b"\n")
     spec = Spec.load("../study/specs/spec.toml")
-    with pytest.raises(
-        ValueError, match=r"with other versions or files \(\.\./maps/lab_a\.json: \w+ there"
-    ):
+    message = r"with other versions or files \(\.\./maps/lab_a\.json: \w+ there"
+    with pytest.raises(ValueError, match=message):
         run_sweep(spec, out, resume=True)
 
 

@@ -1,4 +1,4 @@
-"""Recordings of robots that are driven."""
+"""Recordings of robots while they drive."""
 
 from ...base.optional_modules import import_module
 

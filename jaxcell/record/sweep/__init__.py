@@ -1,4 +1,4 @@
-"""Recordings of sweeps, whose parameters are timelines."""
+"""Recordings of sweeps, with parameters as timelines."""
 
 from ...base.optional_modules import import_module
 
