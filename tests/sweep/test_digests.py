@@ -1,4 +1,4 @@
-"""What members read is the same when a sweep is gone on with, or it is told what is not."""
+"""Files and modules that members read must be unchanged when a sweep is resumed."""
 
 import importlib
 import json
@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from PIL import Image
+from sweep_kills import damage_chunk
 
 from jaxcell.cli import main
 from jaxcell.sweep import Spec, open_sweep, run_sweep, verify_sweep
@@ -45,7 +46,7 @@ def begun(tmp_path, monkeypatch):
 def test_a_file_that_was_changed_is_told(begun, tmp_path, capsys):
     (tmp_path / "1.txt").write_text("7")
     (tmp_path / "3.txt").unlink()
-    with pytest.raises(ValueError, match="out: begun with others: ") as told:
+    with pytest.raises(ValueError, match="out: made with other versions or files ") as told:
         run_sweep(begun, "out", resume=True)
     assert r"1.txt: 6b86b273ff34 there, 7902699be42c here" in str(told.value)
     assert r"3.txt: 4e07408562be there, no such file here" in str(told.value)
@@ -122,7 +123,7 @@ def test_an_edited_module_that_a_task_imports_is_refused(package, tmp_path, file
     run_sweep(package, "out", chunks=[0])
     with open(tmp_path / file, "a") as source:
         source.write("# edited\n")
-    digest = rf"begun with others: module {module} \({file.rpartition('/')[2]}\): \w{{12}} there, "
+    digest = rf"made with other versions or files \(module {module} \({file.rpartition('/')[2]}\): \w{{12}} there, "
     with pytest.raises(ValueError, match=digest):
         run_sweep(package, "out", resume=True)
     assert run_sweep(package, "out", resume=True, anyway=True).complete
@@ -167,10 +168,11 @@ def test_a_run_that_goes_on_anyway_says_so(begun, tmp_path, capsys):
 
 
 def test_damage_is_not_mended_with_other_files(begun, tmp_path):
-    path = tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0"
-    path.write_bytes(b"?" + path.read_bytes()[1:])
+    damage_chunk(tmp_path / "out", 0)
     (tmp_path / "1.txt").write_text("7")
-    with pytest.raises(ValueError, match=r"damaged \(chunk 0: value\), and begun with others: 1.t"):
+    with pytest.raises(
+        ValueError, match=r"damaged \(chunk 0\), and made with other versions or files: 1.t"
+    ):
         verify_sweep("out")
     (tmp_path / "1.txt").write_text("1")
     assert verify_sweep("out").whole
@@ -181,7 +183,7 @@ def test_a_task_that_cannot_be_found_is_told_where_it_is_needed(begun, tmp_path,
     monkeypatch.delitem(sys.modules, "user_task")
     importlib.invalidate_caches()
     assert verify_sweep("out").damaged == ()
-    (tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0").unlink()
+    damage_chunk(tmp_path / "out", 0)
     with pytest.raises(ValueError, match=r"task user_task:task: .* there, no such file here"):
         verify_sweep("out")
 

@@ -10,7 +10,7 @@ import zarr
 from jaxtyping import Int
 
 from ... import __version__
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...space import CellSpace
 from .roadmap import Roadmap, describe_space
 from .routes import Routes, block_size

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...base.quantities import (
     PROBABILITY,
     Checks,
