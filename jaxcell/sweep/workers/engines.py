@@ -55,21 +55,21 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 
     **Arguments:**
 
-    - `name`: `local`, in this process; `processes`, in processes of their own; `dask`, on a cluster
-        of this machine that is started for it; or `dask://host:port`, on the cluster of that
-        scheduler, whose workers can import jaxcell and the task. Its address as Dask has it will
-        do too: `tcp://host:port`, or `tls://host:port` with what the configuration of Dask says.
+    - `name`: `local`, in this process; `processes`, in other processes; `dask`, on a cluster that
+        is started on this machine; or `dask://host:port`, on the cluster of that scheduler, whose
+        workers must be able to import jaxcell and the task. Addresses of Dask are accepted too:
+        `tcp://host:port`, or `tls://host:port` with the configuration of Dask.
     - `workers`: the number of processes of `processes` and `dask`; by default one for each
-        processor that this process may run on.
-    - `timeout`: seconds after which a job is ended and has failed. `local` cannot end any.
+        processor that this process may use.
+    - `timeout`: seconds after which a job is ended and has failed; not for `local`.
 
-    **Returns:** a function that takes jobs and gives back their outcomes as they come. It asks for
-    jobs until it is given `None`, and again after each outcome.
+    **Returns:** a function that takes jobs and gives their outcomes in the order in which they end.
+    It takes jobs until it gets `None`, and again after each outcome.
 
     **Raises:** `ValueError` for another name, for a timeout of `local`, or if `distributed` is not
     installed.
 
-    A name that is none:
+    An unknown name:
 
         >>> from jaxcell import sweep
         >>> sweep.engine_named("threads")
@@ -110,15 +110,15 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 
 
 def scheduler_address(file: str | os.PathLike[str]) -> str:
-    """Read the address of a cluster, which is the name of an engine, from a file of its scheduler.
+    """Read the address of a cluster, for use as an engine, from the file of its scheduler.
 
     **Arguments:**
 
-    - `file`: what `dask scheduler --scheduler-file FILE` wrote.
+    - `file`: the file from `dask scheduler --scheduler-file FILE`.
 
-    **Returns:** the address, as `tcp://host:port`, which [`engine_named`][] takes.
+    **Returns:** the address, such as `tcp://host:port`, for [`engine_named`][].
 
-    **Raises:** `ValueError` if it is no such file; `FileNotFoundError`.
+    **Raises:** `ValueError` for another file; `FileNotFoundError`.
 
     The file of a scheduler:
 
@@ -266,7 +266,7 @@ def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
 
 @contextlib.contextmanager
 def _reaching(address: str) -> Iterator[None]:
-    """Raise `ConnectionError` of one line if the scheduler is not reached in the block."""
+    """Raise a `ConnectionError` of one line if the block does not reach the scheduler."""
     try:
         yield
     except (OSError, RuntimeError, asyncio.CancelledError) as error:
@@ -275,7 +275,7 @@ def _reaching(address: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_log() -> Iterator[None]:
-    """Keep Dask from printing tracebacks of a lost scheduler, of which our error says enough."""
+    """Silence the tracebacks of Dask for a lost scheduler, because our error reports it."""
     loggers = [logging.getLogger(f"distributed.{part}") for part in _CONNECTION]
     kept = [logger.disabled for logger in loggers]
     for logger in loggers:
@@ -302,10 +302,9 @@ def _close_team(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """The environment of processes that share this machine.
+    """Make the environment of processes that share the processors of this machine.
 
-    Each gets its part of the processors: JAX heeds `PJRT_NPROC`, and nothing else that limits
-    threads.
+    JAX obeys only `PJRT_NPROC`; linear algebra obeys the other variables.
     """
     share = str(max(len(os.sched_getaffinity(0)) // workers, 1))
     names = ("PJRT_NPROC", "NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
