@@ -114,6 +114,25 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
         return self
 
 
+def from_part(path: str, *description: Any, **more: Any) -> Any:
+    """Describe a quantity that is an attribute of a part, such as `deployment.cells`.
+
+    Without the part the result does not have the quantity.
+
+    **Arguments:**
+
+    - `path`: the names of the part and its attribute, with a dot between them.
+    - further arguments: those of [`quantity`][jaxcell.base.quantities.quantity].
+    """
+
+    def value(result: Any) -> Any:
+        for name in path.split("."):
+            result = None if result is None else getattr(result, name)
+        return result
+
+    return derived(*description, **more)(value)
+
+
 class Result:
     """What a study gives: a base for dataclasses with described quantities.
 

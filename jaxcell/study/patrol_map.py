@@ -262,7 +262,7 @@ class PatrolMap(CellStudy):
     def write(self, result: Any, out: Path) -> None:
         import numpy as np
 
-        from ..base.files import name_in_results
+        from ..base.paths import name_in_results
         from ..robot.tasks.patrol_task import save_patrols
 
         chains = [policy.chain for policy in result.policies]

@@ -17,7 +17,7 @@ from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.record import dataset, summary
 from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
-from jaxcell.record.data.files import save_dataset
+from jaxcell.record.data.dataset import save_dataset
 from jaxcell.record.recordings import save_recording
 
 
