@@ -39,7 +39,7 @@ def log_sight(
         parts = shapely.get_rings(shapely.get_parts(polygon))
         outlines[cell] = [shapely.get_coordinates(ring) for ring in parts]
     shown = [outlines[cell] for cell in viewers.tolist()]
-    rings, counts = [ring for rings in shown for ring in rings], [len(rings) for rings in shown]
+    rings, counts = [ring for each in shown for ring in each], [len(each) for each in shown]
     style: dict[str, Any] = {"colors": color, "radii": points(2.0), "draw_order": 25}
     if not timelines:
         map.stream.log(path, rr.LineStrips2D(rings, **style), static=True)
