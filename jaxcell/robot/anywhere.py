@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -74,16 +75,19 @@ def run_anywhere(
     while follower.result is None and follower.bumps < limit:
         run = walker.run_to_wall(longest, errors.displacement / 2)
         follower.observe(run)
+        turn = None if follower.result else follower.choose()
         if log is not None:
             log.event(
                 "observation",
                 observation=1,
                 run=run,
                 extent=round(follower.extent, 4),
+                turn=turn,
                 estimate=np.round(walker.estimate, 4).tolist(),
             )
-        if follower.result is None:
-            walker.rotate(follower.turn())
+        if turn is not None:
+            follower.turn(turn)
+            walker.rotate(turn)
     return finished(follower.outcome(), log)
 
 
@@ -98,7 +102,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], that of the run if it
     was not cut off.
 
-    **Raises:** `ValueError` if the log has a run that is no length.
+    **Raises:** `ValueError` if a length or an angle in the log is not a number.
 
     A run that is longer than the room:
 
@@ -110,15 +114,8 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
         'refuted'
     """
     follower = SetFollower(settings)
-    for number, event in enumerate(run.events):
-        if event["event"] != "observation":
-            continue
-        length = event.get("run")
-        if length is not None and not (isinstance(length, float | int) and length >= 0):
-            raise ValueError(f"event {number}: run: expected a length in metres, got {length!r}")
-        follower.observe(length)
-        if follower.result is None:
-            follower.turn()
+    for _ in follower.follow(run):
+        pass
     return follower.outcome()
 
 
@@ -148,16 +145,38 @@ class SetFollower:
         elif self.extent <= 2 * self.settings.radius:
             self.result = "localized"
 
-    def turn(self) -> float:
-        """Choose the angle to turn by now, and take it as made."""
+    def choose(self) -> float:
+        """Choose the angle to turn by at this bump, in radians."""
         filter, bounces = self.settings.filter, self.settings.bounces
         if self.settings.homing is not None:
             chosen = self.settings.homing.choose(self.state, 1, self._rng)
         else:
             chosen = choose_angles(filter, self.state, 1, bounces, self._rng)
-        angle = bounces[int(chosen[0])]
-        self.state = filter.turn(self.state, angle)
-        return angle
+        return bounces[int(chosen[0])]
+
+    def turn(self, angle: float) -> None:
+        """Take in that the robot turned by an angle in radians."""
+        self.state = self.settings.filter.turn(self.state, angle)
+
+    def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
+        """Take in a logged run; yield the length and the turn of each bump before the turn.
+
+        **Raises:** `ValueError` if a length or an angle is not a number.
+        """
+        for number, event in enumerate(run.events):
+            if event["event"] != "observation":
+                continue
+            length, turn = event.get("run"), event.get("turn")
+            if length is not None and not (isinstance(length, float | int) and length >= 0):
+                raise ValueError(
+                    f"event {number}: run: expected a length in metres, got {length!r}"
+                )
+            if turn is not None and not isinstance(turn, float | int):
+                raise ValueError(f"event {number}: turn: expected radians, got {turn!r}")
+            self.observe(length)
+            yield length, turn
+            if turn is not None and self.result is None:
+                self.turn(turn)
 
     def outcome(self) -> AnywhereOutcome:
         """How the run ended, or stands."""
