@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...robot.tasks.files import AnyTask
     from ...robot.tasks.patrol_task import PatrolTask
     from ...space import CellSpace, Workspace
-    from .run import RobotRun
+    from .options import RobotOptions
 
 
 # A radius that is off by less than this is that of the body, rounded.
@@ -65,7 +65,7 @@ class Emulation:
         }
 
 
-def check_speed(options: "RobotRun") -> None:
+def check_speed(options: "RobotOptions") -> None:
     """Refuse a friction and a speed that have no meaning.
 
     **Raises:** `ValueError` that names the option.
@@ -83,7 +83,7 @@ def check_speed(options: "RobotRun") -> None:
         raise ValueError(f"--speed {speed:g}: expected more than 0 and at most 0.5 m/s")
 
 
-def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulation:
+def emulate(map: Path, task: "AnyTask", options: "RobotOptions", rng: Any) -> Emulation:
     """Emulate a robot in a map, at the start of a task, or at that of the options."""
     from ...robot.emulation.body import Body, Noise, bumper_give
     from ...robot.emulation.emulator import Emulator, Line
@@ -131,7 +131,7 @@ def _physical(
     start: int,
     pose: tuple[float, float, float],
     task: "AnyTask",
-    options: "RobotRun",
+    options: "RobotOptions",
     rng: Any,
 ) -> Emulation:
     """Emulate a robot that the physics engine moves."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ...robot.create.motion import Moved
     from ...robot.run_log import LoggedRun
     from ...robot.tasks.files import AnyTask
-    from .run import RobotRun
+    from .options import RobotOptions
 
 
 Place: TypeAlias = tuple[float, float, float]
@@ -69,7 +69,7 @@ class StandingStill(Exception):  # noqa: N818 (it says what happened, as StopIte
     """A robot that does not move was to drive."""
 
 
-def resume_command(options: "RobotRun", log: Path, start: str | None) -> str:
+def resume_command(options: "RobotOptions", log: Path, start: str | None) -> str:
     """The command that resumes a stopped run in a directory of its own.
 
     **Arguments:**

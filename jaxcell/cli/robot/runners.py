@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.walker import Walker
     from .emulation import Emulation
-    from .run import RobotRun
+    from .options import RobotOptions
 
     Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
 
 
 def runner_of(
     task: "AnyTask",
-    options: "RobotRun",
+    options: "RobotOptions",
     emulation: "Emulation | None",
     direction: int | None,
     before: "LoggedRun | None",
