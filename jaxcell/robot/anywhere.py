@@ -13,7 +13,7 @@ from .walker import Walker
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereOutcome(RunOutcome):
-    """How the run of a robot ended that started anywhere."""
+    """The outcome of the run of a robot that started anywhere."""
 
     place: tuple[float, float] | None = None
     "The middle of the places where the robot may be, in metres."
@@ -23,15 +23,15 @@ class AnywhereOutcome(RunOutcome):
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereSettings:
-    """What a robot that starts anywhere does at each bump."""
+    """The filter, the angles and the aim of a robot that starts anywhere."""
 
     filter: WallFilter
     bounces: tuple[float, ...]
     "The angles to choose from, in radians, counter-clockwise."
     radius: float
-    "The robot is known when all places are this near to their middle, in metres."
+    "The robot is localized when all places are this near to their middle, in metres."
     homing: Homing | None = None
-    "Where the robot goes; else it only finds out where it is."
+    "The goal of the robot; `None` if it only finds out where it is."
     seed: int = 0
     "The seed of the draws for a choice."
 
@@ -47,9 +47,9 @@ def run_anywhere(
     **Arguments:**
 
     - `walker`: the robot, anywhere in the room, with any heading that the filter allows.
-    - `settings`: the filter, and what the robot is to do.
-    - `log`: where to write each run as it ends.
-    - `limit`: how many bumps to make at most.
+    - `settings`: the filter, the angles and the aim.
+    - `log`: the log for each run, written when it ends.
+    - `limit`: largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
     `"arrived"` at the goal, or `"refuted"` if no place explains what the robot did.
@@ -92,12 +92,12 @@ def run_anywhere(
 
 
 def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutcome:
-    """Give a filter the runs that a robot made.
+    """Replay the runs of a robot through its filter.
 
     **Arguments:**
 
     - `run`: the log of a run.
-    - `settings`: those of that run.
+    - `settings`: the settings of that run.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], that of the run if it
     was not cut off.
@@ -179,7 +179,7 @@ class SetFollower:
                 self.turn(turn)
 
     def outcome(self) -> AnywhereOutcome:
-        """How the run ended, or stands."""
+        """Make the outcome of the run so far."""
         place, where = None, "nowhere"
         if self.state is not None and self.state.wall.size:
             boundary = self.settings.filter.boundary

@@ -28,7 +28,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int 
     **Arguments:**
 
     - `run`: the log of a run of these settings.
-    - `settings`: the filter, and what the robot was to do.
+    - `settings`: the settings of that run.
     - `seed`: of the draws.
 
     **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see

@@ -96,7 +96,7 @@ class RobotCalibrate(Printing):
 
 
 def _asked(question: str) -> float:
-    """The number that a person answers with; the question goes to standard error."""
+    """Read the number that a person answers; print the question to standard error."""
     note(question)
     try:
         return checked_number("the answer", input().strip(), "a number", text=True)

@@ -84,7 +84,7 @@ class RobotRun(RobotOptions):
         if before is not None:
             pose = before.header.get("pose")
             self._ask_for_place(task, emulation, direction, before)
-        # Before the robot is there: what it needs takes seconds to load.
+        # The viewer takes seconds to load, so it starts before the robot is armed.
         viewer = None if self.live is None else kept.enter_context(shown_live(self.live))
         place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
         place.mkdir(parents=True, exist_ok=True)
@@ -146,7 +146,7 @@ class RobotRun(RobotOptions):
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
     def _before(self, task: "AnyTask") -> "LoggedRun | None":
-        """The run that is to go on, if one is."""
+        """Read the run to resume; `None` without --resume."""
         if self.resume is None:
             return None
         if self.heading is not None:
@@ -156,7 +156,7 @@ class RobotRun(RobotOptions):
         return run_before(self.resume, task)
 
     def _resumed(self, before: "LoggedRun") -> dict[str, Any]:
-        """What the log says of the run before this one."""
+        """Describe the resumed run for the log."""
         from ...robot.tasks.task import digest
 
         assert self.resume is not None
@@ -173,7 +173,7 @@ class RobotRun(RobotOptions):
         direction: int | None,
         before: "LoggedRun",
     ) -> None:
-        """Say where the robot must stand to go on, and wait until somebody says that it does."""
+        """Print where the robot must stand to go on, and wait for Enter."""
         place = self._place(task, emulation, direction, before)
         note(f"The run goes on where the robot is {place_in_words(place)}")
         if self.simulate is None and not self.json and sys.stdin.isatty():
@@ -196,7 +196,7 @@ class RobotRun(RobotOptions):
     def _direction(
         self, task: "AnyTask", emulation: "Emulation | None", before: "LoggedRun | None"
     ) -> int | None:
-        """The direction that the robot knows to face at the start, or `None`.
+        """Find the direction of the robot at the start, or `None` if it does not know it.
 
         It is the same on an emulated robot as on a real one.
 
@@ -222,7 +222,7 @@ class RobotRun(RobotOptions):
         return direction
 
     def _calibration(self) -> "Calibration | None":
-        """What the encoders of the robot miss, if that is known."""
+        """Load the calibration of the encoders, or `None`."""
         from ...robot.calibration import Calibration, calibration_file
 
         if self.calibration is not None:
@@ -238,7 +238,7 @@ class RobotRun(RobotOptions):
     def _robot(
         self, stack: contextlib.ExitStack, task: "AnyTask", emulation: "Emulation | None"
     ) -> "tuple[Any, list[Listener]]":
-        """The robot, armed, and who listens to the events of its run."""
+        """Connect and arm the robot; list the listeners to the events of its run."""
         from ...robot import Create
 
         if self.ros is not None:
@@ -262,7 +262,7 @@ class RobotRun(RobotOptions):
     def _moving(
         self, robot: Any, emulation: "Emulation | None", calibration: "Calibration | None"
     ) -> "Drivable":
-        """The robot as it tells how far it goes."""
+        """Add to a robot the source of its distances: encoders, calibration, or clock."""
         from ...robot.calibration import Calibrated
         from ...robot.create.clock import ByClock
 
@@ -311,7 +311,7 @@ class RobotRun(RobotOptions):
 
 
 def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
-    """How a run stands that was stopped, by its log if there is one, and the exit status."""
+    """Get the outcome of a stopped run, from its log if it has one, and the exit status."""
     from ...robot.outcome import RunOutcome
     from ...robot.run_log import read_log, why_stopped
 
