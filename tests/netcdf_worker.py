@@ -50,7 +50,7 @@ class Worker:
         if self._process is None:
             return None
         process, self._process = self._process, None
-        # Nobody may be there to read what is left in a pipe.
+        # The reader of the pipe may have ended.
         with contextlib.suppress(BrokenPipeError):
             process.stdin.close()
         process.stdout.close()
