@@ -169,7 +169,9 @@ def run_anywhere(task: Any, cells: CellSpace, seed: int, limit: int) -> Run:
             follower.observe(ran)
             held.append(is_held(follower, body.pose, errors.displacement))
             if follower.result is None:
-                walker.rotate(follower.turn())
+                turn = follower.choose()
+                follower.turn(turn)
+                walker.rotate(turn)
     except RobotStopped:
         return Run("lost", follower.bumps, robot.robot.seconds, share(held))
     ends = {"localized": "right" if held[-1] else "wrong", "refuted": "lost"}

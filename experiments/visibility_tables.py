@@ -16,7 +16,7 @@ from jaxcell.optimize import (
     minimum_cover,
     stackelberg,
 )
-from jaxcell.patrol import distributed_policies, vulnerability
+from jaxcell.patrol import Attack, distributed_policies, vulnerability
 from jaxcell.patrol.map import Policy, Reassignment, Vulnerability, reassign
 
 
@@ -151,7 +151,7 @@ def evaluate(site: Site, caught: np.ndarray, runs: int, seed: int) -> list[Vulne
             site.visible,
             site.policies,
             target,
-            ATTACKS,
+            Attack(ATTACKS),
             runs=runs,
         )
         for number, target in enumerate((typical, weakest))

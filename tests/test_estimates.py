@@ -257,7 +257,7 @@ def test_studies_beyond_the_memory_are_refused(monkeypatch, study):
         study()
 
 
-def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path):
+def test_all_plans_are_refused_in_memory_but_not_in_a_store(monkeypatch, tmp_path):
     cells = CellSpace.of(LAB, 1.0, 8)
     roadmap = Roadmap.of(cells, [math.pi])
     room = 2 * 6 * roadmap.entry.size * roadmap.walls
@@ -269,10 +269,10 @@ def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path
         limit(needed, *args)
 
     monkeypatch.setattr(memory, "check", check)
-    with pytest.raises(MemoryError, match=r"plans from .* write them to a file"):
+    with pytest.raises(MemoryError, match=r"plans from .* write them to a store"):
         all_plans(cells, [math.pi])
     monkeypatch.undo()
-    all_plans(cells, [math.pi], file=tmp_path / "plans.nc")
+    all_plans(cells, [math.pi], store=tmp_path / "plans.zarr")
 
 
 def test_states_are_watched_while_they_are_made(monkeypatch):

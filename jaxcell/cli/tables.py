@@ -49,7 +49,7 @@ def show(
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
-    _tables(result, "", cells)
+    _tables(result, "" if single else f"{heading}: ", cells)
     if result.brief:
         say("The rest is in the files of --out, and in --json.")
     for name, part in below.items():

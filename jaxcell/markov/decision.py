@@ -45,7 +45,7 @@ class DecisionModel:
     reward: Float[Array, "actions cells"]
     "The expected gain of taking the action in the cell."
     allowed: Bool[Array, "actions cells"]
-    "Whether the action can be taken in the cell; each cell has an action."
+    "`True` if the action can be taken in the cell; each cell has such an action."
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":

@@ -46,7 +46,7 @@ def run_belief(
 
 
 def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
-    """Give a belief what a robot sensed in a logged run.
+    """Replay the observations of a logged run through a belief.
 
     **Arguments:**
 

@@ -8,15 +8,15 @@ from .walker import Walker
 
 
 class Follower(abc.ABC):
-    """What tells a robot where it may be, along a run from an unknown cell."""
+    """The cells where a robot may be, along a run from an unknown cell."""
 
     kind: ClassVar[str]
     observations: str
     "What the robot sensed: 0 for a step, 1 for a bump."
     colors: list[int]
-    "The colour after each observation, where there are colours."
+    "The colour after each observation; empty for a belief."
     result: Literal["localized", "refuted"] | None
-    "What ends the run, if anything does by now."
+    "The result of the run, or `None` while it goes on."
 
     def __init__(self) -> None:
         self.observations, self.colors, self.result = "", [], None
@@ -27,13 +27,13 @@ class Follower(abc.ABC):
 
     @property
     def over(self) -> bool:
-        """True if no run goes on from here."""
+        """Whether the run cannot go on from here."""
         return self.result is not None
 
     @property
     @abc.abstractmethod
     def turn(self) -> int | None:
-        """The number of the angle to turn by now, if any."""
+        """The number of the angle to turn by now, or `None`."""
 
     @property
     @abc.abstractmethod
@@ -43,16 +43,16 @@ class Follower(abc.ABC):
     @property
     @abc.abstractmethod
     def fields(self) -> dict[str, Any]:
-        """What the log has of the last observation."""
+        """The fields of the last observation in the log."""
 
     @property
     def localized(self) -> str:
-        """A sentence on where the robot is, for people."""
+        """The sentence that reports a localized robot."""
         return f"localized to {self.places} after {len(self.observations)} observations"
 
     @property
     def refuted(self) -> str:
-        """A sentence on what cannot be, for people."""
+        """The sentence that reports a contradiction."""
         return (
             f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
             f"occur in the map of the {self.kind} after those before it: the map is another, or "
@@ -61,12 +61,12 @@ class Follower(abc.ABC):
 
     @property
     def places(self) -> str:
-        """How many cells are left, for people."""
+        """The number of cells that are left, in words."""
         count = len(self.cells)
         return "1 configuration" if count == 1 else f"{count} configurations"
 
     def outcome(self) -> RunOutcome:
-        """How the run ended, or stands."""
+        """Make the outcome of the run so far."""
         cells, colors = tuple(self.cells), tuple(self.colors)
         if self.result == "localized":
             reason = self.localized
@@ -81,7 +81,7 @@ class Follower(abc.ABC):
 def follow(
     walker: Walker, follower: Follower, bounces: Sequence[float], log: RunLog | None, limit: int
 ) -> RunOutcome:
-    """Let a robot bounce until its follower ends the run, or for so many observations."""
+    """Let a robot bounce until its follower ends the run, for at most `limit` observations."""
     while follower.result is None and len(follower.observations) < limit:
         follower.observe(int(walker.step()))
         if log is not None:
@@ -92,7 +92,7 @@ def follow(
 
 
 def replay(run: LoggedRun, follower: Follower) -> RunOutcome:
-    """Give a follower what a robot sensed in a logged run.
+    """Replay the observations of a logged run through a follower.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
     it, or goes on after the end of the run: it is of another filter, policy or belief.

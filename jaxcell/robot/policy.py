@@ -16,7 +16,7 @@ def run_policy(
     log: RunLog | None = None,
     limit: int = 10_000,
 ) -> RunOutcome:
-    """Let a robot choose its angle at each bump until it knows where it is, or cannot be.
+    """Let a robot choose its angle at each bump until its policy localizes or refutes it.
 
     **Arguments:**
 
@@ -50,7 +50,7 @@ def run_policy(
 
 
 def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
-    """Give a policy what a robot sensed in a logged run.
+    """Replay the observations of a logged run through a policy.
 
     **Arguments:**
 

@@ -21,7 +21,7 @@ def run_filter(
     limit: int = 10_000,
     until: Until = "known",
 ) -> RunOutcome:
-    """Let a robot bounce until a filter knows where it is, or that it cannot be in the map.
+    """Let a robot bounce until a filter localizes it, or refutes the map.
 
     At each bump the robot turns by the bouncing angle (Alam 2018, section 2.4).
 
@@ -90,7 +90,7 @@ def run_plan(
 
 
 def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcome:
-    """How a plan ended, or stands, by what the robot sensed on it.
+    """Make the outcome of a plan so far from the observations of the robot.
 
     **Arguments:**
 
@@ -121,7 +121,7 @@ def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcom
 
 
 def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
-    """Give a filter what a robot sensed in a logged run.
+    """Replay the observations of a logged run through a filter.
 
     **Arguments:**
 

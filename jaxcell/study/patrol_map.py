@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..optimize import Graph
-    from ..patrol import PatrolledMap
+    from ..patrol import Capture, PatrolledMap
     from ..patrol.map import Policy, Regions
     from ..space import CellSpace
     from ..space.extent import Extent
@@ -120,42 +120,39 @@ class PatrolMap(CellStudy):
 
         found = self._patrolled(graph, visible, regions, say)
         policies = found["policies"]
+        attack = patrol.Attack(self.attack_times, self.start)
         if self.frontier:
             say(f"searching at {len(self.frontier)} floors of randomness")
-            problem = graph, visible, len(policies), self.attack_times[0], self.frontier
             found["frontier"] = patrol.map.capture_frontier(
-                *problem, start=self.start, seed=self.seed
-            )
-        if self.lost is not None and regions is not None:
-            found["reassignment"] = patrol.map.reassign(
-                graph, visible, regions, policies, self.lost, share=found["chosen_share"]
+                graph, visible, len(policies), attack, self.frontier, seed=self.seed
             )
         say("attacking every cell")
-        times = list(self.attack_times)
-        capture = patrol.capture_probabilities(graph, visible, policies, times, self.start)
-        contested = patrol.map.contested(visible, policies, regions)
-        target = self._target(target, contested, capture[0], regions)
+        capture = patrol.Capture.of(graph, visible, policies, attack, regions)
+        if self.lost is not None and regions is not None:
+            after = patrol.map.reassign(
+                graph, visible, regions, policies, self.lost, share=found["chosen_share"]
+            )
+            left = [policies[robot] for robot in sorted(after.robot.tolist())]
+            loss, recovery = (
+                dataclasses.replace(
+                    capture, probability=patrol.capture_probabilities(graph, visible, by, attack)
+                )
+                for by in (left, after.policies)
+            )
+            found |= {"reassignment": after, "loss": loss, "recovery": recovery}
+        target = self._target(target, capture, regions)
         say(f"simulating {self.runs:,} attacks, and fitting their law")
-        attack = patrol.vulnerability(
-            jax.random.key(self.seed),
-            graph,
-            visible,
-            policies,
-            target,
-            times,
-            start=self.start,
-            runs=self.runs,
-        )
+        key, site = jax.random.key(self.seed), (graph, visible, policies)
+        attacked = patrol.vulnerability(key, *site, target, attack, runs=self.runs)
         say("comparing covers")
         return patrol.PatrolledMap(
             cells=cells,
             reach=self.range,
             graph=graph,
             visible=visible,
-            attack=attack,
+            attack=attacked,
             capture=capture,
             regions=regions,
-            start=self.start,
             smallest_covers=smallest_covers(visible, policies),
             seed=self.seed,
             **found,
@@ -184,9 +181,8 @@ class PatrolMap(CellStudy):
                     graph,
                     visible,
                     robots,
-                    self.attack_times[0],
+                    patrol.Attack(self.attack_times, self.start),
                     randomness=self.randomness,
-                    start=self.start,
                     starts=self.starts,
                     seed=self.seed,
                 )
@@ -236,12 +232,11 @@ class PatrolMap(CellStudy):
 
         from .. import patrol
 
-        least = []
-        for policies in made.values():
-            (caught,) = patrol.capture_probabilities(
-                graph, visible, policies, [self.attack_times[0]], self.start
-            )
-            least.append(caught[patrol.map.contested(visible, policies, regions)].min(initial=1.0))
+        attack = patrol.Attack(self.attack_times, self.start).first
+        least = [
+            float(patrol.Capture.of(graph, visible, policies, attack, regions).least[0])
+            for policies in made.values()
+        ]
         tried = list(made)
         # Shares that differ by rounding count as equal, and the first of them is taken.
         best = (
@@ -253,7 +248,7 @@ class PatrolMap(CellStudy):
             "shares": np.array(tried),
             "share_capture": np.array(least),
         }
-        return found, float(least[best])
+        return found, least[best]
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)
@@ -333,21 +328,18 @@ class PatrolMap(CellStudy):
     def _target(
         self,
         asked: int | None,
-        contested: "np.ndarray",
-        caught: "np.ndarray",
+        capture: "Capture",
         regions: "Regions | None",
     ) -> int:
         """The cell that is attacked: one where luck decides, by default the weakest."""
-        from ..patrol.map.attack import weakest
-
         if asked is None:
-            if contested.size == 0:
+            if capture.contested.size == 0:
                 raise ValueError(
                     f"range: with {self.range:g} m no robot ever sees the whole of a cell that is "
                     "not watched anyway; expected more"
                 )
-            return int(weakest(caught[None], contested)[0])
-        if asked in contested:
+            return int(capture.weakest[0])
+        if asked in capture.contested:
             return asked
         if regions is not None and regions.view[asked]:
             why = "the base station always sees it, so that no attack succeeds"

@@ -32,10 +32,10 @@ _BYTE = f"{JOURNAL}, byte"
 
 @dataclasses.dataclass(frozen=True)
 class Verified:
-    """What was damaged in a sweep."""
+    """The damage of a sweep, and its repair."""
 
     chunks: int
-    "Chunks that were checked."
+    "The number of chunks of the sweep."
     damaged: tuple[str, ...]
     "A line for each damaged chunk, other record of the journal, or file."
     recomputed: int
@@ -45,7 +45,7 @@ class Verified:
 
     @property
     def whole(self) -> bool:
-        """Whether everything that was damaged is whole again."""
+        """True if all damage was repaired."""
         return self.recomputed == len(self.damaged)
 
 

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from jaxcell.cli import main
-from jaxcell.patrol import capture_probabilities, cell_graph, distributed_policies
+from jaxcell.patrol import Attack, capture_probabilities, cell_graph, distributed_policies
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
@@ -56,7 +56,7 @@ def test_a_patrol_without_a_base(near):
     cells = CellSpace.of(Workspace.load(LAB), 1.0, 8)
     graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
     policies = distributed_policies(graph, visible, 2, found["chosen_share"])
-    capture = capture_probabilities(graph, visible, policies, [4, 9])
+    capture = capture_probabilities(graph, visible, policies, Attack([4, 9]))
     assert found["positions"] == 19
     assert found["mean_cells_seen"] == pytest.approx(visible.sum() / 19)
     for one, policy in zip(found["policies"], policies, strict=True):
@@ -70,11 +70,11 @@ def test_a_patrol_without_a_base(near):
     target = found["attack"]["target"]["cell"]
     assert target == capture[0].argmin()
     for row, one, at_target in zip(
-        capture, found["attacks"], found["attack"]["probabilities"], strict=True
+        capture, found["capture"]["attacks"], found["attack"]["probabilities"], strict=True
     ):
         assert one["weakest"]["cell"] == row.argmin()
-        assert one["weakest_capture"] == pytest.approx(row.min())
-        assert one["mean_capture"] == pytest.approx(row.mean())
+        assert one["least"] == pytest.approx(row.min())
+        assert one["mean"] == pytest.approx(row.mean())
         one = at_target
         assert one["exact"] == pytest.approx(row[target])
         assert abs(one["simulated"] - one["exact"]) < 0.15
@@ -86,7 +86,7 @@ def test_a_patrol_without_a_base(near):
     tried = [one["share_capture"] for one in found["shares"]]
     assert max(tried) == pytest.approx(capture[0].min())
     assert found["shares"][tried.index(max(tried))]["share"] == found["chosen_share"]
-    assert not {"regions", "reassignment", "when_a_robot_is_lost"} & found.keys()
+    assert not {"regions", "reassignment", "loss", "recovery"} & found.keys()
 
 
 def test_a_base_and_a_robot_that_is_lost(capsys, hall):
@@ -101,9 +101,11 @@ def test_a_base_and_a_robot_that_is_lost(capsys, hall):
     assert all(one["contact"] is not None for one in found["policies"])
     after = found["reassignment"]
     assert after["robot"] == [0, 1] or after["robot"] == [1, 0]
-    before, meanwhile, _ = found["when_a_robot_is_lost"]
-    assert meanwhile["phase_mean"] < before["phase_mean"]
-    assert before["phase_weakest"] == found["attacks"][0]["weakest_capture"]
+    for before, meanwhile in zip(
+        found["capture"]["attacks"], found["loss"]["attacks"], strict=True
+    ):
+        assert meanwhile["mean"] < before["mean"]
+    assert found["recovery"].keys() == found["loss"].keys()
     assert after["silence_limit"] > 1
     x, y = base["base"]["x"], base["base"]["y"]
     there = run(capsys, *NEAR, *args[:2], "--base", f"{x},{y}", "--base-range", 2, map=hall)[1]
@@ -124,9 +126,9 @@ def test_a_patrol_that_captures_most(near, capsys, tmp_path):
     status, found, error = run(capsys, *NEAR, *options, "--out", tmp_path)
     assert status == 0
     assert "the patrol is a local optimum, the best of 2 starts; another may capture more" in error
-    commuting = near["attacks"][0]["weakest_capture"]
-    assert found["attacks"][0]["weakest_capture"] > 1.2 * commuting
-    assert found["search"]["value"] == pytest.approx(found["attacks"][0]["weakest_capture"])
+    commuting = near["capture"]["attacks"][0]["least"]
+    assert found["capture"]["attacks"][0]["least"] > 1.2 * commuting
+    assert found["search"]["value"] == pytest.approx(found["capture"]["attacks"][0]["least"])
     assert [one["floor"] for one in found["frontier"]["floors"]] == [0.5]
     assert "chosen_share" not in found or found["chosen_share"] is None
     chains = json.loads((tmp_path / "patrol.json").read_text())
@@ -264,7 +266,9 @@ def test_the_fewest_robots_for_a_capture(capsys):
     reached = [one["size_capture"] for one in found["team_sizes"]]
     for robots, least in enumerate(reached, 1):
         policies = distributed_policies(graph, visible, robots, 0.0)
-        assert least == pytest.approx(capture_probabilities(graph, visible, policies, [4]).min())
+        assert least == pytest.approx(
+            capture_probabilities(graph, visible, policies, Attack(4)).min()
+        )
     assert found["robots"] == len(found["policies"]) == len(reached) > 1
     assert reached[-2] < 0.6 <= reached[-1]
 

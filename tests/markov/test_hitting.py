@@ -188,7 +188,7 @@ def slow_eddy(cells, leak, share):
 def test_end_probabilities_of_a_very_slow_eddy_are_exact(leak):
     chain = slow_eddy(30, leak, 0.3)
     found = absorption_probabilities(chain, persistent_groups(chain))
-    # Whatever way it goes, it leaves from the one cell, where the odds are 3 to 7.
+    # Every path leaves from the same cell, where the odds are 3 to 7.
     expected = np.array([[0.3], [0.7]])
     np.testing.assert_allclose(found.value[:, :30], np.broadcast_to(expected, (2, 30)), atol=1e-12)
     assert found.certificate.residual < 1e-12

@@ -32,7 +32,7 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
     chain = Chain.from_scipy(matrix)
     found = np.asarray(first_passage(chain, start, target, STEPS))
     np.testing.assert_allclose(found, by_taboo(matrix, start, there, STEPS), atol=1e-14)
-    # What has arrived and what survives is everything, from each start and whatever leaves.
+    # The mass that has arrived and the mass that survives sum to 1, from each start.
     surviving = np.asarray(survival(chain, target, STEPS))
     np.testing.assert_allclose(np.cumsum(found) + surviving @ start, 1, rtol=1e-12)
     for cell in range(cells):
@@ -40,7 +40,7 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
         np.testing.assert_allclose(surviving[:, cell], 1 - np.cumsum(law), atol=1e-12)
 
 
-def test_law_of_two_cells_is_geometric():
+def test_law_on_a_complete_graph_is_geometric():
     n = 10
     chain = Chain.from_scipy((1 - np.eye(n)) / (n - 1))
     time = np.arange(1, 31)

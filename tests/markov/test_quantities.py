@@ -69,7 +69,7 @@ def irreducible(draw):
         ("Metropolis", 20.156150, 31.352139, 8.242442, 0.732399),
     ],
 )
-def test_walk_on_three_cells_has_known_values(weights, commute, farthest, kemeny, modulus):
+def test_boyds_graph_has_known_values(weights, commute, farthest, kemeny, modulus):
     given_weights = WEIGHTS[weights]
     if isinstance(given_weights, str):
         given_weights = np.array(given_weights.split(), float)
@@ -156,7 +156,7 @@ def test_circle_has_known_values():
 
 
 def test_slow_chain_has_known_mixing_time():
-    # The distance halves the same way for ever: |1 - 2 e|^t / 2.
+    # The distance after t steps is |1 - 2 e|^t / 2.
     e = 2.0**-30
     chain = Chain.from_scipy(np.array([[1 - e, e], [e, 1 - e]]))
     expected = math.ceil(math.log(0.5) / math.log1p(-2 * e))

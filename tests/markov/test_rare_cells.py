@@ -138,7 +138,7 @@ def test_wells_that_products_cannot_join_get_exact_shares():
 
 
 def test_kemeny_constant_of_a_double_well_of_100_cells():
-    """By the sum over the edges of a line: the chances of being on each side, over the flow."""
+    """Sum over the edges of a line: the shares of both sides, divided by the flow."""
     x = np.linspace(-1, 1, 100)
     force = 20 * (x - x**3) / 100
     up, down = 0.5 + force[:-1] / 2, 0.5 - force[1:] / 2

@@ -43,7 +43,7 @@ def test_arriving_equals_dense_solves(matrix, data):
         assert solution.certificate.outcome is Outcome.CONVERGED
 
 
-def test_gambler_with_good_odds_has_known_values():
+def test_gambler_who_wins_has_known_times():
     # Given that he wins, a fair game of n lasts (n^2 - i^2) / 3 rounds.
     n = 30
     matrix = np.zeros((n + 1, n + 1))
@@ -101,7 +101,7 @@ def test_sure_is_preferred_to_quick():
 
 
 def test_waiting_for_a_drift_has_known_time():
-    # To wait costs nothing but never arrives; an attempt arrives with probability 0.01, else waits.
+    # Waiting never arrives; an attempt arrives with probability 0.01.
     waits = np.eye(2)
     attempt = np.array([[0.99, 0.01], [0, 1]])
     model = as_model(np.stack([waits, attempt]), np.zeros((2, 2)), np.ones((2, 2), bool))

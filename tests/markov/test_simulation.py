@@ -21,7 +21,7 @@ def leaving():
 
 
 def hub():
-    """One cell of many branches, to which all others lead."""
+    """Make a chain in which all cells lead to a cell with many branches."""
     first = np.random.default_rng(8).dirichlet(np.full(12, 0.3))
     return Chain.from_scipy(np.vstack([first, np.eye(12)[[0] * 11]]))
 
@@ -126,7 +126,7 @@ def test_alias_tables_hold_the_distributions(slots, seed):
         np.add.at(found, first[row], part[row] / slots)
         np.add.at(found, second[row], (1 - part[row]) / slots)
         np.testing.assert_allclose(found, expected, atol=1e-15)
-        # What is impossible stays so.
+        # Impossible outcomes stay impossible.
         assert (found[expected == 0] == 0).all()
 
 

@@ -16,17 +16,17 @@ from ..localization.result import Candidates
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Slipped(Candidates):
-    """A run of a robot that slips from an unknown cell, and what its belief makes of it."""
+    """A run of a robot that slips from an unknown cell, with its belief."""
 
     title: ClassVar[str] = "Localization of a bouncing robot that slips"
     tables: ClassVar[Mapping[str, str]] = {"candidate": "candidates"}
 
     cells: CellSpace
     bounces: Float[np.ndarray, "angles"]
-    "The bouncing angle, or those to choose from at each bump, in radians."
+    "One or several bouncing angles to choose from at each bump, in radians."
     slip: Slip
     hidden: HiddenMap
-    "The map that the belief is of, among fine cells."
+    "The map of the belief, among fine cells."
     fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
     observations: Annotated[
@@ -80,12 +80,12 @@ class Slipped(Candidates):
 
     @property
     def truth(self) -> Int[np.ndarray, "times"]:
-        """The cell that the robot is in, or nearest to."""
+        """The cell of the robot, or the nearest cell."""
         return nearest_cell(self.cells, *self.pose.T)
 
     @property
     def events(self) -> Int[np.ndarray, "steps"]:
-        """What was observed and done, as [`jaxcell.automata.HiddenMap.leaving`][] counts it."""
+        """The events of the run, numbered as by [`jaxcell.automata.HiddenMap.leaving`][]."""
         return 1 + self.turned_by[1:]
 
     @derived("", "fine cells", kind="count")
@@ -141,18 +141,18 @@ def slipping_run(
 ) -> Slipped:
     """Drive a simulated robot that slips from a cell until its belief has a small credible set.
 
-    It moves as [`jaxcell.space.slipping_step`][] says, in continuous space.
+    The robot moves by [`jaxcell.space.slipping_step`][], in continuous space.
 
     **Arguments:**
 
     - `hidden`: the map of the belief; its configurations are the cells.
     - `cells`: the cells of the map.
     - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
-    - `slip`: how large the errors are.
-    - `start`: the cell of the robot, which the belief is not told.
-    - `seed`: of the errors.
+    - `slip`: the sizes of the errors.
+    - `start`: the cell of the robot, which the belief does not know.
+    - `seed`: seed of the errors.
     - `step`: length of a step in metres, by default one cell.
-    - `limit`: observations after which to give up.
+    - `limit`: the largest number of observations.
     - `about`: `fine_side` and `fine_directions` of the result.
 
     **Returns:** [`Slipped`][].
@@ -181,7 +181,8 @@ def slipping_run(
     observations: list[int] = []
     while len(observations) < limit:
         errors = rng.standard_normal(ERRORS)
-        after = [slipping_step(pose, legs[believed], one, errors, walls, slip) for one in bounces]
+        leg = legs[believed]
+        after = [slipping_step(pose, leg, bounce, errors, walls, slip) for bounce in bounces]
         observations.append(int(after[0][1]))
         state = belief.observe(state, observations[-1])
         if state.turn is not None:
@@ -193,12 +194,13 @@ def slipping_run(
         if estimates[-1].cells.size <= SMALL or state.nowhere > NOWHERE:
             break
 
-    turned_by = np.array([-1 if one.turn is None else one.turn for one in states], np.int32)
+    turns = [-1 if state.turn is None else state.turn for state in states]
+    turned_by = np.array(turns, np.int32)
     events = (1 + turned_by[1:]).tolist()
     try:
         smoothed, path = belief.smoothed(events), belief.likeliest_path(events)
     except ValueError:
-        # No path of the map has what it observed: it is nowhere.
+        # No path of the map has these observations: the robot is nowhere on the map.
         smoothed, path = np.zeros((0, hidden.cells)), np.zeros(0, np.int32)
     at_end = estimates[-1]
     return Slipped(

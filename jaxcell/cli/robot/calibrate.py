@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ...base.documents import checked_number
 from ..options import Printing
-from ..terminal import note, say
+from ..terminal import note, say, status
 
 
 if TYPE_CHECKING:
@@ -15,23 +15,57 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotCalibrate(Printing):
-    """Drive a robot 1 m and turn it by 360 degrees, ask what it truly did, and keep that.
+    """Drive a robot 1 m and turn it by 360 degrees, ask what it truly did, and keep the answers.
 
-    Put it where it has 1.5 m ahead, and mark where its front is. `jaxcell robot run` uses what is
-    kept. Where the robot has a calibration, it is measured anew without it."""
+    Put it where it has 1.5 m ahead, and mark where its front is. `jaxcell robot run` uses the file.
+    An existing calibration is measured again from the start. With --log, estimate instead by how
+    much a bump turns the robot, from a run that started anywhere."""
 
-    port: str
+    port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
+    log: Path | None = None
+    """The run.jsonl of a run of an anywhere.json: estimate from its runs the turn by a bump at 45
+    degrees, which `jaxcell localize --bump-turn` takes."""
+    file: Path | None = None
+    """The anywhere.json of that run, by default where the log says that it was."""
     calibration: Path | None = None
-    """File to keep it in, by default calibration.json in ~/.config/jaxcell."""
+    """File for the calibration, by default calibration.json in ~/.config/jaxcell."""
 
     def run(self) -> int:
+        if (self.port is None) == (self.log is None):
+            raise ValueError("expected one of --port and --log")
+        return self._estimate() if self.port is None else self._measure(self.port)
+
+    def _estimate(self) -> int:
+        """Estimate the turn by a bump from a log."""
+        from ...robot.bump_turn import estimate_bump_turn
+        from ...robot.run_log import read_log
+        from ...robot.tasks.anywhere_task import AnywhereTask
+        from ...robot.tasks.files import load_task
+
+        assert self.log is not None
+        run = read_log(self.log)
+        task = load_task(self.file or str(run.header.get("file")))
+        if not isinstance(task, AnywhereTask) or run.header.get("kind") != "anywhere":
+            raise ValueError(f"--log {self.log}: expected the run of an anywhere.json")
+        with status("following the robot of the log"):
+            degrees = round(math.degrees(estimate_bump_turn(run, task.settings)), 2)
+        if self.json:
+            say(json.dumps({"log": str(self.log), "bump_turn_deg": degrees}))
+        else:
+            say(
+                f"A bump at 45 degrees turns it by {degrees:g} degrees toward the wall, which its "
+                f"encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
+            )
+        return 0
+
+    def _measure(self, port: str) -> int:
         from ...robot import Create, RobotStopped
         from ...robot.calibration import Calibration, calibration_file
 
         path = self.calibration or calibration_file()
         try:
-            with Create.open(self.port) as robot:
+            with Create.open(port) as robot:
                 robot.arm()
                 went = robot.forward(1.0, tolerance=0.002)
                 if went.bumped:
@@ -62,7 +96,7 @@ class RobotCalibrate(Printing):
 
 
 def _asked(question: str) -> float:
-    """The number that a person answers with; the question goes to standard error."""
+    """Read the number that a person answers; print the question to standard error."""
     note(question)
     try:
         return checked_number("the answer", input().strip(), "a number", text=True)

@@ -9,7 +9,7 @@ from ..terminal import say, status, table
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotCheck(Printing):
-    """Ask a robot how it is."""
+    """Print the state of a robot."""
 
     port: str
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""

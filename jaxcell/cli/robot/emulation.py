@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...robot.tasks.files import AnyTask
     from ...robot.tasks.patrol_task import PatrolTask
     from ...space import CellSpace, Workspace
-    from .run import RobotRun
+    from .options import RobotOptions
 
 
 # A radius that is off by less than this is that of the body, rounded.
@@ -34,7 +34,7 @@ class Emulation:
     cells: "CellSpace"
     start: int
     pose: tuple[float, float, float]
-    "Where it starts, in metres and radians."
+    "The pose at the start, in metres and radians."
     radius: float = 0.0
     "The radius of its body, in metres."
     touches: "Sequence[tuple[float, float, float]] | None" = None
@@ -42,13 +42,13 @@ class Emulation:
 
     @property
     def end(self) -> int | None:
-        """The cell that the robot is in, if any."""
+        """The cell of the robot, or `None`."""
         with contextlib.suppress(ValueError):
             return int(self.cells.index(*self.robot.pose))
         return None
 
     def describe(self, outcome: "RunOutcome") -> dict[str, Any]:
-        """The true state, for the summary."""
+        """List the true state for the summary."""
         from ...robot.anywhere import AnywhereOutcome
 
         x, y, theta = self.robot.pose
@@ -65,8 +65,8 @@ class Emulation:
         }
 
 
-def check_speed(options: "RobotRun") -> None:
-    """Refuse a friction and a speed that have no meaning.
+def check_speed(options: "RobotOptions") -> None:
+    """Raise if the friction or the speed has no meaning.
 
     **Raises:** `ValueError` that names the option.
     """
@@ -83,8 +83,8 @@ def check_speed(options: "RobotRun") -> None:
         raise ValueError(f"--speed {speed:g}: expected more than 0 and at most 0.5 m/s")
 
 
-def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulation:
-    """Emulate a robot in a map, at the start of a task, or at that of the options."""
+def emulate(map: Path, task: "AnyTask", options: "RobotOptions", rng: Any) -> Emulation:
+    """Emulate a robot in a map, at the start of the options or else of the task."""
     from ...robot.emulation.body import Body, Noise, bumper_give
     from ...robot.emulation.emulator import Emulator, Line
     from ...robot.tasks.anywhere_task import AnywhereTask
@@ -114,7 +114,7 @@ def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulat
 def _anywhere(
     workspace: "Workspace", task: "AnywhereTask", start: str | None, rng: Any
 ) -> tuple[float, float, float]:
-    """Put a robot down anywhere, with a heading that its task allows."""
+    """Draw a start pose with a heading that the task allows."""
     from ...study.anywhere import pose_at
     from ...walls import places_anywhere
 
@@ -131,7 +131,7 @@ def _physical(
     start: int,
     pose: tuple[float, float, float],
     task: "AnyTask",
-    options: "RobotRun",
+    options: "RobotOptions",
     rng: Any,
 ) -> Emulation:
     """Emulate a robot that the physics engine moves."""
@@ -154,7 +154,7 @@ def _physical(
 
 
 def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
-    """Find the cell that a task starts in; for a filter draw one, with the heading if given."""
+    """Find the cell where a task starts; for a filter draw a cell, with the heading if known."""
     from ...robot.tasks.files import PlanTask
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.team import MemberTask
@@ -181,13 +181,13 @@ def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any)
 def seen_from(
     cells: "CellSpace", task: "PatrolTask", intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """What a robot on patrol reports from each of its positions: an intruder whose cell it sees.
+    """Make a function that reports the intruder to a patrol wherever its cell is in sight.
 
     **Arguments:**
 
-    - `cells`: the cells of the map that it is in.
-    - `task`: the patrol, and how far the robot sees.
-    - `intruder`: where the intruder is, "x,y" in metres.
+    - `cells`: the cells of the emulated map.
+    - `task`: the patrol, with the range of sight of the robot.
+    - `intruder`: the place of the intruder, "x,y" in metres.
     """
     from ...space import visible_cells
 

@@ -22,14 +22,14 @@ _SIDES = ("East", "North", "West", "South")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotReplay(Printing):
-    """Give what was run on a robot what the robot sensed then, and compare."""
+    """Replay the log of a robot through the filter or task that it ran, and compare."""
 
     log: tyro.conf.Positional[Path]
     """The run.jsonl of `jaxcell robot run --out`."""
     file: Path | None = None
-    """The filter or the patrol that was run, if it is no more where it was."""
+    """The filter or task that was run, if its file has moved."""
     out: Path | None = None
-    """Directory for a recording of the run, run.rrd, as of a robot that had no Rerun."""
+    """Directory for a recording of the run, run.rrd, for a robot that has no Rerun."""
 
     def run(self) -> int:
         from ...robot.run_log import read_log
@@ -93,7 +93,7 @@ def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = No
 
 
 def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
-    """How a logged run ended, or stands, with what stopped it; `file` is what was run."""
+    """Replay a logged run; the outcome says what stopped it. `file` is the file that was run."""
     from ...robot.run_log import stopped
 
     return stopped(_replayed(run, file), run)

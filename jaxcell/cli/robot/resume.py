@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ...robot.create.motion import Moved
     from ...robot.run_log import LoggedRun
     from ...robot.tasks.files import AnyTask
-    from .run import RobotRun
+    from .options import RobotOptions
 
 
 Place: TypeAlias = tuple[float, float, float]
@@ -23,7 +23,7 @@ Place: TypeAlias = tuple[float, float, float]
 
 
 def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
-    """The run that is to go on, by its log.
+    """Read the log of a run to resume.
 
     **Raises:** `ValueError` if the log is of another task, or if its run has come to its end.
     """
@@ -54,7 +54,7 @@ def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
 
 
 class Standing:
-    """A robot that does not move: what has it drive is told so."""
+    """A robot that cannot move: `forward` and `turn` raise `StandingStill`."""
 
     def forward(self, distance: float, *, tolerance: float) -> "Moved":
         """Raise `StandingStill`."""
@@ -66,11 +66,11 @@ class Standing:
 
 
 class StandingStill(Exception):  # noqa: N818 (it says what happened, as StopIteration does)
-    """A robot that does not move was to drive."""
+    """Raised when a robot that cannot move is driven."""
 
 
-def resume_command(options: "RobotRun", log: Path, start: str | None) -> str:
-    """The command that resumes a stopped run in a directory of its own.
+def resume_command(options: "RobotOptions", log: Path, start: str | None) -> str:
+    """Write the command that resumes a stopped run in a new directory.
 
     **Arguments:**
 
@@ -109,7 +109,7 @@ def _new_directory(out: Path, log: str) -> Path:
 
 
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
-    """The pose of an emulated robot as an option: metres, metres, and degrees.
+    """Write the pose of an emulated robot as an option, in metres and degrees.
 
     **Arguments:**
 

@@ -13,27 +13,27 @@ if TYPE_CHECKING:
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.walker import Walker
     from .emulation import Emulation
-    from .run import RobotRun
+    from .options import RobotOptions
 
     Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
 
 
 def runner_of(
     task: "AnyTask",
-    options: "RobotRun",
+    options: "RobotOptions",
     emulation: "Emulation | None",
     direction: int | None,
     before: "LoggedRun | None",
 ) -> "Runner":
-    """What runs a task, and the header of its log.
+    """Make the function that runs a task, and the header of its log.
 
     **Arguments:**
 
-    - `task`: what is run.
-    - `options`: those of the command.
-    - `emulation`: the emulated robot, if there is one.
-    - `direction`: the direction that the robot faces at the start, where it is known.
-    - `before`: the run that goes on, if one does.
+    - `task`: the task.
+    - `options`: the options of the command.
+    - `emulation`: the emulated robot, or `None`.
+    - `direction`: the direction of the robot at the start, or `None`.
+    - `before`: the run to resume, or `None`.
     """
     from ...robot.anywhere import run_anywhere
     from ...robot.believer import run_belief
@@ -101,7 +101,7 @@ def runner_of(
 def patrol_start(
     task: "PatrolTask", start: str | None, emulation: "Emulation | None" = None
 ) -> int:
-    """The cell where a patrol begins, among those of its map; `start` is the option."""
+    """Find the cell of its map where a patrol begins; `start` is the option."""
     if emulation is not None:
         x, y, theta = emulation.cells.centre(emulation.start)
         try:

@@ -16,7 +16,7 @@ class RobotSketch:
     The comment at its top says how to wire it."""
 
     file: tyro.conf.Positional[Path | None] = None
-    """What to run: the filter.jxf or policy.jxf of `jaxcell localize --out`."""
+    """The filter.jxf or policy.jxf of `jaxcell localize --out`."""
     bounce: Degrees | None = None
     """Instead of a file: the angle in degrees to turn by at each bump."""
     step: Metres | None = None

@@ -174,10 +174,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
 
 
 def _angle(
-    file: OceanFile,
-    axes: Axes,
-    angle: Float[np.ndarray, "y x"],
-    computed: Float[np.ndarray, "y x"],
+    file: OceanFile, axes: Axes, angle: Float[np.ndarray, "y x"], computed: Float[np.ndarray, "y x"]
 ) -> tuple[Float[np.ndarray, "y x"], str]:
     """Convert the variable `angle` to radians, and return it with its origin in words.
 

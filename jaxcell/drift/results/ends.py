@@ -112,7 +112,7 @@ class LayerEnds(Ends):
 
     @property
     def transient(self) -> Bool[np.ndarray, "cells"]:
-        """Whether each cell is in no persistent group."""
+        """The mask of the cells in no persistent group."""
         return self.group < 0
 
     @functools.cached_property

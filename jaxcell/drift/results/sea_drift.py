@@ -154,8 +154,6 @@ class SeaDrift(SeaCurrents):
         - `backward`: whether drifters go back in time from the last record, by the reversed flow.
         - `diffusivity`: of unresolved motion, in m²/s; for sampled maps.
         - `say`: called with each stage of the computation.
-
-        **Raises:** `ValueError` for a duration out of range, or as [`jaxcell.drift.drift_map`][].
         """
         step = step or DriftStep()
         count = range(currents.sizes["layer"])

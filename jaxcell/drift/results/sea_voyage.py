@@ -33,7 +33,7 @@ class SeaVoyage(Result):
 
     @property
     def arrives(self) -> bool:
-        """Whether a drifter from the start may arrive; true without a start."""
+        """True if a drifter from the start may arrive, or without a start."""
         return self.start_probability is None or self.start_probability > 0
 
     @derived("", "probability of arriving from the start", kind="share")

@@ -67,7 +67,7 @@ class Distance:
 
     @property
     def near(self) -> tuple[bool, ...]:
-        """Whether the times are about 6 and 24 hours; the first time of a long step is later."""
+        """True for the times near 6 and 24 hours; the first time of a long step is later."""
         return tuple((np.abs(self.hours / HOURS - 1) < _NEAR).tolist())
 
     @property

@@ -23,7 +23,7 @@ class Regions(Result):
     ]
     region: Annotated[
         Int[np.ndarray, "cells"],
-        quantity("position", "region of the cell, -1 where nobody patrols", kind="index"),
+        quantity("position", "region of the cell, -1 where no robot patrols", kind="index"),
     ]
     count: Annotated[int, quantity("", "regions", kind="count")]
     sectors: str
@@ -33,7 +33,7 @@ class Regions(Result):
     def cells_in_view(self) -> int:
         return int(self.view.sum())
 
-    @derived("", "cells that nobody patrols", kind="count")
+    @derived("", "cells that no robot patrols", kind="count")
     def patrolled_by_nobody(self) -> int:
         return int((self.region < 0).sum())
 

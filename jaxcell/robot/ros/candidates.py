@@ -24,7 +24,7 @@ _MAX_POSES = 1000
 
 
 class Candidates:
-    """Publish where a robot may be, after each observation of its run.
+    """Publish the possible places of a robot after each observation of its run.
 
     - `candidates`, a `geometry_msgs/PoseArray`: the configurations in which it may be, by the
         filter, policy or belief; the position of a patrol; of a plan and of a team, where the
@@ -100,7 +100,7 @@ class Candidates:
 def squares(
     cells: CellSpace, found: Int[np.ndarray, "candidates"]
 ) -> Int8[np.ndarray, "rows columns"]:
-    """An occupancy grid of cells: 100 where they are, 0 where not, -1 where nothing can be.
+    """Make an occupancy grid: 100 for these cells, 0 for other cells, -1 outside the map.
 
     **Arguments:**
 
@@ -126,7 +126,7 @@ def squares(
 
 
 def follower_of(task: AnyTask) -> Follower | None:
-    """What tells where a robot may be by what it senses, of a task that has such a thing."""
+    """Make the follower of a filter, policy or belief; `None` for other tasks."""
     match task:
         case FilterTask():
             return FilterFollower(task.filter)

@@ -25,7 +25,7 @@ class AnywhereTask(Task):
     bounces: tuple[float, ...]
     "The angles to choose from, in radians."
     headings: int | None
-    "Number of headings that it may start with; `None` for any."
+    "Number of headings that the robot may start with; `None` for any."
     slices: int
     errors: Errors
     counted: float
@@ -37,7 +37,7 @@ class AnywhereTask(Task):
 
     @functools.cached_property
     def settings(self) -> AnywhereSettings:
-        """The filter of the room, and what the robot is to do."""
+        """The filter of the room, the angles and the aim of the robot."""
         filter = WallFilter.of(
             self.workspace,
             headings=self.headings,

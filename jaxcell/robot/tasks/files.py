@@ -20,7 +20,7 @@ class FilterTask(Task):
 
     filter: Filter
     bounce: float
-    "The bouncing angle that it is for, in radians."
+    "The bouncing angle of the filter, in radians."
 
     @property
     def header(self) -> dict[str, Any]:
@@ -29,11 +29,11 @@ class FilterTask(Task):
 
 @dataclasses.dataclass(frozen=True)
 class _Choice(Task):
-    """What chooses among bouncing angles."""
+    """A task that chooses among bouncing angles."""
 
     kind: ClassVar[str]
     bounces: tuple[float, ...]
-    "The angles that it chooses from, in radians."
+    "The angles to choose from, in radians."
 
     @property
     def header(self) -> dict[str, Any]:
@@ -51,7 +51,7 @@ class PolicyTask(_Choice):
 
 @dataclasses.dataclass(frozen=True)
 class BeliefTask(_Choice):
-    """A belief that localizes a robot that slips; it may have one angle only."""
+    """A belief that localizes a robot that slips, with one or more angles."""
 
     kind: ClassVar[str] = "belief"
     belief: Belief
@@ -62,11 +62,11 @@ class PlanTask(Task):
     """A navigation plan."""
 
     start: int
-    "The cell that it starts in."
+    "The cell where the plan starts."
     actions: tuple[float, ...]
     "0 for a step, else the angle to turn by at a bump, in radians."
     positions: int | None = None
-    "Number of positions of its map, or `None` if the file does not have it."
+    "Number of positions of the map, or `None` if the file does not have it."
 
     @property
     def start_direction(self) -> int | None:
@@ -78,20 +78,20 @@ class PlanTask(Task):
 
 
 AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask | AnywhereTask
-"""What a robot can run."""
+"""A task of a robot."""
 
 
 def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask:
-    """Read what a robot is to run.
+    """Read the task of a robot.
 
     **Arguments:**
 
     - `path`: the `filter.jxf`, `policy.jxf` or `belief.jxb` of `jaxcell localize --out`, the
         `summary.json` of `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the
         `patrol.json` of `jaxcell patrol map --out`.
-    - `robot`: which of a team, or of those that patrol; the first if not given.
+    - `robot`: number of the robot in a team or patrol, by default the first.
 
-    **Returns:** the filter, policy, plan, or part of a robot, with what it has to know of its map.
+    **Returns:** the filter, policy, belief, plan, or part of a robot, with the numbers of its map.
 
     **Raises:** `ValueError` that names the file and the field, if it is none of them, or there is
     no such robot in it, or no plan; `FileNotFoundError`.
@@ -152,7 +152,7 @@ def _policy(path: Path) -> PolicyTask:
 
 
 def _angles(path: Path, fields: Fields, count: int) -> tuple[float, ...]:
-    """The angles to choose from, at least so many, in radians."""
+    """Read the angles to choose from, at least `count`, in radians."""
     field, angles = f"{path}: bounces_deg", fields.get("bounces_deg")
     expected = f"a list of at least {count} angles, as `jaxcell localize --out` writes it"
     if not isinstance(angles, list) or len(angles) < count:

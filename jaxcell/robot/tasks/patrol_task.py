@@ -21,10 +21,10 @@ KIND = "patrol"
 
 @dataclasses.dataclass(frozen=True)
 class PatrolTask(Task):
-    """A random walk of one robot on the cells of a map, and the ways between them."""
+    """A random walk of one robot on the cells of a map, with the ways between the cells."""
 
     robot: int
-    "Its number."
+    "Number of the robot."
     robots: int
     "Number of robots."
     cells: CellSpace
@@ -34,11 +34,11 @@ class PatrolTask(Task):
     image: Int[np.ndarray, "branches positions"]
     "The positions that a draw may lead to."
     probability: Float[np.ndarray, "branches positions"]
-    "How likely each is."
+    "The probability of each position."
     start: int
-    "The position where it is put down."
+    "The position at the start."
     reach: float
-    "How far it sees, in metres."
+    "Range of sight, in metres."
 
     @functools.cached_property
     def ways(self) -> Int[np.ndarray, "4 positions"]:
@@ -65,9 +65,9 @@ def save_patrols(
     - `path`: the file, which is replaced.
     - `cells`: the cell space of a map; its directions do not matter.
     - `walks`: for each robot `image` and `probability` of its chain, a `jaxcell.mapping.Chain`.
-    - `starts`: the position where each begins.
-    - `reach`: how far a robot sees, in metres.
-    - `about`: what else is to be told.
+    - `starts`: the position of each robot at the start.
+    - `reach`: range of sight of a robot, in metres.
+    - `about`: further fields of the file.
 
     One robot, that goes to and fro between the ends of a corridor:
 
@@ -113,7 +113,7 @@ def save_patrols(
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """A robot of a patrol, from the fields of its file.
+    """Read a robot of a patrol from the fields of its file.
 
     **Raises:** `ValueError` that names the field.
     """
@@ -155,7 +155,7 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
 
 def _check_ways(task: PatrolTask) -> None:
-    """Raises `ValueError` if a draw leads where no way along the grid does."""
+    """Raise `ValueError` if a draw leads to a position that no way along the grid reaches."""
     drawn = np.zeros(task.cells.positions, bool)
     front = np.array([task.start])
     while front.size:

@@ -15,7 +15,7 @@ JOURNAL = "sweep.journal"
 
 @dataclasses.dataclass
 class Contents:
-    """What a journal holds."""
+    """The last readable records of a journal, and its damage."""
 
     begun: Begun | None = None
     frame: Computed | None = None

@@ -144,7 +144,7 @@ class SweepStore:
         return np.full(shape, TO_DO, np.int8), arrays
 
     def failures(self) -> Iterator[Failure]:
-        """The members that failed, in the order of their chunks."""
+        """Read the members that failed, in the order of their chunks."""
         for number, record in sorted(self.contents.chunks.items()):
             if record.state == FAILED:
                 with reading(self.folder):
@@ -152,11 +152,11 @@ class SweepStore:
                 yield from self._failures(number, failed)
 
     def has_outcomes(self, number: int) -> bool:
-        """Whether all members of a chunk are done or have failed."""
+        """Check that each member of a chunk is done or has failed."""
         return number in self.contents.chunks and bool((self.read(number)[0] != TO_DO).all())
 
     def lost_files(self) -> list[str]:
-        """The files of the result that are gone."""
+        """Find the files of the result that are missing."""
         names = self.contents.exported or {}
         return [name for name in names if not os.path.exists(self.zarr / name)]
 

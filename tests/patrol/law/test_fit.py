@@ -173,7 +173,7 @@ def test_few_samples_and_great_atoms():
     assert fit_gld(samples).distance < 0.05
 
 
-def test_which_samples_are_censored(monkeypatch):
+def test_whole_samples_with_equal_ones_are_censored(monkeypatch):
     monkeypatch.setattr("jaxcell.patrol.law.fit._MAX_STEPS", 1)
     fit = functools.partial(fit_gld, throw=False)
     whole = np.arange(40) ** 2
@@ -195,17 +195,17 @@ def test_which_samples_are_censored(monkeypatch):
         ([], "at least 8, .* got 0 with 0"),
     ],
 )
-def test_refuses(samples, match):
+def test_wrong_samples_are_refused(samples, match):
     with pytest.raises(ValueError, match=match):
         fit_gld(samples)
 
 
-def test_refuses_fractions_that_are_censored():
+def test_censored_fractions_are_refused():
     with pytest.raises(ValueError, match=r"samples\[3\] is 0.5; expected a whole number"):
         fit_gld([1, 2, 3, 0.5, 4, 5, 6, 7, 8], censored=True)
 
 
-def test_a_search_that_does_not_settle_says_so(monkeypatch):
+def test_a_search_that_does_not_settle_raises(monkeypatch):
     monkeypatch.setattr("jaxcell.patrol.law.fit._MAX_STEPS", 1)
     samples = draw(LAWS[1], 500)
     with pytest.raises(RuntimeError, match="fit_gld: the residual stayed above the tolerance"):

@@ -29,7 +29,7 @@ class Axes:
 
     @property
     def staggered(self) -> bool:
-        """Whether the velocity is on the sides of the cells of a C-grid."""
+        """True if the velocity is on the sides of the cells of a C-grid."""
         return self.rho != (self.y, self.x)
 
     @property

@@ -194,8 +194,7 @@ def _moment(file: OceanFile, moment: Any, start: cftime.datetime | None) -> np.d
             wanted = np.datetime64(moment)
     except (TypeError, ValueError) as error:
         raise file.error(
-            "time",
-            f"expected an index or a date such as 2016-02-02T12:00, got {moment!r}",
+            "time", f"expected an index or a date such as 2016-02-02T12:00, got {moment!r}"
         ) from error
     wanted = _in_nanoseconds(wanted)
     if np.isnat(wanted):
