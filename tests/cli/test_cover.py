@@ -10,7 +10,7 @@ from PIL import Image
 
 from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.cli import main
-from jaxcell.markov.solving import solve, stationary
+from jaxcell.markov.solving import solve
 from jaxcell.space import ENDPOINT, CellSpace, Workspace
 
 
@@ -152,9 +152,7 @@ def test_a_dark_image_is_refused(capsys, tmp_path):
 
 
 def test_a_solve_that_stalls_has_no_answer(capsys, monkeypatch):
-    monkeypatch.setattr(solve, "LARGEST_FACTOR", 0)
-    monkeypatch.setattr(solve, "MAX_PRODUCTS", 2)
-    monkeypatch.setattr(stationary, "_SMALL", 0)
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=0, factored=0, products=2))
     status, found, error = run(capsys, *ARGS)
     assert (status, found) == (1, None)
     assert_line(error, "^jaxcell cover: limiting_distribution: the residual stayed")
