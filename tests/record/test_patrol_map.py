@@ -185,7 +185,7 @@ def test_a_patrol_that_contradicts_itself_is_refused(alone, wrong, check):
         dataset(wrong(alone))
 
 
-def test_nobody_cheats(alone):
+def test_attacks_keep_to_their_rules(alone):
     """The rules of the attacks, from the places of the robots."""
     attacks = simulate_attacks(alone, 3)
     edges = {frozenset(edge) for edge in alone.graph.edges.tolist()}

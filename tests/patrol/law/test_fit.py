@@ -12,7 +12,7 @@ from jaxcell.patrol.law.fit import fit_gld
 
 
 SAMPLES = 5000
-# With 99 %, the distribution function of so many samples is as near to that of their law.
+# With 99 %, their distribution function is as near to that of their law.
 NEAR = 1.63 / math.sqrt(SAMPLES)
 SKEWED = Gld(0.5, 0.1, 0.1, 0.4)
 LAWS = [
@@ -30,7 +30,7 @@ def draw(law, size=SAMPLES, seed=0):
 
 
 def likelihood(law, samples, censored):
-    """The log-likelihood from the distribution function alone, but for densities."""
+    """The log-likelihood from densities or, if censored, from the distribution function."""
     if not censored:
         return float(np.log(law.pdf(samples)).sum())
     return float(np.log(law.cdf(samples + 0.5) - law.cdf(samples - 0.5)).sum())
