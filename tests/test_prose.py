@@ -22,7 +22,6 @@ UNFINISHED = [
     "drift",
     "experiments",
     "pages",
-    "patrol",
     "record",
     "robot",
     "space",

@@ -470,8 +470,8 @@ def test_seconds_and_news_and_what_others_do(capsys, line, tmp_path):
     assert ages[3] == max(ages)
     with xr.open_dataset(out / "patrol.nc") as data:
         assert float(data.timed_duration[1]) == 12
-        assert "vertex" in data.news_told.dims
-        np.testing.assert_allclose(data.news_told[-1], 1, atol=1e-8)
+        assert "vertex" in data.news_known.dims
+        np.testing.assert_allclose(data.news_known[-1], 1, atol=1e-8)
 
 
 def test_sharing_against_dividing(capsys, line):

@@ -70,7 +70,7 @@ def test_a_patrol_without_a_base(near):
     target = found["attack"]["target"]["cell"]
     assert target == capture[0].argmin()
     for row, one, at_target in zip(
-        capture, found["capture"]["attacks"], found["attack"]["probabilities"], strict=True
+        capture, found["captures"]["attacks"], found["attack"]["probabilities"], strict=True
     ):
         assert one["weakest"]["cell"] == row.argmin()
         assert one["least"] == pytest.approx(row.min())
@@ -102,7 +102,7 @@ def test_a_base_and_a_robot_that_is_lost(capsys, hall):
     after = found["reassignment"]
     assert after["robot"] == [0, 1] or after["robot"] == [1, 0]
     for before, meanwhile in zip(
-        found["capture"]["attacks"], found["loss"]["attacks"], strict=True
+        found["captures"]["attacks"], found["loss"]["attacks"], strict=True
     ):
         assert meanwhile["mean"] < before["mean"]
     assert found["recovery"].keys() == found["loss"].keys()
@@ -126,9 +126,9 @@ def test_a_patrol_that_captures_most(near, capsys, tmp_path):
     status, found, error = run(capsys, *NEAR, *options, "--out", tmp_path)
     assert status == 0
     assert "the patrol is a local optimum, the best of 2 starts; another may capture more" in error
-    commuting = near["capture"]["attacks"][0]["least"]
-    assert found["capture"]["attacks"][0]["least"] > 1.2 * commuting
-    assert found["search"]["value"] == pytest.approx(found["capture"]["attacks"][0]["least"])
+    commuting = near["captures"]["attacks"][0]["least"]
+    assert found["captures"]["attacks"][0]["least"] > 1.2 * commuting
+    assert found["search"]["value"] == pytest.approx(found["captures"]["attacks"][0]["least"])
     assert [one["floor"] for one in found["frontier"]["floors"]] == [0.5]
     assert "chosen_share" not in found or found["chosen_share"] is None
     chains = json.loads((tmp_path / "patrol.json").read_text())

@@ -234,7 +234,7 @@ def test_patrols_of_a_map():
 
     assert compare() == []
     fewer = dataclasses.replace(caught, probability=0.999 * capture)
-    assert compare(capture=fewer) == ["capture of some cells"]
+    assert compare(captures=fewer) == ["capture of some cells"]
     hidden = np.argwhere(~visible)[0]
     assert "cells that are seen" in compare(visible=changed(visible, tuple(hidden), True))
     slow = tuple(dataclasses.replace(one, commute_time=one.commute_time + 1) for one in policies)
