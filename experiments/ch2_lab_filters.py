@@ -49,9 +49,9 @@ class Row:
     "Number of periodic groups, where section 2.5.2 tells it."
 
     def agrees(self, other: "Row") -> bool:
-        """Whether `other` has all that this one tells, but for the time."""
-        told = {name: value for name, value in vars(self).items() if value is not None}
-        del told["seconds"]
+        """Test whether `other` has all numbers of this row, except the time."""
+        known = {name: value for name, value in vars(self).items() if value is not None}
+        del known["seconds"]
         return all(value == getattr(other, name) for name, value in told.items())
 
 

@@ -1,4 +1,4 @@
-"""How much sooner a robot that slips knows where it is if it chooses its angle at each bump.
+"""Measure how much sooner a robot that slips is localized if it chooses its angle at each bump.
 
     python experiments/ch2_slip_policies.py --runs 250
 
@@ -91,7 +91,7 @@ def outcomes(
     seeds: range,
     follow: Callable[[Walker], RunOutcome],
 ) -> dict[str, Any]:
-    """What the runs of one kind of robot come to."""
+    """Summarise the runs of one kind of robot."""
     ended, right, bumps = 0, 0, []
     for seed in seeds:
         walker, body = robot(cells, error, seed)

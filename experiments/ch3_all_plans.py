@@ -101,7 +101,7 @@ def turns(found: Plan) -> tuple[int, ...]:
 
 
 def histogram(plans: AllPlans) -> np.ndarray:
-    """How many pairs of different cells have no path, or a plan with 0, 1, 2, 3 angles."""
+    """Count the pairs of different cells without a path, or with a plan of 0, 1, 2, 3 angles."""
     used = plans.angles_used()
     np.fill_diagonal(used, -2)
     return np.bincount(used.ravel() + 2, minlength=len(BOUNCES_DEG) + 3)[1:]

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 DIRECTIONS = 8
 BOUNCE_DEG = 135
 ROBOTS = (2, 3, 4, 5)
-# No part here takes so many steps until a joint state comes back: there is no limit.
+# No part here takes this many steps until a joint state repeats.
 UNLIMITED = 1_000_000
 GRIDS = {
     "10 x 10": """

@@ -95,7 +95,7 @@ class Row:
 
     @property
     def away(self) -> float | None:
-        """How many standard errors of its mean the source is from the exact one."""
+        """The distance of the source from the exact mean, in standard errors of the mean."""
         if self.source is None:
             return None
         return (self.source - self.exact) / (self.deviation / math.sqrt(EXPERIMENTS))
@@ -139,7 +139,7 @@ def walkers(chain: Chain, robots: int, runs: int, key: jax.Array) -> Iterator[Ro
 def guards(robots: int, movement: Movement, runs: int, key: jax.Array) -> Row:
     ring, p = perimeter(robots, movement)
     segment = np.arange(runs, dtype=np.int32) % ring.distance
-    # A simple random walk leaves a stretch of d after 5 d^2 steps, but for 1 in 10^10 cases.
+    # A simple random walk leaves a stretch of d within 5 d^2 steps, except in 1 of 10^10 cases.
     times = np.asarray(simulate(ring, p, segment, 5 * ring.distance**2, key))
     times = np.where(segment == 0, 0.0, times)
     return Row(robots, movement.name, p, on_perimeter(ring, p), times)
@@ -165,7 +165,7 @@ def study(runs: int, seed: int) -> list[Row]:
     return rows
 
 
-# What is shown.
+# Tables and figures.
 
 
 def report(rows: list[Row]) -> bool:
@@ -207,7 +207,7 @@ def report(rows: list[Row]) -> bool:
 
 
 def report_readings(rows: list[Row]) -> None:
-    """What else the columns of DCP and DNCP could be."""
+    """Tabulate other readings of the columns of DCP and DNCP."""
     table = Table(title="Other readings of DCP and DNCP", box=SIMPLE_HEAD)
     table.add_column("robots", justify="right", no_wrap=True)
     table.add_column("method", no_wrap=True)

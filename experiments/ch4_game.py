@@ -52,7 +52,7 @@ TABLE_4_2 = {
     "all vertices": (7, 2, 5, 3, 8, 1, 4, 6),
     "2, 5 and 8": (8, 2, 5, 1, 7, 4, 6, 3),
 }
-# What every row pays the patroller and the adversary at its first vertex, its second, ...
+# Payoffs of every row for the patroller and the adversary at its first vertex, its second, ...
 PATROLLER = (8.0, 3.5625, 1.5938, 0.7344, 0.3672, 0.2148, 0.1543, 0.1318)
 ADVERSARY = (1.0, 1.0625, 0.8438, 0.6094, 0.4297, 0.3086, 0.2324, 0.1865)
 # Table 4.3, and what the adversary then attacks.
@@ -99,7 +99,7 @@ def out_of_order(times: np.ndarray, order: np.ndarray) -> float:
 
 
 def apart_toward(graph: Graph, target: int, source: np.ndarray) -> float:
-    """How far the times of the walk toward a vertex are from the order of the source."""
+    """Count the times of the walk toward a vertex that are out of the order of the source."""
     times = measure(toward(graph, target, PATHS)).hitting_time[:, target]
     return out_of_order(times, source)
 

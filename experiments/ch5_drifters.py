@@ -73,13 +73,13 @@ WIDTH = 120
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Results:
-    """What was found."""
+    """The results."""
 
     ocean: Ocean
     surface: Layer
     views: VisibleDeployment
     sight: float
-    "How far cameras see, in metres."
+    "Range of the cameras, in metres."
     view: dict[str, Any]
     deployment: Rows
     curves: dict[str, CoverageCurve]
@@ -178,7 +178,7 @@ def study(ocean: Ocean, surface: Layer, goal: int, seed: int) -> Results:
     )
 
 
-# What is shown.
+# Tables and figures.
 
 
 def report_surface(results: Results, out: Path) -> None:
@@ -277,7 +277,7 @@ def report_voyage(results: Results, out: Path) -> bool:
         mean: the probability of arriving at all, over all cells; median: of the hours that it takes
         if they do. Then for the starts, {starts}: the probability, the hours if it arrives, and the
         probability of arriving within {SAILING} steps, beside the share of {DRIFTERS:,} simulated
-        drifters, which is so many standard errors off."""
+        drifters, with its distance in standard errors."""
     )
     return all((row["errors"] or 0) < ERRORS for row in results.voyage)
 
@@ -302,7 +302,7 @@ def draw(results: Results, out: Path) -> None:
 
 
 def numbers(count: int, names: str) -> Any:
-    """Reads so many numbers with commas between them."""
+    """Make a reader of a number of values with commas between them."""
 
     def read(text: str) -> tuple[float, ...]:
         try:

@@ -20,7 +20,7 @@ def coverage(curves: dict[str, CoverageCurve], cells: int, path: Path) -> None:
     styles = ("o-", "s-", "^-", "D--", "v--", "x:")
     for place, ((name, curve), style) in enumerate(zip(curves.items(), styles, strict=True)):
         number = np.arange(1, curve.cells.size + 1)
-        # Those that come first are wider, and larger, so that they are seen below the others.
+        # The first curves are wider and larger, so that they are seen below the others.
         axes.plot(
             number, 100 * curve.covered / cells, style, lw=1.5, ms=12 - 1.5 * place, label=name
         )

@@ -192,7 +192,7 @@ def stack(ocean: Ocean, record: int, found: Voyages, seed: int, path: Path) -> N
 
 
 def _place(ocean: Ocean, cell: int) -> tuple[list, list, list]:
-    """Where a cell of all is, as matplotlib wants it."""
+    """Locate a cell of all layers for matplotlib."""
     layer = int(np.searchsorted(ocean.first, cell, side="right")) - 1
     x, y = xy(ocean.waters[layer], int(cell - ocean.first[layer]))
     return [x], [y], [-layer]

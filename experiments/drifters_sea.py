@@ -80,7 +80,7 @@ class Layer:
 
     @property
     def held(self) -> int | None:
-        """How many transient cells lead to a group, but not for years: in eddies that leak."""
+        """Count the transient cells that lead to a group after years: eddies that leak."""
         return None if np.isnan(self.hours).any() else int((self.hours > YEAR).sum())
 
     def homes(self, part: int) -> str:

@@ -36,7 +36,7 @@ SOURCE_VIEWS = {
     "kept": 8,
 }
 MILP_SECONDS = 20.0
-# A table of which cell leads to which takes so many bytes at most.
+# The largest table of which cell leads to which, in bytes.
 _LARGEST_TABLE = 10_000**2
 
 Rows = list[dict[str, Any]]
@@ -122,7 +122,7 @@ def view_row(layer: Layer, views: VisibleDeployment, reach: float) -> dict[str, 
 
 
 def deployment_rows(ocean: Ocean, record: int) -> tuple[Rows, dict[str, CoverageCurve]]:
-    """How many drifters reach all cells, by what is taken for the map."""
+    """Count the drifters that reach all cells, by the kind of map."""
     rows, curves = [], {}
     for name, options in (
         ("as in the source", {}),
@@ -172,7 +172,7 @@ def fewest_by_program(chain: Chain) -> int | None:
 
 
 def reaches_all(chain: Chain, cells: np.ndarray) -> bool:
-    """Whether all cells may be visited from some, by another way than that of the library."""
+    """Test whether all cells may be visited from starts, by a computation of its own."""
     matrix = chain.to_scipy().T.tocsr()
     reached = np.zeros(chain.cells, bool)
     reached[cells] = True

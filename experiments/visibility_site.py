@@ -35,7 +35,7 @@ class Site:
     graph: Graph
     visible: np.ndarray
     regions: Regions | None
-    "Who patrols where, if there is a base station."
+    "The region of each robot, or `None` without a base station."
     policies: tuple[Policy, ...]
 
     @classmethod
@@ -123,9 +123,10 @@ def with_weights(site: Site, weights: np.ndarray) -> tuple[Policy, ...]:
 
 
 def policy_sets(site: Site) -> dict[str, tuple[Policy, ...]]:
-    """What the two robots may do: the strategies of section 4.4.2, on this graph.
+    """List the strategies of the two robots (section 4.4.2) on this graph.
 
-    Toward each vertex would be 188 of them; here it is each of the fewest from which all is seen.
+    Of the 188 walks toward a vertex, the walks toward the fewest vertices that see everything are
+    taken.
     """
     robots = len(site.policies)
     sets = {"MAECT": with_weights(site, minimum_commute(site.graph).weights)}

@@ -110,7 +110,7 @@ def policy_rows(site: Site) -> Rows:
 
 
 def reassignments(site: Site) -> tuple[Rows, list[Reassignment]]:
-    """What is caught with all robots, with one lost, and with its work shared out."""
+    """Tabulate the capture with all robots, with a lost robot, and with its work shared out."""
 
     def row(state: str, policies: Sequence[Policy], silence: int | None = None) -> dict[str, Any]:
         sizes = " + ".join(str(policy.cells.size) for policy in policies)

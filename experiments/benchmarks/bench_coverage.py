@@ -37,7 +37,7 @@ SLOW_SCIPY = "scipy strong components, sink test edge by edge"
 RESIDUAL = 1e-10
 WHOLE_POWER = f"power iteration to {RESIDUAL:g}, all cells"
 AGREEMENT = 1e-6
-# What the turns of one program may take.
+# The time for the turns of one program.
 PATIENCE_S = 3
 
 
@@ -49,7 +49,7 @@ def noisy(cells: CellSpace, bounce_deg: float) -> Chain:
     return noisy_bounce_map(cells, math.radians(bounce_deg), math.radians(ERROR_DEG), RELIABILITY)
 
 
-# The peers get the matrix, but for one; ours gets the chain, and makes the matrix in its time.
+# The peers except one get the matrix; ours gets the chain, and makes the matrix in its time.
 
 
 def matrix_of(chain: Chain) -> scipy.sparse.csr_array:

@@ -73,7 +73,7 @@ def main() -> None:
     line(*["---"] * 2, *["--:"] * 6)
     rows = []
     for name, (size, estimator) in estimators(cells).items():
-        # What is computed once is so at the first of each.
+        # The first call of each computes what is kept.
         observed(estimator, [[0], [1]])
         wall, processor = observed(estimator, words).T
         shown = [f"{1e3 * f(one):.2f}" for one in (wall, processor) for f in (np.median, p99, max)]

@@ -1,4 +1,4 @@
-"""What a benchmark reports: one `Row` for each comparison that is worth a line in the table of all.
+"""The report of a benchmark: a `Row` for each comparison in the table of all benchmarks.
 
 The convention, which `run.py` (`make bench`) relies on, is short. A script `bench_NAME.py`
 
@@ -68,7 +68,7 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """How many times our seconds the peer takes."""
+        """The time of the peer divided by our time."""
         return None if self.peer_s is None else self.peer_s / self.ours_s
 
     def to_json(self) -> dict[str, Any]:
