@@ -9,7 +9,6 @@ import math
 import resource
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,6 +19,7 @@ from rows import Row, options, rows_of, write_rows
 from scipy.sparse import csgraph, linalg
 from timing import Timing, begin, line, take_turns
 
+from experiments.shared.data import MAPS
 from jaxcell.bounce import coverage_policy, noisy_bounce_map
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
@@ -27,7 +27,7 @@ from jaxcell.markov import limiting_distribution
 from jaxcell.space import CellSpace, Workspace
 
 
-MAP = Path(__file__).parents[2] / "data" / "maps" / "complex.json"
+MAP = MAPS / "complex.json"
 BOUNCES_DEG = (30, 75, 315)
 SIDE_BY_SIDE_DEG = (30, 315)
 ERROR_DEG = 5

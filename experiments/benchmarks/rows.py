@@ -18,6 +18,7 @@ and one without a peer is `Row("subset", "localization filter", "880,000 cells",
 import argparse
 import dataclasses
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,9 @@ from jaxcell.base.paths import replacing
 
 if TYPE_CHECKING:
     from timing import Timing
+
+# The package `experiments` is in the root of the repository.
+sys.path.append(str(Path(__file__).parents[2]))
 
 
 @dataclasses.dataclass(frozen=True)

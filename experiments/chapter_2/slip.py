@@ -1,6 +1,6 @@
 """Compare estimators of the place of a robot that slips, on the physics of the emulator.
 
-    python experiments/ch2_slip.py
+    python -m experiments.chapter_2.slip
 
 A point robot with one bouncing angle makes `--observations` observations from a random cell. Every
 stretch and turn is off by a relative error, and the heading veers by as much in radians a metre.
@@ -114,9 +114,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from report import Rows, emit, say
 from scipy.stats import binomtest
-from slip_runs import Run, run
 
 from jaxcell.automata import Belief, Bounded, Estimate
 from jaxcell.automata.belief import NOWHERE
@@ -131,8 +129,11 @@ from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
 
+from ..shared.data import MAPS
+from ..shared.report import Rows, emit, say
+from .slip_runs import Run, run
 
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+
 NAMES = ("lab_a", "lab_b", "complex", "depot")
 ERRORS = (0.0, 0.01, 0.02, 0.05, 0.1)
 ESTIMATORS = ("combinatorial", "belief", "bounded", "particles")

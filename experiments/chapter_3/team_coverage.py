@@ -1,6 +1,6 @@
 """Figures 3.17 and 3.18 of Alam 2018: steps that teams of bouncing robots take to cover two grids.
 
-    python experiments/ch3_team_coverage.py
+    python -m experiments.chapter_3.team_coverage
 
 Teams of 2 to 5 robots with bouncing angle 135 deg in grids of 10 x 10 and 15 x 15 squares, each
 team from 20 random starts. The source shows its grids as pictures only; ours are of our own

@@ -1,4 +1,4 @@
-"""Checks and voyages for `ch5_drifters.py`: simulated drifters, ridges, and ways to a goal."""
+"""Checks and voyages for `drifters.py`: simulated drifters, ridges, and ways to a goal."""
 
 import dataclasses
 import math
@@ -6,7 +6,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from drifters_sea import Layer, Ocean, double_gyre
 
 from jaxcell.drift import (
     Comparison,
@@ -28,6 +27,8 @@ from jaxcell.drift import (
 )
 from jaxcell.mapping import Chain
 from jaxcell.markov import arrival_probabilities, conditional_hitting_times, first_passage
+
+from .drifters_sea import Layer, Ocean, double_gyre
 
 
 HOURS = (1, 12, 24)

@@ -1,6 +1,6 @@
 """Measure how often a robot that slips is localized, by the size of its errors.
 
-    python experiments/ch2_robot_noise.py
+    python -m experiments.chapter_2.robot_noise
 
 The robot of section 2.4 of Alam 2018 is taken to do as the model says. A real one slips: here every
 step and every turn is off by a relative error that is drawn each time, and the heading veers on the
@@ -31,7 +31,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from report import Rows, emit, say
 from rich.progress import track
 from scipy.stats import binomtest
 
@@ -43,8 +42,10 @@ from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.space import CellSpace, Workspace, free_steps
 
+from ..shared.data import MAPS
+from ..shared.report import Rows, emit, say
 
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+
 CASES = [("lab_a", 45), ("lab_a", 135), ("lab_b", 45), ("lab_b", 135), ("cafe", 67.5)]
 NOISE = (0.0, 0.0025, 0.005, 0.01, 0.02, 0.03, 0.05)
 ENDS = ("right", "wrong", "refuted", "unfinished")

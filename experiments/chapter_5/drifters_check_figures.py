@@ -1,18 +1,19 @@
-"""The figures of `ch5_drifters.py` that are not in the source: coverage, sensitivity and checks."""
+"""The figures of `drifters.py` that are not in the source: coverage, sensitivity and checks."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drifters_checks import DRIFTERS, Check, Ridges
-from drifters_figures import GROUPS, OTHER, draw_map, height_for, paler, save, xy
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from jaxcell.drift import (
     CoverageCurve,
     Water,
 )
+
+from .drifters_checks import DRIFTERS, Check, Ridges
+from .drifters_figures import GROUPS, OTHER, draw_map, height_for, paler, save, xy
 
 
 def coverage(curves: dict[str, CoverageCurve], cells: int, path: Path) -> None:

@@ -1,6 +1,6 @@
 """Section 5.5.1 of Alam 2018: where drifters end up, where to drop them, and how they get away.
 
-    python experiments/ch5_drifters.py [FILE.nc] [--out DIR]
+    python -m experiments.chapter_5.drifters [FILE.nc] [--out DIR]
 
 Without a file it takes the synthetic currents of `data/ocean/gyres.nc`, which have the size of the
 source's: 21 x 29 cells of 1 km, three layers and 24 hours. The source's own currents, of the
@@ -24,10 +24,19 @@ import time
 from pathlib import Path
 from typing import Any
 
-import drifters_check_figures
-import drifters_figures
-import drifters_layers
-from drifters_checks import (
+from rich.console import Console
+from rich.progress import Progress
+
+from jaxcell.base.runtime import configure_jax
+from jaxcell.drift import (
+    CoverageCurve,
+    VisibleDeployment,
+    visible_deployment,
+)
+
+from ..shared.report import emit, say
+from . import drifters_check_figures, drifters_figures, drifters_layers
+from .drifters_checks import (
     DRIFTERS,
     SAILING,
     Check,
@@ -39,8 +48,8 @@ from drifters_checks import (
     voyage_rows,
     voyages,
 )
-from drifters_sea import GYRES, Layer, Ocean, goal_of
-from drifters_tables import (
+from .drifters_sea import GYRES, Layer, Ocean, goal_of
+from .drifters_tables import (
     SOURCE,
     SOURCE_VIEWS,
     Moment,
@@ -51,16 +60,6 @@ from drifters_tables import (
     rho_rows,
     step_rows,
     view_row,
-)
-from report import emit, say
-from rich.console import Console
-from rich.progress import Progress
-
-from jaxcell.base.runtime import configure_jax
-from jaxcell.drift import (
-    CoverageCurve,
-    VisibleDeployment,
-    visible_deployment,
 )
 
 

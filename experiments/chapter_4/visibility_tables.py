@@ -1,4 +1,4 @@
-"""The tables of `ch4_visibility.py`, as rows, with the numbers of the source beside them."""
+"""The tables of `visibility.py`, as rows, with the numbers of the source beside them."""
 
 import statistics
 import time
@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from visibility_site import SHARE, Site, among, stops
 
 from jaxcell.optimize import (
     Commitment,
@@ -18,6 +17,8 @@ from jaxcell.optimize import (
 )
 from jaxcell.patrol import distributed_policies, vulnerability
 from jaxcell.patrol.map import Policy, Reassignment, Vulnerability, reassign
+
+from .visibility_site import SHARE, Site, among, stops
 
 
 REPEATS = 10

@@ -1,6 +1,6 @@
 """Sections 4.5.3 to 4.5.6 of Alam 2018: patrols with limited sight, and how vulnerable they are.
 
-    python experiments/ch4_visibility.py
+    python -m experiments.chapter_4.visibility
 
 It takes half a minute.
 
@@ -26,12 +26,18 @@ import time
 from pathlib import Path
 
 import numpy as np
-import visibility_figures
-from report import emit, say
 from rich.console import Console
 from rich.progress import Progress
-from visibility_site import REACH, Site, in_all_regions, policy_sets
-from visibility_tables import (
+
+from jaxcell.base.runtime import configure_jax
+from jaxcell.optimize import Commitment
+from jaxcell.patrol.map import Reassignment, Vulnerability
+from jaxcell.space import visible_cells
+
+from ..shared.report import emit, say
+from . import visibility_figures
+from .visibility_site import REACH, Site, in_all_regions, policy_sets
+from .visibility_tables import (
     ATTACKS,
     BY_TIME,
     LONG,
@@ -52,11 +58,6 @@ from visibility_tables import (
     reassignments,
     timed,
 )
-
-from jaxcell.base.runtime import configure_jax
-from jaxcell.optimize import Commitment
-from jaxcell.patrol.map import Reassignment, Vulnerability
-from jaxcell.space import visible_cells
 
 
 FREE = {"depot": 188, "harbour": 253}

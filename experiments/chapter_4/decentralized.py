@@ -1,6 +1,6 @@
 """Table 4.1 and Figures 4.4 and 4.5 of Alam 2018: patrollers that do not talk, and three that do.
 
-    python experiments/ch4_decentralized.py
+    python -m experiments.chapter_4.decentralized
 
 How long until the first of several robots is at a vertex. On the complete graph of 64 vertices,
 robots walk at random by the weights with the minimum average expected commute time (MAECT),
@@ -28,7 +28,6 @@ from pathlib import Path
 import jax
 import numpy as np
 import scipy.optimize
-from edge_weights import draw_weights
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import Progress
@@ -49,8 +48,10 @@ from jaxcell.patrol.perimeter import (
     simulate,
 )
 
+from ..shared.data import GRAPHS
+from .edge_weights import draw_weights
 
-GRAPHS = Path(__file__).parents[1] / "data" / "graphs"
+
 VERTICES = 64
 # The cycles that a penetration takes, by the number of robots.
 PENETRATION = {2: 24, 4: 12, 8: 6, 16: 3}

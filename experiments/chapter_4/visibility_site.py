@@ -1,8 +1,7 @@
-"""A map with its patrol, for the files of `ch4_visibility.py` to share."""
+"""A map with its patrol, for the files of `visibility.py` to share."""
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import scipy.sparse
@@ -20,8 +19,9 @@ from jaxcell.patrol.map import Policy, Regions, angular_regions, base_station, c
 from jaxcell.patrol.walks import edge_shares
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
+from ..shared.data import MAPS
 
-MAPS = Path(__file__).parents[1] / "data" / "maps"
+
 REACH = 6.0
 SHARE = 0.8
 

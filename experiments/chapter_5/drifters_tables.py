@@ -1,10 +1,9 @@
-"""The tables of `ch5_drifters.py`, as rows, with the numbers of the source beside them."""
+"""The tables of `drifters.py`, as rows, with the numbers of the source beside them."""
 
 import dataclasses
 from typing import Any
 
 import numpy as np
-from drifters_sea import Layer, Ocean
 from scipy.sparse import csgraph
 
 from jaxcell.drift import (
@@ -19,6 +18,8 @@ from jaxcell.drift import (
 )
 from jaxcell.mapping import Chain
 from jaxcell.optimize import minimum_cover
+
+from .drifters_sea import Layer, Ocean
 
 
 # Section 5.5.1: of another sea, whose data are not public.

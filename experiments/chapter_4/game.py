@@ -1,6 +1,6 @@
 """Tables 4.2 and 4.3 of Alam 2018: ten strategies on a small graph, and the best mixture of them.
 
-    python experiments/ch4_game.py
+    python -m experiments.chapter_4.game
 
 The strategies are a walk toward each of the eight vertices (Alg. 4.1), and the walks with the
 minimum average expected commute time, over all vertices and with an emphasis on three of them.
@@ -22,7 +22,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from edge_weights import draw_weights
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -32,8 +31,11 @@ from jaxcell.optimize import payoffs, stackelberg
 from jaxcell.patrol import Graph, load_graph, strategy_game, toward
 from jaxcell.patrol.walks import StrategyGame, measure
 
+from ..shared.data import GRAPHS
+from .edge_weights import draw_weights
 
-GRAPH = Path(__file__).parents[1] / "data" / "graphs" / "eight.json"
+
+GRAPH = GRAPHS / "eight.json"
 PATHS = 1
 EMPHASIS = (1, 4, 7)
 # The source does not tell it; from 0.6 to 0.95 the order is the same.
