@@ -1,6 +1,6 @@
-"""How much sooner a robot that slips knows where it is if it chooses its angle at each bump.
+"""Measure how much sooner a robot that slips is localized if it chooses its angle at each bump.
 
-    python experiments/ch2_slip_policies.py --runs 250
+    python -m experiments.chapter_2.slip_policies --runs 250
 
 Robots start in random cells, on the body of the emulator, and stop when the credible set of their
 belief, 95 %, has at most four cells. All have the same starts:
@@ -43,9 +43,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from report import Rows, emit, say
 from scipy.stats import binomtest
-from slip_runs import robot
 
 from jaxcell.automata import Belief, BeliefState
 from jaxcell.bounce import FineCells, localization_policy, slip_map
@@ -53,8 +51,9 @@ from jaxcell.robot import RunOutcome, Walker, run_belief, run_policy
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
 
-
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+from ..shared.data import MAPS
+from ..shared.report import Rows, emit, say
+from .slip_runs import robot
 
 
 class Drawn:
@@ -91,7 +90,7 @@ def outcomes(
     seeds: range,
     follow: Callable[[Walker], RunOutcome],
 ) -> dict[str, Any]:
-    """What the runs of one kind of robot come to."""
+    """Summarise the runs of one kind of robot."""
     ended, right, bumps = 0, 0, []
     for seed in seeds:
         walker, body = robot(cells, error, seed)

@@ -1,4 +1,4 @@
-"""The figures of `ch4_visibility.py`: what is seen, who walks where, and what is caught."""
+"""The figures of `visibility.py`: what is seen, who walks where, and what is caught."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -8,13 +8,14 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import shapely
-from edge_weights import draw_weights
 from matplotlib.collections import PolyCollection
-from visibility_site import REACH, Site
 
 from jaxcell.patrol import Graph
 from jaxcell.patrol.map import Policy, Reassignment, Regions, Vulnerability
 from jaxcell.space import visibility_polygon
+
+from .edge_weights import draw_weights
+from .visibility_site import REACH, Site
 
 
 if TYPE_CHECKING:

@@ -1,8 +1,7 @@
-"""A map with its patrol, for the files of `ch4_visibility.py` to share."""
+"""A map with its patrol, for the files of `visibility.py` to share."""
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import scipy.sparse
@@ -21,8 +20,9 @@ from jaxcell.patrol.map import Policy, Regions, angular_regions, base_station, c
 from jaxcell.patrol.walks import edge_shares
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
+from ..shared.data import MAPS
 
-MAPS = Path(__file__).parents[1] / "data" / "maps"
+
 REACH = 6.0
 SHARE = 0.8
 
@@ -36,7 +36,7 @@ class Site:
     graph: Graph
     visible: np.ndarray
     regions: Regions | None
-    "Who patrols where, if there is a base station."
+    "The region of each robot, or `None` without a base station."
     policies: tuple[Policy, ...]
 
     @classmethod
@@ -124,9 +124,10 @@ def with_weights(site: Site, weights: np.ndarray) -> tuple[Policy, ...]:
 
 
 def policy_sets(site: Site) -> dict[str, tuple[Policy, ...]]:
-    """What the two robots may do: the strategies of section 4.4.2, on this graph.
+    """List the strategies of the two robots (section 4.4.2) on this graph.
 
-    Toward each vertex would be 188 of them; here it is each of the fewest from which all is seen.
+    Of the 188 walks toward a vertex, the walks toward the fewest vertices that see everything are
+    taken.
     """
     robots = len(site.policies)
     sets = {"MAECT": with_weights(site, minimum_commute(site.graph).weights)}

@@ -1,12 +1,12 @@
-"""Estimators of where a robot is that slips, against the physics of the emulator.
+"""Compare estimators of the place of a robot that slips, on the physics of the emulator.
 
-    python experiments/ch2_slip.py
+    python -m experiments.chapter_2.slip
 
 A point robot with one bouncing angle makes `--observations` observations from a random cell. Every
 stretch and turn is off by a relative error, and the heading veers by as much in radians a metre.
 Its body is that of the emulator, in continuous time and space, driven stretch by stretch; with
-`--driver` by way of the driver, its commands and frames, a hundred times as slow. No estimator is
-told the start or the errors. Four follow the same runs:
+`--driver` by way of the driver, its commands and frames, a hundred times as slow. No estimator
+knows the start or the errors. Four follow the same runs:
 
 - `combinatorial`: the filter of section 2.4, which believes that nothing slips;
 - `belief`: the credible set, 95 %, of a belief among fine cells; with `--models`, on `--few` runs,
@@ -114,9 +114,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from report import Rows, emit, say
 from scipy.stats import binomtest
-from slip_runs import Run, run
 
 from jaxcell.automata import Belief, Bounded, Estimate
 from jaxcell.automata.belief import NOWHERE
@@ -131,8 +129,11 @@ from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
 
+from ..shared.data import MAPS
+from ..shared.report import Rows, emit, say
+from .slip_runs import Run, run
 
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+
 NAMES = ("lab_a", "lab_b", "complex", "depot")
 ERRORS = (0.0, 0.01, 0.02, 0.05, 0.1)
 ESTIMATORS = ("combinatorial", "belief", "bounded", "particles")
@@ -145,7 +146,7 @@ _LEAST = 0.002
 
 @dataclasses.dataclass
 class Found:
-    """What an estimator said in the runs of a case."""
+    """The answers of an estimator in the runs of a case."""
 
     held: list[bool] = dataclasses.field(default_factory=list)
     said: list[float] = dataclasses.field(default_factory=list)
@@ -173,7 +174,7 @@ class Found:
 
 
 def follow(estimator: Any, cells: CellSpace, runs: list[Run], small: int) -> Found:
-    """What an estimator with `start`, `observe` and `estimate` says in some runs."""
+    """Collect the answers of an estimator with `start`, `observe` and `estimate` in runs."""
     found, states, estimates = Found(), [estimator.start()], []
     before: list[int] = []
     # Runs that begin alike share what is known of their beginnings.
@@ -271,7 +272,7 @@ def estimated(
         return what, Found(**kept(out / f"{what}, {count} runs.json", followed))
 
     def slipping(factor: float) -> Slip:
-        # A robot that is told to do without errors has still those of rounding.
+        # Without errors of its own a robot still has errors of rounding.
         return Slip.of(max(_LEAST, min(1.0, factor * error)), give=give)
 
     def combinatorial() -> Combinatorial:
@@ -302,7 +303,7 @@ def estimated(
 
 
 def kept(path: Path, make: Callable[[], Any]) -> Any:
-    """What was made before and is in a file, or else is made now and written there."""
+    """Read a result from its file, or make it and write the file."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         made = json.dumps(make())

@@ -1,4 +1,4 @@
-"""The tables of `ch4_visibility.py`, as rows, with the numbers of the source beside them."""
+"""The tables of `visibility.py`, as rows, with the numbers of the source beside them."""
 
 import statistics
 import time
@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from visibility_site import SHARE, Site, among, stops
 
 from jaxcell.optimize import (
     Commitment,
@@ -18,6 +17,8 @@ from jaxcell.optimize import (
 )
 from jaxcell.patrol import Attack, distributed_policies, vulnerability
 from jaxcell.patrol.map import Policy, Reassignment, Vulnerability, reassign
+
+from .visibility_site import SHARE, Site, among, stops
 
 
 REPEATS = 10
@@ -110,7 +111,7 @@ def policy_rows(site: Site) -> Rows:
 
 
 def reassignments(site: Site) -> tuple[Rows, list[Reassignment]]:
-    """What is caught with all robots, with one lost, and with its work shared out."""
+    """Tabulate the capture with all robots, with a lost robot, and with its work shared out."""
 
     def row(state: str, policies: Sequence[Policy], silence: int | None = None) -> dict[str, Any]:
         sizes = " + ".join(str(policy.cells.size) for policy in policies)

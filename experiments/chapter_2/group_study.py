@@ -1,6 +1,6 @@
 """Figure 2.7 of Alam 2018: periodic groups and longest transients in randomly furnished rooms.
 
-    python experiments/ch2_group_study.py --runs 100
+    python -m experiments.chapter_2.group_study --runs 100
 
 A room of 200 x 125 unit cells with 360 directions, bouncing angle 90 deg, `endpoint` collisions;
 `jaxcell.space.maps.random_rooms` says what stands in the environments E1 to E4.

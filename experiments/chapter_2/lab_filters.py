@@ -1,6 +1,6 @@
 """Tables 2.1 and 2.2 of Alam 2018: localization filters of two lab environments, side by side.
 
-    python experiments/ch2_lab_filters.py
+    python -m experiments.chapter_2.lab_filters
 
 For each environment and bouncing angle: states of the nondeterministic and of the deterministic
 I-state automaton, time of the conversion (JFLAP on an Intel Core i7 at 3.6 GHz in the source), and
@@ -28,8 +28,7 @@ from jaxcell.bounce import bounce_groups, bounce_map, localization_filter
 from jaxcell.mapping import PeriodicGroups
 from jaxcell.space import ENDPOINT, CellSpace, Workspace
 
-
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+from ..shared.data import MAPS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,10 +48,10 @@ class Row:
     "Number of periodic groups, where section 2.5.2 tells it."
 
     def agrees(self, other: "Row") -> bool:
-        """Whether `other` has all that this one tells, but for the time."""
-        told = {name: value for name, value in vars(self).items() if value is not None}
-        del told["seconds"]
-        return all(value == getattr(other, name) for name, value in told.items())
+        """Test whether `other` has all numbers of this row, except the time."""
+        known = {name: value for name, value in vars(self).items() if value is not None}
+        del known["seconds"]
+        return all(value == getattr(other, name) for name, value in known.items())
 
 
 SOURCE = {

@@ -1,6 +1,6 @@
 """Robots that start anywhere: a filter of cells, and sets on walls, against rays of its own.
 
-    python experiments/ch2_anywhere.py
+    python -m experiments.chapter_2.anywhere
 
 A robot starts anywhere in the free space, drives straight until it bumps, turns by its bouncing
 angle, and so on, for `--bumps` bumps. Its clock counts whole steps of the length of a cell, or
@@ -28,16 +28,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from report import Rows, emit
-from straight_runs import Rays, anywhere
 
 from jaxcell.bounce import bounce_map, localization_filter
 from jaxcell.bounce.localization.off_centre import filter_shares
 from jaxcell.space import CELL_BY_CELL, CellSpace, Workspace
 from jaxcell.walls import Errors, WallFilter, WallSet, contains
 
+from ..shared.data import MAPS
+from ..shared.report import Rows, emit
+from .straight_runs import Rays, anywhere
 
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+
 ANGLES = {
     "lab_a.json": (45, 135),
     "lab_b.json": (45, 135),

@@ -1,4 +1,4 @@
-"""The figures of `ch5_drifters.py` of one layer: where water goes, where drifters are dropped."""
+"""The figures of `drifters.py` of one layer: where water goes, where drifters are dropped."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
-from drifters_sea import Layer
 from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
@@ -21,6 +20,8 @@ from jaxcell.drift import (
     flow_map,
 )
 from jaxcell.markov import absorption_probabilities
+
+from .drifters_sea import Layer
 
 
 if TYPE_CHECKING:

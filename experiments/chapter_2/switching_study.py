@@ -1,12 +1,12 @@
-"""What a robot that chooses among bouncing angles can find out in a thousand random rooms.
+"""Measure the localization of a robot that chooses among bouncing angles in 1,000 random rooms.
 
-    python experiments/ch2_switching_study.py --rooms 1000
+    python -m experiments.chapter_2.switching_study --rooms 1000
 
-The rooms are those of `ch2_angle_study.py`: 50 x 45 cells with six random rectangles in them, about
+The rooms are those of `angle_study.py`: 50 x 45 cells with six random rectangles in them, about
 2,000 free cells, here with eight directions. The robot knows neither its place nor its heading.
 
-- For every set of one, two or three of the seven angles: in how many rooms all cells can be told
-  apart, so that it is localized to one cell from everywhere.
+- For every set of one, two or three of the seven angles: the number of rooms where all cells can be
+  distinguished, so that it is localized to one cell from everywhere.
 - For one angle, two and three (`SEARCHED`): the fewest bumps that a choice of angles needs at worst
   and in the mean, and those of the shortest fixed sequence; all proved, or counted as not.
 

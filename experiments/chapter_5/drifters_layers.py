@@ -1,4 +1,4 @@
-"""The figures of `ch5_drifters.py` of several layers: Figures 5.10 to 5.16."""
+"""The figures of `drifters.py` of several layers: Figures 5.10 to 5.16."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,8 +6,19 @@ from typing import TYPE_CHECKING, Any
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
-from drifters_checks import SAILING, Voyages
-from drifters_figures import (
+from matplotlib.colors import PowerNorm, to_rgb
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+from jaxcell.drift import (
+    Voyage,
+    Water,
+    simulate_voyages,
+)
+
+from .drifters_checks import SAILING, Voyages
+from .drifters_figures import (
     GROUPS,
     LAND,
     behaviour_colors,
@@ -20,18 +31,8 @@ from drifters_figures import (
     size_of,
     xy,
 )
-from drifters_sea import Layer, Ocean
-from drifters_tables import Moment
-from matplotlib.colors import PowerNorm, to_rgb
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-
-from jaxcell.drift import (
-    Voyage,
-    Water,
-    simulate_voyages,
-)
+from .drifters_sea import Layer, Ocean
+from .drifters_tables import Moment
 
 
 if TYPE_CHECKING:
@@ -192,7 +193,7 @@ def stack(ocean: Ocean, record: int, found: Voyages, seed: int, path: Path) -> N
 
 
 def _place(ocean: Ocean, cell: int) -> tuple[list, list, list]:
-    """Where a cell of all is, as matplotlib wants it."""
+    """Locate a cell of all layers for matplotlib."""
     layer = int(np.searchsorted(ocean.first, cell, side="right")) - 1
     x, y = xy(ocean.waters[layer], int(cell - ocean.first[layer]))
     return [x], [y], [-layer]

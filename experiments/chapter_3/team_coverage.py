@@ -1,6 +1,6 @@
 """Figures 3.17 and 3.18 of Alam 2018: steps that teams of bouncing robots take to cover two grids.
 
-    python experiments/ch3_team_coverage.py
+    python -m experiments.chapter_3.team_coverage
 
 Teams of 2 to 5 robots with bouncing angle 135 deg in grids of 10 x 10 and 15 x 15 squares, each
 team from 20 random starts. The source shows its grids as pictures only; ours are of our own
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 DIRECTIONS = 8
 BOUNCE_DEG = 135
 ROBOTS = (2, 3, 4, 5)
-# No part here takes so many steps until a joint state comes back: there is no limit.
+# No part here takes this many steps until a joint state repeats.
 UNLIMITED = 1_000_000
 GRIDS = {
     "10 x 10": """

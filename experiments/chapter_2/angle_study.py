@@ -1,6 +1,6 @@
 """Periodic groups, transients and filters over all bouncing angles of a thousand random rooms.
 
-    python experiments/ch2_angle_study.py --rooms 1000
+    python -m experiments.chapter_2.angle_study --rooms 1000
 
 For each of 360 bouncing angles, 0 to 359 deg, and each room of 50 x 45 cells with six random
 rectangles in it, about 2,000 free cells:

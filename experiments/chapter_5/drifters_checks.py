@@ -1,4 +1,4 @@
-"""Checks and voyages for `ch5_drifters.py`: simulated drifters, ridges, and ways to a goal."""
+"""Checks and voyages for `drifters.py`: simulated drifters, ridges, and ways to a goal."""
 
 import dataclasses
 import math
@@ -6,7 +6,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from drifters_sea import Layer, Ocean, double_gyre
 
 from jaxcell.drift import (
     Comparison,
@@ -29,13 +28,15 @@ from jaxcell.drift import (
 from jaxcell.mapping import Chain
 from jaxcell.markov import arrival_probabilities, conditional_hitting_times, first_passage
 
+from .drifters_sea import Layer, Ocean, double_gyre
+
 
 HOURS = (1, 12, 24)
 # Steps of a voyage, and the discounts that are tried; the source does not give its own.
 SAILING = 72
 DISCOUNTS = (0.9, 0.99)
 DRIFTERS = 20_000
-# How far the border cells may be from a ridge, in cells.
+# The largest distance of border cells from a ridge, in cells.
 NEAR = 1
 # Steps of the map over which the flow is followed for its ridges, and those of Runge-Kutta in each.
 STRETCH, FINE = 20, 10
@@ -122,7 +123,7 @@ def ridge_rows(ocean: Ocean, record: int) -> tuple[Rows, list[Ridges]]:
     gyre = Layer.of(water, flow, None, spread="sampled", edge="exit", method="rk4", substeps=4)
     found, rows = [], []
     for name, layer in (("this sea", points), ("double gyre", gyre)):
-        # How far water comes apart on its way to the groups.
+        # The stretching of water on its way to the groups.
         exponent = ftle(layer.water, layer.flow, STRETCH * layer.duration, steps=STRETCH * FINE)
         ridge = ridges(layer.water, exponent)
         label = np.asarray(layer.behaviour.basin)
@@ -174,7 +175,7 @@ def voyages(ocean: Ocean, record: int, goal: int, edge: str) -> Voyages:
 
 
 def voyage_rows(of: str, found: Voyages, starts: tuple[int, ...], seed: int) -> Rows:
-    """What the policies promise, and what simulated drifters do in some time."""
+    """Compare the probabilities of policies with simulated drifters."""
     rows = []
     hours = found.duration / 3600
     drift = found.sea.drift

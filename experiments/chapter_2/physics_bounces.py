@@ -1,6 +1,6 @@
 """By how much a bump turns a robot: bounces of a Create 2 in a physics engine.
 
-    python experiments/ch2_physics_bounces.py
+    python -m experiments.chapter_2.physics_bounces
 
 The model of section 2.3 of Alam 2018 turns a robot by its bouncing angle and by nothing else. A
 real one is turned by the bump, too, until its wheels stand still. A Create 2 in MuJoCo, with its
@@ -30,11 +30,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from physics_bounces import Bounce, batch
-from report import Rows, emit
 
 from jaxcell.record import save_dataset
 from jaxcell.robot.physics import Physics
+
+from ..shared.report import Rows, emit
+from .bounce_batches import Bounce, batch
 
 
 FLOORS, WALLS, SPEEDS = (0.5, 0.8), (0.1, 0.3, 0.5), (0.1, 0.2, 0.4)

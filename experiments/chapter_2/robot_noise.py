@@ -1,10 +1,10 @@
-"""How often a robot that slips is localized, against how much it slips.
+"""Measure how often a robot that slips is localized, by the size of its errors.
 
-    python experiments/ch2_robot_noise.py
+    python -m experiments.chapter_2.robot_noise
 
 The robot of section 2.4 of Alam 2018 is taken to do as the model says. A real one slips: here every
-step and every turn is off by a relative error that is drawn anew, and the heading veers on the way,
-none of which the encoders see. The filter is not told. A run ends in one of four ways:
+step and every turn is off by a relative error that is drawn each time, and the heading veers on the
+way. The encoders and the filter do not see these errors. A run ends in one of four ways:
 
 - `right`: localized, with the cell where it is among those that are left;
 - `wrong`: localized, and it is elsewhere;
@@ -31,7 +31,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from report import Rows, emit, say
 from rich.progress import track
 from scipy.stats import binomtest
 
@@ -43,8 +42,10 @@ from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.space import CellSpace, Workspace, free_steps
 
+from ..shared.data import MAPS
+from ..shared.report import Rows, emit, say
 
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+
 CASES = [("lab_a", 45), ("lab_a", 135), ("lab_b", 45), ("lab_b", 135), ("cafe", 67.5)]
 NOISE = (0.0, 0.0025, 0.005, 0.01, 0.02, 0.03, 0.05)
 ENDS = ("right", "wrong", "refuted", "unfinished")
@@ -67,7 +68,7 @@ def problem(name: str, bounce_deg: float) -> tuple[CellSpace, Filter]:
 
 
 def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, int]:
-    """How one run ended, and after how many observations."""
+    """Run once; return the end of the run and the number of observations."""
     cells, filter = problem(name, bounce_deg)
     body = Body.in_cell(cells, start, noise, np.random.default_rng([0, start]))
     strides = cell_strides(cells.directions, cells.cell, cells.cell)
@@ -87,8 +88,7 @@ def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, in
 
 
 def runs(name: str, bounce_deg: float, noise: float, starts: int) -> tuple[np.ndarray, float]:
-    """How many runs ended in each way, and after how many observations those that were localized
-    did, on average."""
+    """Count the ends of runs, and average the observations of the localized runs."""
     size = problem(name, bounce_deg)[0].size
     drawn = np.random.default_rng(0).choice(size, min(starts, size), replace=False)
     ends = [run(name, bounce_deg, noise, start) for start in drawn.tolist()]

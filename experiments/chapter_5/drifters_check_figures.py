@@ -1,12 +1,10 @@
-"""The figures of `ch5_drifters.py` that are not in the source: coverage, sensitivity and checks."""
+"""The figures of `drifters.py` that are not in the source: coverage, sensitivity and checks."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drifters_checks import DRIFTERS, Check, Ridges
-from drifters_figures import GROUPS, OTHER, draw_map, height_for, paler, save, xy
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from jaxcell.drift import (
@@ -14,13 +12,16 @@ from jaxcell.drift import (
     Water,
 )
 
+from .drifters_checks import DRIFTERS, Check, Ridges
+from .drifters_figures import GROUPS, OTHER, draw_map, height_for, paler, save, xy
+
 
 def coverage(curves: dict[str, CoverageCurve], cells: int, path: Path) -> None:
     figure, axes = plt.subplots(figsize=(7, 4.4), layout="constrained")
     styles = ("o-", "s-", "^-", "D--", "v--", "x:")
     for place, ((name, curve), style) in enumerate(zip(curves.items(), styles, strict=True)):
         number = np.arange(1, curve.cells.size + 1)
-        # Those that come first are wider, and larger, so that they are seen below the others.
+        # The first curves are wider and larger, so that they are seen below the others.
         axes.plot(
             number, 100 * curve.covered / cells, style, lw=1.5, ms=12 - 1.5 * place, label=name
         )

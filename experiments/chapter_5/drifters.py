@@ -1,6 +1,6 @@
 """Section 5.5.1 of Alam 2018: where drifters end up, where to drop them, and how they get away.
 
-    python experiments/ch5_drifters.py [FILE.nc] [--out DIR]
+    python -m experiments.chapter_5.drifters [FILE.nc] [--out DIR]
 
 Without a file it takes the synthetic currents of `data/ocean/gyres.nc`, which have the size of the
 source's: 21 x 29 cells of 1 km, three layers and 24 hours. The source's own currents, of the
@@ -24,10 +24,19 @@ import time
 from pathlib import Path
 from typing import Any
 
-import drifters_check_figures
-import drifters_figures
-import drifters_layers
-from drifters_checks import (
+from rich.console import Console
+from rich.progress import Progress
+
+from jaxcell.base.runtime import configure_jax
+from jaxcell.drift import (
+    CoverageCurve,
+    VisibleDeployment,
+    visible_deployment,
+)
+
+from ..shared.report import emit, say
+from . import drifters_check_figures, drifters_figures, drifters_layers
+from .drifters_checks import (
     DRIFTERS,
     SAILING,
     Check,
@@ -39,8 +48,8 @@ from drifters_checks import (
     voyage_rows,
     voyages,
 )
-from drifters_sea import GYRES, Layer, Ocean, goal_of
-from drifters_tables import (
+from .drifters_sea import GYRES, Layer, Ocean, goal_of
+from .drifters_tables import (
     SOURCE,
     SOURCE_VIEWS,
     Moment,
@@ -51,16 +60,6 @@ from drifters_tables import (
     rho_rows,
     step_rows,
     view_row,
-)
-from report import emit, say
-from rich.console import Console
-from rich.progress import Progress
-
-from jaxcell.base.runtime import configure_jax
-from jaxcell.drift import (
-    CoverageCurve,
-    VisibleDeployment,
-    visible_deployment,
 )
 
 
@@ -73,13 +72,13 @@ WIDTH = 120
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Results:
-    """What was found."""
+    """The results."""
 
     ocean: Ocean
     surface: Layer
     views: VisibleDeployment
     sight: float
-    "How far cameras see, in metres."
+    "Range of the cameras, in metres."
     view: dict[str, Any]
     deployment: Rows
     curves: dict[str, CoverageCurve]
@@ -178,7 +177,7 @@ def study(ocean: Ocean, surface: Layer, goal: int, seed: int) -> Results:
     )
 
 
-# What is shown.
+# Tables and figures.
 
 
 def report_surface(results: Results, out: Path) -> None:
@@ -277,7 +276,7 @@ def report_voyage(results: Results, out: Path) -> bool:
         mean: the probability of arriving at all, over all cells; median: of the hours that it takes
         if they do. Then for the starts, {starts}: the probability, the hours if it arrives, and the
         probability of arriving within {SAILING} steps, beside the share of {DRIFTERS:,} simulated
-        drifters, which is so many standard errors off."""
+        drifters, with its distance in standard errors."""
     )
     return all((row["errors"] or 0) < ERRORS for row in results.voyage)
 
@@ -302,7 +301,7 @@ def draw(results: Results, out: Path) -> None:
 
 
 def numbers(count: int, names: str) -> Any:
-    """Reads so many numbers with commas between them."""
+    """Make a reader of a number of values with commas between them."""
 
     def read(text: str) -> tuple[float, ...]:
         try:

@@ -1,6 +1,6 @@
 """Sections 4.5.3 to 4.5.6 of Alam 2018: patrols with limited sight, and how vulnerable they are.
 
-    python experiments/ch4_visibility.py
+    python -m experiments.chapter_4.visibility
 
 It takes half a minute.
 
@@ -11,7 +11,7 @@ number of the source stands beside one of ours, it is *of another map*: it shows
 cannot agree. The exact law of the first arrival is what the others are held against.
 
 An adversary attacks a cell that the base station does not watch, while each robot is in any of its
-cells from which that one is not seen; it is caught if one comes to where it is seen in time.
+cells from which that one is not seen; it is caught if a robot comes in time to a cell that sees it.
 
 Writes a CSV file for every table, and figures: `covers_*.png` (4.7, 4.8, 4.10 to 4.12),
 `policies_*.png` (4.2, 4.9, 4.13), `targets.png` (4.14, 4.16), `arrivals.png` (4.15, 4.17),
@@ -26,12 +26,18 @@ import time
 from pathlib import Path
 
 import numpy as np
-import visibility_figures
-from report import emit, say
 from rich.console import Console
 from rich.progress import Progress
-from visibility_site import REACH, Site, in_all_regions, policy_sets
-from visibility_tables import (
+
+from jaxcell.base.runtime import configure_jax
+from jaxcell.optimize import Commitment
+from jaxcell.patrol.map import Reassignment, Vulnerability
+from jaxcell.space import visible_cells
+
+from ..shared.report import emit, say
+from . import visibility_figures
+from .visibility_site import REACH, Site, in_all_regions, policy_sets
+from .visibility_tables import (
     ATTACKS,
     BY_TIME,
     LONG,
@@ -53,11 +59,6 @@ from visibility_tables import (
     timed,
 )
 
-from jaxcell.base.runtime import configure_jax
-from jaxcell.optimize import Commitment
-from jaxcell.patrol.map import Reassignment, Vulnerability
-from jaxcell.space import visible_cells
-
 
 FREE = {"depot": 188, "harbour": 253}
 # The robot that is lost in the figure.
@@ -67,7 +68,7 @@ MOST_ROBOTS = 4
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Results:
-    """What was found."""
+    """The results."""
 
     sites: tuple[Site, Site]
     "The depot and the harbour."
@@ -85,7 +86,7 @@ class Results:
     capture: Rows
     ranges: Rows
     sets: dict[str, np.ndarray]
-    "What policies for the depot catch, in a short and in a long attack, by cell."
+    "Capture by policies for the depot, in a short and in a long attack, by cell."
     mixtures: list[Commitment]
     game: Rows
     by_robots: Rows
@@ -144,7 +145,7 @@ def study(runs: int, seed: int) -> Results:
     )
 
 
-# What is shown.
+# Tables and figures.
 
 
 def report_patrols(results: Results, out: Path) -> None:
@@ -169,7 +170,7 @@ def report_patrols(results: Results, out: Path) -> None:
         f"""Least and mean: the probability of capture over the cells that the base station does not
         watch, for attacks of {SHORT} and of {LONG} steps. Silence: the steps without a report that
         a robot at work exceeds in at most 1 of 100 cases. Until the work is shared out, there are
-        cells that nobody comes to see."""
+        cells that no robot comes to see."""
     )
 
 

@@ -1,6 +1,6 @@
 """Table 3.1 of Alam 2018: shares of time of bouncing angles, and robots that keep to them.
 
-    python experiments/ch3_coverage.py
+    python -m experiments.chapter_3.coverage_policies
 
 The angles 30, 75 and 315 deg with an error of 5 deg and reliability 0.8, on a room of 183 cells in
 360 directions (N = 65,880), to be covered evenly. The source shows its room as a picture only;
@@ -36,17 +36,19 @@ from rich.progress import Progress
 from rich.table import Table
 
 import jaxcell
+from jaxcell.base.limits import Collision
 from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import coverage_policy, noisy_bounce_map
-from jaxcell.bounce.dynamics import Collision
 from jaxcell.mapping.generalized import Chain
 from jaxcell.space import CellSpace, Motion, Workspace
+
+from ..shared.data import MAPS
 
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MAP = Path(__file__).parents[1] / "data" / "maps" / "complex.json"
+MAP = MAPS / "complex.json"
 DIRECTIONS = 360
 BOUNCES_DEG = (30, 75, 315)
 ERROR_DEG = 5

@@ -1,6 +1,6 @@
 """Table 4.1 and Figures 4.4 and 4.5 of Alam 2018: patrollers that do not talk, and three that do.
 
-    python experiments/ch4_decentralized.py
+    python -m experiments.chapter_4.decentralized
 
 How long until the first of several robots is at a vertex. On the complete graph of 64 vertices,
 robots walk at random by the weights with the minimum average expected commute time (MAECT),
@@ -28,7 +28,6 @@ from pathlib import Path
 import jax
 import numpy as np
 import scipy.optimize
-from edge_weights import draw_weights
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import Progress
@@ -49,8 +48,10 @@ from jaxcell.patrol.perimeter import (
     simulate,
 )
 
+from ..shared.data import GRAPHS
+from .edge_weights import draw_weights
 
-GRAPHS = Path(__file__).parents[1] / "data" / "graphs"
+
 VERTICES = 64
 # The cycles that a penetration takes, by the number of robots.
 PENETRATION = {2: 24, 4: 12, 8: 6, 16: 3}
@@ -95,7 +96,7 @@ class Row:
 
     @property
     def away(self) -> float | None:
-        """How many standard errors of its mean the source is from the exact one."""
+        """The distance of the source from the exact mean, in standard errors of the mean."""
         if self.source is None:
             return None
         return (self.source - self.exact) / (self.deviation / math.sqrt(EXPERIMENTS))
@@ -139,7 +140,7 @@ def walkers(chain: Chain, robots: int, runs: int, key: jax.Array) -> Iterator[Ro
 def guards(robots: int, movement: Movement, runs: int, key: jax.Array) -> Row:
     ring, p = perimeter(robots, movement)
     segment = np.arange(runs, dtype=np.int32) % ring.distance
-    # A simple random walk leaves a stretch of d after 5 d^2 steps, but for 1 in 10^10 cases.
+    # A simple random walk leaves a stretch of d within 5 d^2 steps, except in 1 of 10^10 cases.
     times = np.asarray(simulate(ring, p, segment, 5 * ring.distance**2, key))
     times = np.where(segment == 0, 0.0, times)
     return Row(robots, movement.name, p, on_perimeter(ring, p), times)
@@ -165,7 +166,7 @@ def study(runs: int, seed: int) -> list[Row]:
     return rows
 
 
-# What is shown.
+# Tables and figures.
 
 
 def report(rows: list[Row]) -> bool:
@@ -207,7 +208,7 @@ def report(rows: list[Row]) -> bool:
 
 
 def report_readings(rows: list[Row]) -> None:
-    """What else the columns of DCP and DNCP could be."""
+    """Tabulate other readings of the columns of DCP and DNCP."""
     table = Table(title="Other readings of DCP and DNCP", box=SIMPLE_HEAD)
     table.add_column("robots", justify="right", no_wrap=True)
     table.add_column("method", no_wrap=True)

@@ -1,6 +1,6 @@
 """Five estimators on a Create 2 in a physics engine: right, wrong or lost.
 
-    python experiments/ch2_physics_localization.py --maps lab_b --runs 20
+    python -m experiments.chapter_2.physics_localization --maps lab_b --runs 20
 
 What a user learns before buying a robot. On each map, with the true radius of a Create 2, `jaxcell
 localize` makes a filter of one bouncing angle, a policy and a belief of two, a belief that knows by
@@ -36,7 +36,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from report import Rows, emit
 
 from jaxcell.robot import Particles, Walker, cell_strides, load_task
 from jaxcell.robot.anywhere import SetFollower
@@ -51,8 +50,10 @@ from jaxcell.robot.runner import FilterFollower
 from jaxcell.space import CellSpace, Slip, Workspace, nearest_cell
 from jaxcell.walls import places_anywhere
 
+from ..shared.data import MAPS
+from ..shared.report import Rows, emit
 
-MAPS = Path(__file__).parent.parent / "data" / "maps"
+
 SLIP, BUMP_TURN = 0.01, 2.0
 BOUNDS = "run=0.01 distance=0.05 turn=3 displacement=0.06"
 PARTICLES, ANYWHERE = "particles, bumps turn them", "sets on walls, from anywhere"

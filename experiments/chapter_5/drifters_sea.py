@@ -1,9 +1,8 @@
-"""A sea with its long-term behaviour, for the files of `ch5_drifters.py` to share."""
+"""A sea with its long-term behaviour, for the files of `drifters.py` to share."""
 
 import argparse
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,8 +24,10 @@ from jaxcell.drift import (
 )
 from jaxcell.mapping import Chain
 
+from ..shared.data import DATA
 
-GYRES = Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc"
+
+GYRES = DATA / "ocean" / "gyres.nc"
 GOAL = (-118.107, 33.472, 10.0)
 # The source has three layers, of 0 to 10 m.
 LAYERS, DEEPEST = 3, 10.0
@@ -80,7 +81,7 @@ class Layer:
 
     @property
     def held(self) -> int | None:
-        """How many transient cells lead to a group, but not for years: in eddies that leak."""
+        """Count the transient cells that lead to a group after years: eddies that leak."""
         return None if np.isnan(self.hours).any() else int((self.hours > YEAR).sum())
 
     def homes(self, part: int) -> str:

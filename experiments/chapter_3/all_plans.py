@@ -1,6 +1,6 @@
 """Figures 3.6, 3.11 and 3.12 of Alam 2018: plans of a bouncing robot between all pairs of cells.
 
-    python experiments/ch3_all_plans.py
+    python -m experiments.chapter_3.all_plans
 
 Eight directions, bouncing angles 45, 90 and 135 deg, weights 1 and 100, `endpoint` collisions.
 
@@ -35,11 +35,12 @@ from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import AllPlans, Plan, all_plans, plan, replay
 from jaxcell.space import CellSpace, Motion, Workspace
 
+from ..shared.data import MAPS
+
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MAPS = Path(__file__).parent.parent / "data" / "maps"
 DIRECTIONS = 8
 BOUNCES_DEG = (45, 90, 135)
 WEIGHTS = {"keep": 1, "change": 100}
@@ -101,7 +102,7 @@ def turns(found: Plan) -> tuple[int, ...]:
 
 
 def histogram(plans: AllPlans) -> np.ndarray:
-    """How many pairs of different cells have no path, or a plan with 0, 1, 2, 3 angles."""
+    """Count the pairs of different cells without a path, or with a plan of 0, 1, 2, 3 angles."""
     used = plans.angles_used()
     np.fill_diagonal(used, -2)
     return np.bincount(used.ravel() + 2, minlength=len(BOUNCES_DEG) + 3)[1:]

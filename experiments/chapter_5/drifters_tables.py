@@ -1,10 +1,9 @@
-"""The tables of `ch5_drifters.py`, as rows, with the numbers of the source beside them."""
+"""The tables of `drifters.py`, as rows, with the numbers of the source beside them."""
 
 import dataclasses
 from typing import Any
 
 import numpy as np
-from drifters_sea import Layer, Ocean
 from scipy.sparse import csgraph
 
 from jaxcell.drift import (
@@ -19,6 +18,8 @@ from jaxcell.drift import (
 )
 from jaxcell.mapping import Chain
 from jaxcell.optimize import minimum_cover
+
+from .drifters_sea import Layer, Ocean
 
 
 # Section 5.5.1: of another sea, whose data are not public.
@@ -36,7 +37,7 @@ SOURCE_VIEWS = {
     "kept": 8,
 }
 MILP_SECONDS = 20.0
-# A table of which cell leads to which takes so many bytes at most.
+# The largest table of which cell leads to which, in bytes.
 _LARGEST_TABLE = 10_000**2
 
 Rows = list[dict[str, Any]]
@@ -122,7 +123,7 @@ def view_row(layer: Layer, views: VisibleDeployment, reach: float) -> dict[str, 
 
 
 def deployment_rows(ocean: Ocean, record: int) -> tuple[Rows, dict[str, CoverageCurve]]:
-    """How many drifters reach all cells, by what is taken for the map."""
+    """Count the drifters that reach all cells, by the kind of map."""
     rows, curves = [], {}
     for name, options in (
         ("as in the source", {}),
@@ -172,7 +173,7 @@ def fewest_by_program(chain: Chain) -> int | None:
 
 
 def reaches_all(chain: Chain, cells: np.ndarray) -> bool:
-    """Whether all cells may be visited from some, by another way than that of the library."""
+    """Test whether all cells may be visited from starts, by a computation of its own."""
     matrix = chain.to_scipy().T.tocsr()
     reached = np.zeros(chain.cells, bool)
     reached[cells] = True

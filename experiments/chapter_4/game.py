@@ -1,6 +1,6 @@
 """Tables 4.2 and 4.3 of Alam 2018: ten strategies on a small graph, and the best mixture of them.
 
-    python experiments/ch4_game.py
+    python -m experiments.chapter_4.game
 
 The strategies are a walk toward each of the eight vertices (Alg. 4.1), and the walks with the
 minimum average expected commute time, over all vertices and with an emphasis on three of them.
@@ -22,7 +22,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from edge_weights import draw_weights
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -32,8 +31,11 @@ from jaxcell.optimize import payoffs, stackelberg
 from jaxcell.patrol import Graph, load_graph, strategy_game, toward
 from jaxcell.patrol.walks import StrategyGame, measure
 
+from ..shared.data import GRAPHS
+from .edge_weights import draw_weights
 
-GRAPH = Path(__file__).parents[1] / "data" / "graphs" / "eight.json"
+
+GRAPH = GRAPHS / "eight.json"
 PATHS = 1
 EMPHASIS = (1, 4, 7)
 # The source does not tell it; from 0.6 to 0.95 the order is the same.
@@ -52,7 +54,7 @@ TABLE_4_2 = {
     "all vertices": (7, 2, 5, 3, 8, 1, 4, 6),
     "2, 5 and 8": (8, 2, 5, 1, 7, 4, 6, 3),
 }
-# What every row pays the patroller and the adversary at its first vertex, its second, ...
+# Payoffs of every row for the patroller and the adversary at its first vertex, its second, ...
 PATROLLER = (8.0, 3.5625, 1.5938, 0.7344, 0.3672, 0.2148, 0.1543, 0.1318)
 ADVERSARY = (1.0, 1.0625, 0.8438, 0.6094, 0.4297, 0.3086, 0.2324, 0.1865)
 # Table 4.3, and what the adversary then attacks.
@@ -99,7 +101,7 @@ def out_of_order(times: np.ndarray, order: np.ndarray) -> float:
 
 
 def apart_toward(graph: Graph, target: int, source: np.ndarray) -> float:
-    """How far the times of the walk toward a vertex are from the order of the source."""
+    """Count the times of the walk toward a vertex that are out of the order of the source."""
     times = measure(toward(graph, target, PATHS)).hitting_time[:, target]
     return out_of_order(times, source)
 

@@ -1,4 +1,4 @@
-"""Bounces of a Create 2 that a physics engine moves, one by one, for `ch2_physics_bounces.py`."""
+"""Bounces of a Create 2 that a physics engine moves, one by one, for `physics_bounces.py`."""
 
 import concurrent.futures
 import dataclasses

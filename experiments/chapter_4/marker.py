@@ -1,11 +1,11 @@
-"""How surely a patrolling robot sees the marker of a dummy intruder (Alam 2018, section 4.5.7).
+"""Measure the detection of the marker of a dummy intruder (Alam 2018, section 4.5.7).
 
-    python experiments/ch4_marker.py
+    python -m experiments.chapter_4.marker
 
 The source has a cross that the robots find in their camera's frames, and does not say how well.
 Here frames of 640 by 480 are drawn: a room full of clutter with the marker somewhere in it, under
-conditions drawn at random but for one, which is held at each of several values. The marker is
-found if its centre is told within a tenth of its size. False alarms are counted in frames of
+conditions drawn at random except one, which is held at each of several values. The marker is
+found if its centre is located within a tenth of its size. False alarms are counted in frames of
 clutter alone, and in frames with sheets that show some other sign. All intervals are exact ones
 (Clopper and Pearson) of 95%.
 
@@ -26,14 +26,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from report import Rows, emit, say
 from rich.console import Console
 from rich.progress import Progress
 
 from jaxcell.robot.marker import find_cross
 
+from ..shared.report import Rows, emit, say
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 import marker_frames
 
 
