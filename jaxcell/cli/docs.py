@@ -2,6 +2,7 @@ import dataclasses
 import importlib.metadata
 import webbrowser
 from pathlib import Path
+from typing import ClassVar
 
 from ..base.display import has_display
 from .terminal import say
@@ -14,6 +15,8 @@ _BUILT = Path(__file__).parents[2] / "docs" / "site" / "index.html"
 class Docs:
     """Open the documentation in a browser: what `make docs` built in a checkout, else that of the
     installed version."""
+
+    example: ClassVar[str] = ""
 
     def run(self) -> int:
         address = _address()

@@ -1,5 +1,6 @@
 import dataclasses
 from pathlib import Path
+from typing import ClassVar
 
 import tyro
 
@@ -9,6 +10,8 @@ from .terminal import note
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Export:
     """Write a saved filter for another program: .dot, .jff (JFLAP), .json, or .h (C)."""
+
+    example: ClassVar[str] = "runs/lab/filter.jxf filter.h"
 
     filter: tyro.conf.Positional[Path]
     """Filter file, or policy file (.h only), as localize --out writes it."""

@@ -2,7 +2,7 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import tyro
 
@@ -14,6 +14,8 @@ from .terminal import say, table
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Info(Printing):
     """Describe a file: a map, a graph, currents, or a result."""
+
+    example: ClassVar[str] = "@lab_a"
 
     file: tyro.conf.Positional[Path]
     """Any file that jaxcell reads or writes, or a directory of results."""

@@ -1,7 +1,7 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..base.bundled import bundled_names
 from .info import describe
@@ -18,6 +18,8 @@ _HALVES = " ▄▀█"
 class Maps(Printing):
     """List the maps, graphs, currents and sweeps that come with jaxcell. Their names begin with @,
     and stand wherever a command expects a file."""
+
+    example: ClassVar[str] = ""
 
     def run(self) -> int:
         found = {

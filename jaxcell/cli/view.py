@@ -10,6 +10,7 @@ import urllib.parse
 import webbrowser
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import tyro
 
@@ -30,6 +31,8 @@ _MAX_WAIT = 60.0
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class View:
     """Open the recordings of results in the Rerun viewer."""
+
+    example: ClassVar[str] = "runs/lab"
 
     results: tyro.conf.Positional[Path]
     """A directory that a command wrote with --out, or one recording (.rrd)."""

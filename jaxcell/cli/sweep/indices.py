@@ -2,7 +2,7 @@ import dataclasses
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import tyro
 
@@ -19,6 +19,8 @@ class SweepIndices(Printing):
     """Estimate the Sobol indices of a sweep: which parameters the variance comes from.
 
     Exit status: 0 they are known, 2 bad input: another design, or members that are not done."""
+
+    example: ClassVar[str] = "runs/samples"
 
     folder: tyro.conf.Positional[Path]
     """Folder of a sweep whose samples have the design saltelli."""

@@ -7,7 +7,6 @@ from typing import Any
 from ...study import Study
 from ...sweep.tasks import TASKS
 from ...sweep.workers.work import study_of
-from ..study import command_name
 from ..terminal import progress, status
 
 
@@ -45,7 +44,7 @@ def member_detail(
 
     configure_jax()
     (asked,) = studies(study, {}, parameters, seed)
-    with progress(command_name(study)) as say:
+    with progress(study.command or study.name) as say:
         result = asked.run(say)
     spec = asked.spec(result)
     show(result, asked.headline(spec))

@@ -7,7 +7,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
@@ -28,6 +28,8 @@ class Sweep(Printing):
     """Run a task for many parameters, in chunks that survive crashes; --resume goes on.
 
     Exit status: 0 all done, 1 some members failed, 2 bad input, or no room on the disk."""
+
+    example: ClassVar[str] = "@rooms --engine processes --out runs/rooms"
 
     spec: tyro.conf.Positional[Path]
     """TOML file: the task, its parameters, the seed, the size of chunks."""
@@ -130,6 +132,8 @@ class SweepState(Printing):
 
     Exit status: 0 all done, 1 not yet, or some members failed."""
 
+    example: ClassVar[str] = "runs/rooms"
+
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
 
@@ -147,6 +151,8 @@ class SweepMerge(Printing):
 
     Exit status: 0 all done, 1 some members failed, 2 bad input: a shard that is missing, not done,
     or of another specification."""
+
+    example: ClassVar[str] = "runs/rooms"
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep: its shards are in shards/ there."""

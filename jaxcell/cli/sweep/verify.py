@@ -1,6 +1,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import ClassVar
 
 import tyro
 
@@ -16,6 +17,8 @@ class SweepVerify(Printing):
     """Read all that is in a sweep, and compute again what is damaged: flipped bits, files gone.
 
     Exit status: 0 nothing is damaged any more, 1 something could not be computed, 2 bad input."""
+
+    example: ClassVar[str] = "runs/rooms"
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""

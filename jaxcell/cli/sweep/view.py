@@ -2,7 +2,7 @@ import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
@@ -32,6 +32,8 @@ class SweepView:
     Of samples of the design saltelli, it prints the Sobol indices too.
 
     Exit status: 0 the recording is made, 1 there is no result of the member, 2 bad input."""
+
+    example: ClassVar[str] = "runs/rooms"
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
