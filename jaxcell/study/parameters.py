@@ -163,9 +163,10 @@ def conditions(options: Any) -> dict[str, list[Only]]:
 
 def without_effect(options: Any) -> list[str]:
     """Return the parameters that have no effect, because of the values of other ones."""
+    kind: Any = type(options)
     return [
         name
-        for name, alternatives in conditions(type(options)).items()
+        for name, alternatives in conditions(kind).items()
         if not any(condition.holds(options) for condition in alternatives)
     ]
 
@@ -185,7 +186,8 @@ def check(options: Any) -> None:
 
     **Raises:** `ValueError` that begins with the name of the parameter.
     """
-    for name, (limit, unit) in _limits(type(options)).items():
+    kind: Any = type(options)
+    for name, (limit, unit) in _limits(kind).items():
         value = getattr(options, name)
         for number in value if isinstance(value, tuple) else (value,):
             if not isinstance(number, str):
@@ -198,7 +200,7 @@ def check(options: Any) -> None:
     if one_of and all(getattr(options, name) == default[name] for name in one_of):
         raise ValueError(f"expected one of {listed(tuple(f'`{name}`' for name in one_of))}")
     idle = without_effect(options)
-    for name, alternatives in conditions(type(options)).items():
+    for name, alternatives in conditions(kind).items():
         given = getattr(options, name) != default[name]
         if name in idle and given:
             raise ValueError(

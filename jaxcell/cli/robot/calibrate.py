@@ -18,7 +18,7 @@ class RobotCalibrate(Printing):
     """Calibrate a robot: drive it 1 m, turn it by 360 degrees, and ask for the true values.
 
     Leave 1.5 m of free floor ahead of the robot, and mark the place and the heading of its front.
-    `jaxcell robot run` uses the calibration. An earlier calibration has no effect on the new one."""
+    `jaxcell robot run` uses the calibration. An earlier calibration has no effect here."""
 
     example: ClassVar[str] = "--port /dev/ttyUSB0"
 
@@ -37,9 +37,7 @@ class RobotCalibrate(Printing):
                 robot.arm()
                 went = robot.forward(1.0, tolerance=0.002)
                 if went.bumped:
-                    note(
-                        "jaxcell robot calibrate: the robot bumped; expected 1 m of free floor ahead"
-                    )
+                    note("jaxcell robot calibrate: it bumped; expected 1 m of free floor ahead")
                     return 1
                 distance = _asked("How far did the robot go, in metres? ") / went.distance
                 # The robot may have been lifted for the measurement, which disarms it.

@@ -27,16 +27,16 @@ class RobotOptions(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     ros: Annotated[Literal["create3", "base"] | None, Only(port=False)] = None
-    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 by its actions, or any base by cmd_vel, odom
-    and bumper. The cells where the robot may be are published as candidates and
+    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 by its actions, or any base by cmd_vel,
+    odom and bumper. The cells where the robot may be are published as candidates and
     candidate_squares."""
     remap: Annotated[tuple[str, ...], Only(ros=True)] = ()
     """Rules that rename topics of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
     simulate: Annotated[Path | None, Only(port=False, ros=False)] = None
     """Map in which to emulate a robot; it may differ from the map of the task."""
     start: str | None = None
-    """Start of an emulated robot, or of a robot on patrol: "x,y,heading" in m and degrees, or a cell
-    number; by default the start of the task, or a random cell."""
+    """Start of an emulated robot, or of a robot on patrol: "x,y,heading" in m and degrees, or a
+    cell number; by default the start of the task, or a random cell."""
     heading: Annotated[Degrees | None, Only(resume=False)] = None
     """Heading of the robot at the start in degrees; by default the heading of the plan, team or
     patrol. A filter, a policy and a belief need it only if the steps of the task differ between
@@ -68,8 +68,8 @@ class RobotOptions(Printing):
     limit: AtLeastOne = 10_000
     """Number of observations after which the run ends without an answer."""
     until: Literal["known", "cycle"] = "known"
-    """End of the run of a filter: one configuration is left or a knowledge cycle is reached (known),
-    or a knowledge cycle is reached (cycle)."""
+    """End of the run of a filter: one configuration is left or a knowledge cycle is reached
+    (known), or a knowledge cycle is reached (cycle)."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20

@@ -136,7 +136,7 @@ class RobotRun(RobotOptions):
                 note_results(self.out)
         if self.out is not None and not has_module("rerun"):
             note(
-                f"Rerun is not installed, so there is no recording. Elsewhere: jaxcell robot replay "
+                f"No recording is written without Rerun. Elsewhere: jaxcell robot replay "
                 f"{self.out / _LOG} --file {self.file.name} --out {self.out}"
             )
         if code is not None:
@@ -232,7 +232,7 @@ class RobotRun(RobotOptions):
     def _robot(
         self, stack: contextlib.ExitStack, task: "AnyTask", emulation: "Emulation | None"
     ) -> "tuple[Any, list[Listener]]":
-        """Connect to the robot and arm it; return it with the listeners to the events of its run."""
+        """Connect to the robot and arm it; return it with the listeners to its events."""
         from ...robot import Create
 
         if self.ros is not None:

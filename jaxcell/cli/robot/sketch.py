@@ -44,7 +44,8 @@ class RobotSketch:
         if self.file is not None:
             text = self._filter(self.file)
         else:
-            assert self.bounce is not None and self.step is not None
+            assert self.bounce is not None
+            assert self.step is not None
             text = bounce_sketch(math.radians(self.bounce), self.step)
         if self.out is None:
             print(text, end="", flush=True)
