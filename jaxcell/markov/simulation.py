@@ -22,6 +22,8 @@ _TURNS = 8
 _MAX_STEPS = 2**30
 # Of a normal distribution, 95 % lies within so many standard deviations.
 _NORMAL_95 = 1.959963984540054
+# Shares of a slot that agree to this many digits are equal but for rounding.
+_EQUAL = 9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -183,9 +185,11 @@ def alias(
     second, part = image.copy(), np.ones(image.shape)
     open_ = np.ones(image.shape, bool)
     for _ in range(slots - 1):
-        # The least likely outcome fills up its slot with the most likely one, and is done.
-        least = np.where(open_, left, np.inf).argmin(axis=1)
-        most = np.where(open_, left, -np.inf).argmax(axis=1)
+        # The least likely outcome fills up its slot with the most likely one, and is done. Of equal
+        # ones the first is taken, however a processor rounds them, so that draws are the same.
+        compared = left.round(_EQUAL)
+        least = np.where(open_, compared, np.inf).argmin(axis=1)
+        most = np.where(open_, compared, -np.inf).argmax(axis=1)
         part[row, least] = np.minimum(left[row, least], 1)
         second[row, least] = image[row, most]
         left[row, most] -= 1 - part[row, least]

@@ -142,3 +142,17 @@ def test_too_little_is_refused(runs, horizon, message):
         simulate_arrival(jax.random.key(0), [complete(3)], [1], 0, runs, horizon=horizon)
     with pytest.raises(ValueError, match="robot 0: start: cell 3 does not exist"):
         simulate_arrival(jax.random.key(0), [complete(3)], [3], 0)
+
+
+def test_alias_tables_do_not_depend_on_rounding():
+    # Equal probabilities differ in their last digit between processors.
+    random = np.random.default_rng(0)
+    probability = np.array([[0.1, 0.4, 0.4, 0.1], [0.25, 0.25, 0.25, 0.25], [0.5, 0.2, 0.2, 0.1]])
+    image = np.tile(np.arange(4), (3, 1))
+    first, second, part = alias(image, probability)
+    for _ in range(20):
+        rounded = probability * (1 + 1e-15 * random.uniform(-1, 1, probability.shape))
+        tables = alias(image, rounded)
+        np.testing.assert_array_equal(tables[0], first)
+        np.testing.assert_array_equal(tables[1][part < 1 - 1e-12], second[part < 1 - 1e-12])
+        np.testing.assert_allclose(tables[2], part, atol=1e-12)
