@@ -1,4 +1,3 @@
-import re
 import subprocess
 import sys
 
@@ -40,21 +39,6 @@ def test_an_example_can_be_read(command):
     assert isinstance(found, COMMANDS[command])
 
 
-@pytest.mark.parametrize(
-    "wanted",
-    [
-        "cover MAP --bounces DEG [DEG ...] --error DEG --reliability FLOAT",
-        "drift FILE [FILE ...]",
-        "localize MAP (--bounce DEG | --bounces DEG [DEG ...])",
-        "robot run FILE (--port STR | --ros {create3,base} | --simulate PATH)",
-    ],
-)
-def test_usage_names_what_is_required(capsys, wanted):
-    command = re.match("robot run|[a-z]+", wanted)[0].split()
-    usage = page(capsys, *command, "--help").splitlines()[0]
-    assert usage == f"usage: jaxcell {wanted} [OPTIONS]"
-
-
 def test_values_of_a_kind_are_counted(capsys):
     assert "--bounds FLOAT FLOAT FLOAT FLOAT " in page(capsys, "drift", "--help")
 
@@ -92,26 +76,6 @@ def test_a_mistyped_command_is_corrected(capsys, args, meant):
         main(args)
     assert ended.value.code == 2
     assert capsys.readouterr().err == f"jaxcell: there is no command {meant}\n"
-
-
-@pytest.mark.parametrize(
-    ("line", "told"),
-    [
-        ("localize @lab_a --bounec 90", "--bounec; did you mean --bounce?"),
-        ("localize @lab_a --bounec=90", "--bounec; did you mean --bounce?"),
-        ("localize --bounec 90", "--bounec; did you mean --bounce?"),
-        ("navigate @lab_a --bounces 45 --star 0 --goal 1", "--star; did you mean --start?"),
-        ("robot run a.jxf --simulat @lab_a", "--simulat; did you mean --simulate?"),
-        ("sweep @rooms --xyzzy 3", "--xyzzy; jaxcell sweep --help lists them"),
-        ("sweep status runs --jsno", "--jsno; did you mean --json?"),
-    ],
-)
-def test_a_mistyped_option_is_corrected(capsys, line, told):
-    with pytest.raises(SystemExit) as ended:
-        main(line.split())
-    assert ended.value.code == 2
-    command = next(name for name in reversed(COMMANDS) if line.startswith(f"{name} "))
-    assert capsys.readouterr().err == f"jaxcell {command}: there is no option {told}\n"
 
 
 def test_options_may_be_written_with_underscores(capsys):
