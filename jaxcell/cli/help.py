@@ -159,14 +159,14 @@ def _metavar(name: str, hint: Any) -> str | None:
     """Return the placeholder of a value: its unit, or `None` for tyro's own, the type."""
     if _is_positional(hint):
         return name.upper()
+    several: list[tuple[Any, ...]]
+    several = [get_args(part) for part in _inside(hint) if get_origin(part) is tuple]
+    if several and Ellipsis not in several[0]:
+        return " ".join(kind.__name__.upper() for kind in several[0])
     if (unit := within(hint, Unit)) is None:
         return None
     word = _UNITS[unit.suffix]
-    return f"{word} [{word} ...]" if "tuple" in map(_name, _inside(hint)) else word
-
-
-def _name(hint: Any) -> str:
-    return getattr(get_origin(hint), "__name__", "")
+    return f"{word} [{word} ...]" if several else word
 
 
 def _inside(hint: Any) -> list[Any]:
