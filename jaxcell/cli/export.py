@@ -14,9 +14,9 @@ class Export:
     example: ClassVar[str] = "runs/lab/filter.jxf filter.h"
 
     filter: tyro.conf.Positional[Path]
-    """Filter file, or policy file (.h only), as localize --out writes it."""
+    """Filter or policy (only as .h) of `jaxcell localize --out`."""
     file: tyro.conf.Positional[Path]
-    """File to write; its suffix says which format."""
+    """File to write; its suffix chooses the format."""
     minimal: bool = False
     """Merge states that no observation distinguishes by colour."""
 
@@ -49,7 +49,7 @@ class Export:
         from .options import write_text
 
         if self.file.suffix != ".h" or self.minimal:
-            raise ValueError(f"{self.file}: a policy has no minimal form, and only that of C (.h)")
+            raise ValueError(f"{self.file}: a policy is written only as .h, and without --minimal")
         policy = automata.Policy.load(self.filter)
         write_text(self.file, automata.policy_to_c_header(policy))
         note(f"{self.file}: {policy.turn.size} states")

@@ -12,28 +12,21 @@ from .options import Printing
 from .terminal import say, table
 
 
+_STATES = {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"}
 # Files for other programs: what each is, a pattern that all of them have, and patterns of numbers.
 _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
     ".dot": (
         "a filter, for Graphviz",
-        r"\Adigraph [^\0]*}\s*\Z",
+        r"(?s)\Adigraph .*}\s*\Z",
         {"states": r"^  \d+ \[", "transitions": r"^  \d+ -> \d+ \["},
     ),
     ".jff": (
         "an automaton, for JFLAP",
-        r"<structure>[^\0]*</structure>\s*\Z",
+        r"(?s)<structure>.*</structure>\s*\Z",
         {"states": r"<state ", "transitions": r"<transition>"},
     ),
-    ".h": (
-        "a filter, for C",
-        r"_transition\[\d+\]\[2\]|_turn\[\d+\]",
-        {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"},
-    ),
-    ".ino": (
-        "a program for an Arduino",
-        r"\A/\* .*\n[^\0]{,1000}Made by jaxcell",
-        {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"},
-    ),
+    ".h": ("a filter, for C", r"_(transition|turn)\[\d+\]", _STATES),
+    ".ino": ("a program for an Arduino", r"(?s)\A/\* .{,1000}Made by jaxcell", _STATES),
 }
 
 
@@ -66,9 +59,9 @@ def describe(path: Path) -> dict[str, Any]:
     if path.is_dir():
         return _directory(path)
     suffix = path.suffix.lower()
-    if suffix not in _KINDS:
-        raise ValueError(f"{path}: expected a file of a kind among {', '.join(_KINDS)}")
-    return _KINDS[suffix](path)
+    if suffix not in KINDS:
+        raise ValueError(f"{path}: expected a file of a kind among {', '.join(KINDS)}")
+    return KINDS[suffix](path)
 
 
 def _shown(value: Any) -> str:
@@ -88,7 +81,7 @@ def _directory(path: Path) -> dict[str, Any]:
     files = sorted(
         str(file.relative_to(path))
         for file in path.rglob("*")
-        if (file.suffix.lower() in _KINDS and file.is_file()) or file.suffix == ".zarr"
+        if (file.suffix.lower() in KINDS and file.is_file()) or file.suffix == ".zarr"
         if not any(folder.suffix == ".zarr" for folder in file.relative_to(path).parents)
     )
     if not files:
@@ -138,13 +131,11 @@ def _netcdf(path: Path) -> dict[str, Any]:
             netcdf_file(path).close()
         with netCDF4.Dataset(path) as file:
             # Values are not read, because there may be very many.
-            every = (file, *file.variables.values())
-            named = [str(part.__dict__.get("coordinates", "")) for part in every]
-            coordinates = {*file.dimensions, *" ".join(named).split()}
+            every = {name: (one.dimensions, one.__dict__) for name, one in file.variables.items()}
+            attributes = [file.__dict__, *(about for _, about in every.values())]
+            named = " ".join(str(about.get("coordinates", "")) for about in attributes).split()
             variables = {
-                name: (variable.dimensions, variable.__dict__)
-                for name, variable in file.variables.items()
-                if name not in coordinates
+                name: one for name, one in every.items() if name not in {*file.dimensions, *named}
             }
             sizes = {name: len(size) for name, size in file.dimensions.items()}
             return _contents(sizes, variables, file.__dict__)
@@ -164,20 +155,20 @@ def _zarr(path: Path) -> dict[str, Any]:
 def _contents(
     sizes: dict[Any, int],
     variables: dict[Any, tuple[tuple[Any, ...], dict[str, Any]]],
-    everything: dict[str, Any],
+    attributes: dict[str, Any],
 ) -> dict[str, Any]:
     """Describe a file of labelled arrays by its dimensions and attributes."""
-    ours = "jaxcell_version" in everything
-    attributes = {name: str(value) for name, value in everything.items() if ours or name == "title"}
-    title = attributes.pop("title", "without a title")
-    attributes.pop("coordinates", None)
+    ours = "jaxcell_version" in attributes
     shown = {}
     for name, (dimensions, about) in variables.items():
         units = f", {about['units']}" if "units" in about else ""
         meaning = f": {about['long_name']}" if "long_name" in about else ""
         shown[name] = f"({', '.join(dimensions)}){units}{meaning}"
+    title = attributes.get("title", "without a title")
     what = f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}"
-    return {"what": what, "dimensions": sizes, "variables": shown, **attributes}
+    hidden = {"title", "coordinates"} if ours else {*attributes}
+    more = {name: str(value) for name, value in attributes.items() if name not in hidden}
+    return {"what": what, "dimensions": sizes, "variables": shown, **more}
 
 
 def _recording(path: Path) -> dict[str, Any]:
@@ -350,7 +341,6 @@ def _places(path: Path) -> dict[str, Any]:
 
 
 def _picture(path: Path) -> dict[str, Any]:
-    import numpy as np
     from PIL import UnidentifiedImageError
 
     from ..space.maps.images import read_image
@@ -361,16 +351,8 @@ def _picture(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: expected a PGM picture") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    grey = np.asarray(image.convert("L") if image.mode in ("1", "RGB") else image)
-    full = 255 if grey.dtype == np.uint8 else 65535
-    # The threshold of map_server for a map that names none.
-    occupied = (full - grey.astype(float)) / full > 0.65
-    return {
-        "what": "the picture of a map; its .yaml has the size of a pixel",
-        "width": image.width,
-        "height": image.height,
-        "occupied_share": round(float(occupied.mean()), 6),
-    }
+    what = "the picture of a map; its .yaml has the size of a pixel"
+    return {"what": what, "width": image.width, "height": image.height}
 
 
 def _text(path: Path) -> str:
@@ -380,7 +362,7 @@ def _text(path: Path) -> str:
         raise ValueError(f"{path}: not a text in UTF-8: {error.reason}") from None
 
 
-_KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
+KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".jxb": _filter,
     ".jxf": _filter,
     ".nc": _netcdf,

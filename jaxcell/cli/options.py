@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Printing:
-    """What commands take that print what they found."""
+    """The option of commands that print a result."""
 
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
@@ -28,7 +28,7 @@ class Printing:
 
 @contextlib.contextmanager
 def starting() -> Iterator[None]:
-    """Set JAX up for a command, around the imports that take seconds."""
+    """Configure JAX for a command, and show a status during imports that take seconds."""
     with status("loading JAX"):
         from ..base.runtime import configure_jax
 
@@ -37,18 +37,18 @@ def starting() -> Iterator[None]:
 
 
 def prepare_tasks() -> None:
-    """Find tasks beside the user, and let them compute as commands do.
+    """Find tasks in the working folder, and let them compute with 64 bits as commands do.
 
-    This does not import JAX, which they may not need.
+    This does not import JAX, because tasks may not need it.
     """
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     sys.path.append(os.getcwd())
 
 
 def direction_at(heading: float, directions: int) -> int:
-    """The direction of the option `--heading`, in degrees.
+    """Return the direction of the option `--heading`, which is in degrees.
 
-    **Raises:** `ValueError` if there is none in which a robot has this heading.
+    **Raises:** `ValueError` if the heading is between two directions.
     """
     turn = heading * directions / 360
     if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
@@ -60,25 +60,25 @@ def direction_at(heading: float, directions: int) -> int:
 
 
 def check_heading(task: "Task") -> None:
-    """Refuse a task whose robot needs its heading, where the heading is not known.
+    """Refuse a task whose robot needs its heading, if no heading is known.
 
     **Raises:** `ValueError`.
     """
     if task.needs_heading:
         raise ValueError(
-            f"--heading: the steps of {task.path} differ between directions, so the robot needs to "
-            "know its own; expected its heading at the start, in degrees"
+            f"--heading: expected the heading of the robot at the start in degrees, because the "
+            f"steps of {task.path} differ between directions"
         )
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
-    """Refuse a place for results where none can be written, before they are computed.
+    """Refuse a place where results cannot be written, before they are computed.
 
     **Arguments:**
 
     - `out`: the place.
-    - `folder`: whether it is to be a folder, or a file.
-    - `option`: what the message calls it.
+    - `folder`: whether the place is for a folder, or for a file.
+    - `option`: the name of the place in the message.
 
     **Raises:** `IsADirectoryError`, `NotADirectoryError` or `PermissionError`.
     """
@@ -91,7 +91,7 @@ def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
     if not place.is_dir():
         raise NotADirectoryError(f"{option}{out}: {place} is no directory")
     try:
-        # Permissions are only half of it: a disk may be full, or mounted read-only.
+        # Beside missing permissions, a disk may be full, or mounted read-only.
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
@@ -99,7 +99,7 @@ def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
+    """Write a text file, which appears whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -118,17 +118,10 @@ class AnywhereStudy(MapStudy):
         self, bounces: tuple[Degrees, ...], start: str | None, say: Say
     ) -> "Anywhere":
         """Localize robots that start anywhere."""
-        import numpy as np
-
         from ..bounce import Anywhere
 
-        cells = self.cells()
-        say("finding the chords of the room")
-        filter = self.filter(cells)
-        angles = np.radians(bounces)
-        trial = self._drive(cells, filter, angles.tolist(), start, say)
-        radius = cells.cell / 2 if self.radius is None else self.radius
-        return Anywhere(cells, filter, self._known_headings(cells), angles, radius, trial)
+        driven = self._driven(bounces, start, say)
+        return Anywhere(**driven)
 
     def home_from_anywhere(
         self,
@@ -139,47 +132,50 @@ class AnywhereStudy(MapStudy):
         say: Say,
     ) -> "HomeFromAnywhere":
         """Bring robots that start anywhere to a goal."""
+        from ..bounce import HomeFromAnywhere
+
+        driven = self._driven(bounces, start, say, (goal, goal_radius))
+        planned = _planned(driven["cells"], driven["bounces"], driven["trial"], goal)
+        return HomeFromAnywhere(**driven, **planned)
+
+    def _driven(
+        self,
+        bounces: tuple[Degrees, ...],
+        start: str | None,
+        say: Say,
+        goal: tuple[tuple[float, float], float] | None = None,
+    ) -> dict[str, Any]:
+        """Drive the robots, to a goal and its radius if there is one."""
         import numpy as np
 
-        from ..bounce import HomeFromAnywhere
-        from ..walls import Homing
+        from ..walls import Homing, drive_anywhere
 
         cells = self.cells()
+        workspace = cells.workspace
+        assert workspace is not None
         say("finding the chords of the room")
         filter = self.filter(cells)
         angles = np.radians(bounces)
-        homing = Homing(filter, goal, goal_radius, tuple(angles.tolist()))
-        say("counting bumps to the goal")
-        trial = self._drive(cells, filter, angles.tolist(), start, say, homing)
-        radius = cells.cell / 2 if self.radius is None else self.radius
-        planned = _planned(cells, angles, trial, goal)
-        return HomeFromAnywhere(
-            cells, filter, self._known_headings(cells), angles, radius, trial, homing, *planned
-        )
-
-    def _drive(
-        self,
-        cells: Any,
-        filter: "WallFilter",
-        angles: list[float],
-        start: str | None,
-        say: Say,
-        homing: Any = None,
-    ) -> "Trial":
-        from ..walls import drive_anywhere
-
-        return drive_anywhere(
-            cells.workspace,
+        homing = None
+        if goal is not None:
+            homing = Homing(filter, *goal, tuple(angles.tolist()))
+            say("counting bumps to the goal")
+        trial = drive_anywhere(
+            workspace,
             filter,
-            angles,
+            angles.tolist(),
             robots=self.robots,
             bumps=self.bumps,
             headings=self._known_headings(cells),
             goal=homing,
-            start=None if start is None else pose_at(cells.workspace, start, "start"),
+            start=None if start is None else pose_at(workspace, start, "start"),
             seed=self.seed,
             say=say,
         )
+        radius = cells.cell / 2 if self.radius is None else self.radius
+        driven = {"cells": cells, "filter": filter, "headings": self._known_headings(cells)}
+        driven |= {"bounces": angles, "radius": radius, "trial": trial}
+        return driven if homing is None else driven | {"homing": homing}
 
 
 def pose_at(workspace: "Workspace", text: str, parameter: str) -> tuple[float, float, float]:
@@ -195,9 +191,7 @@ def pose_at(workspace: "Workspace", text: str, parameter: str) -> tuple[float, f
     return x, y, math.radians(heading)
 
 
-def _planned(
-    cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float]
-) -> tuple[float | None, float | None]:
+def _planned(cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float]) -> dict[str, Any]:
     """Return the median bumps and metres of plans of cells, which know their starts.
 
     Both are `None` if an angle is no multiple of the angle between directions.
@@ -209,7 +203,7 @@ def _planned(
 
     step = 2 * math.pi / cells.directions
     if np.abs(angles / step - np.round(angles / step)).max() > 1e-9:
-        return None, None
+        return {"planned_bumps": None, "planned_metres": None}
     end = int(cells.index(*goal, 0.0)) % cells.positions
     plans = []
     for place, heading in zip(trial.start[:_PLANS], trial.heading[:_PLANS, 0], strict=True):
@@ -224,4 +218,4 @@ def _planned(
             (math.inf, math.inf) if least is None else (least.bumps, least.steps * cells.cell)
         )
     bumps, metres = np.median(plans, axis=0).tolist()
-    return bumps, metres
+    return {"planned_bumps": bumps, "planned_metres": metres}

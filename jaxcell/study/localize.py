@@ -31,7 +31,7 @@ class Localize(AnywhereStudy):
     task: ClassVar[str] = "localize"
     one_of: ClassVar[tuple[str, ...]] = ("bounce", "bounces")
 
-    bounce: Degrees | None = None
+    bounce: Annotated[Degrees | None, Only(bounces=False)] = None
     """Bouncing angle in degrees, counter-clockwise."""
     bounces: Annotated[tuple[Degrees, ...], Only(bounce=False)] = ()
     """Bouncing angles among which the robot chooses at each bump. A robot that slips takes the

@@ -95,26 +95,25 @@ def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray
             f"over {', '.join(map(str, array.dims)) or 'nothing'}"
         )
     x, y, _ = cells.centre(np.arange(cells.positions))
-    return np.asarray(array.isel(x=_nearest(array, "x", x), y=_nearest(array, "y", y)), float)
+    array = array.sortby(["x", "y"])
+    nearest = {name: _nearest(array, name, centres) for name, centres in (("x", x), ("y", y))}
+    return np.asarray(array.isel(nearest), float)
 
 
 def _nearest(
     array: "xr.DataArray", name: str, centres: Float[np.ndarray, "positions"]
 ) -> "xr.DataArray":
-    """Return the index of the coordinate nearest to each centre."""
+    """Return the index of the nearest of sorted coordinates to each centre."""
     import xarray as xr
 
     values = np.asarray(array[name], float)
-    # So that differences are finite too.
+    # The bound keeps differences finite.
     if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():
         raise ValueError(f"expected at least two finite coordinates {name}")
-    order = np.argsort(values, kind="stable")
-    place = np.searchsorted(values[order], centres).clip(1, values.size - 1)
-    low, high = order[place - 1], order[place]
-    to_low, to_high = np.abs(values[low] - centres), np.abs(values[high] - centres)
-    index = np.where((to_low < to_high) | ((to_low == to_high) & (low < high)), low, high)
+    # The lower of two coordinates that are equally near.
+    index = np.searchsorted((values[1:] + values[:-1]) / 2, centres)
     beyond = np.abs(values[index] - centres).max()
-    if beyond > np.abs(np.diff(np.sort(values))).max():
+    if beyond > np.diff(values).max():
         raise ValueError(
             f"the map reaches {beyond:g} m beyond its coordinates {name}, which go from "
             f"{values.min():g} to {values.max():g}"

@@ -80,7 +80,6 @@ def test_constraints_are_met_and_verified(capsys, tmp_path):
         {"same": [["2", "3"], ["2", "8"], ["3", "4"]]},
     )
     found = run(capsys, "--constraints", file, "--verify", "--out", tmp_path / "out")[1]
-    check_chain(found)
     weight = {frozenset(edge["ends"]): edge["weight"] for edge in found["edges"]}
     assert weight[frozenset("12")] + weight[frozenset("15")] <= 0.2 + 1e-9
     assert min(one["stationary"] for one in found["vertices"]) >= 0.09 - 1e-9

@@ -41,7 +41,7 @@ def test_a_robot_that_needs_its_heading_is_refused_without(request, capsys, plac
     path = request.getfixturevalue(kind)
     assert main(["robot", "run", str(path), *place]) == 2
     said = capsys.readouterr().err
-    assert f"--heading: the steps of {path} differ between directions" in said
+    assert f"because the steps of {path} differ between directions" in said
     assert said.count("\n") == 1
 
 

@@ -74,7 +74,7 @@ def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
     assert header["patrol"]["start"] == int(LAB.index(3.5, 0.5))
     assert header["patrol"]["facing"] == 1
     patrol_file.write_text(patrol_file.read_text() + " ")
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another patrol"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is the log of another patrol"):
         RobotReplay(log=out / "run.jsonl").run()
 
 
@@ -108,7 +108,7 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
 def test_a_camera_is_for_patrols(patrol_file, tmp_path, capsys):
     with pytest.raises(ValueError, match=r"--camera .*nothing: No such file"):
         run(simulated(patrol_file, camera=str(tmp_path / "nothing")), capsys)
-    with pytest.raises(ValueError, match="without --intruder"):
+    with pytest.raises(ValueError, match="camera: it has an effect only without `intruder`"):
         run(simulated(patrol_file, camera=str(tmp_path), intruder="1,1"), capsys)
 
 
@@ -184,7 +184,7 @@ def test_bad_options(patrol_file, tmp_path):
     bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
     with pytest.raises(ValueError, match="it is for one robot"):
         simulated(path, robot=0).run()
-    with pytest.raises(ValueError, match="--intruder has a meaning only"):
+    with pytest.raises(ValueError, match="--intruder: it has an effect only for a patrol"):
         simulated(path, heading=0.0, intruder="1,1").run()
     with pytest.raises(ValueError, match="a robot does not read NetCDF"):
         simulated(tmp_path / "plans.nc").run()

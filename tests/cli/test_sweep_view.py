@@ -137,12 +137,12 @@ def test_what_has_no_result_or_no_detail_says_so(ran, tmp_path, capsys, monkeypa
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert (
-        "the task 'sweep_stub:stub' has no detail to show; those that have are studies of yours"
+        "the task 'sweep_stub:stub' has no detail to show; expected a study of yours, or one of"
         in told
     )
     monkeypatch.setattr("jaxcell.cli.sweep.member.detailed_study", lambda task: None)
     assert main([*view, "--select", "x=2"]) == 1
-    assert "no result of the member x=2: RuntimeError: x is 2" in capsys.readouterr().err
+    assert "The member x=2 has no result: RuntimeError: x is 2" in capsys.readouterr().err
     assert main([*view, "--out", "some.txt"]) == 2
     assert "--out some.txt: expected the name of a recording" in capsys.readouterr().err
     assert main(["sweep", "view", str(tmp_path / "none")]) == 2
@@ -156,4 +156,4 @@ def test_a_member_that_is_not_computed_yet(ran, capsys):
     )
     (folder / "sweep.zarr" / "status" / "c" / "0").unlink()
     assert main(["sweep", "view", str(folder), "--select", "room=1"]) == 1
-    assert "no result of the member room=1: it is not computed yet" in capsys.readouterr().err
+    assert "The member room=1 has no result: it is not computed yet" in capsys.readouterr().err

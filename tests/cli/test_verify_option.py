@@ -21,7 +21,7 @@ COMMANDS = {
 
 def test_people_read_a_line(capsys):
     assert main([*COMMANDS["navigate"], "--verify"]) == 0
-    assert "numbers agree with another route" in capsys.readouterr().err
+    assert "numbers agree with another method" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("json_too", [True, False])
