@@ -73,7 +73,7 @@ def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
         print(f"\n{_ABOUT}")
     table = Table(box=None, show_header=False, padding=(0, 2), pad_edge=True)
     for name, kind in commands.items():
-        sentence = re.split(r"(?<=[a-z)])[.;:] ", " ".join((kind.__doc__ or "").split()))[0]
+        sentence = re.split(r"(?<=[a-z)])[.;] ", " ".join((kind.__doc__ or "").split()))[0]
         table.add_row(name, sentence.rstrip("."))
     Console(highlight=False).print("\nCommands; each takes --help:\n", table, sep="\n")
     sys.exit(0)

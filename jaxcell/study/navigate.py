@@ -71,7 +71,8 @@ class Navigate(AnywhereStudy, Plans):
     task: ClassVar[str] = ""
 
     start: str | None = None
-    """Start of the robot: "x,y,heading" in m and degrees, or a cell number."""
+    """Start of the robot: "x,y,heading" in m and degrees, or a cell number; with --anywhere random
+    by default."""
     goal: str
     """Goal, in the form of the start; with --anywhere "x,y" in m."""
     goal_radius: Annotated[Length | None, Only(anywhere=True)] = None

@@ -178,9 +178,3 @@ def test_six_layers_fit_on_a_screen_and_begin_with_what_people_ask(
     ]
     # One row for each layer.
     assert rows[-6:] == [str(layer) for layer in range(6)]
-
-
-def test_wind_that_is_not_there(capsys, stream):
-    status, _, error = run(capsys, "--windage", 0.03, file=stream)
-    assert status == 2
-    assert error.startswith(f"jaxcell drift: {stream}: wind: the file has no wind")

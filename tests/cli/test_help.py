@@ -179,3 +179,24 @@ def test_help_into_a_closed_pipe_is_quiet():
     assert run.stderr.read() == b""
     run.stderr.close()
     run.wait()
+
+
+def test_no_page_of_help_imports_what_is_slow():
+    code = (
+        "import sys, jaxcell.cli\n"
+        f"for line in {[name.split() for name in COMMANDS]!r} + [[]]:\n"
+        "    try: jaxcell.cli.main([*line, '--help'])\n"
+        "    except SystemExit as end: assert end.code == 0\n"
+        "slow = {'jax', 'numpy', 'xarray', 'rerun', 'shapely', 'zarr'}\n"
+        "assert not slow & sys.modules.keys(), slow & sys.modules.keys()"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("line", ["localize", "nothing", "groups map.json --bounce many"])
+def test_options_that_cannot_be_read_end_with_status_2(capsys, line):
+    with pytest.raises(SystemExit) as ended:
+        main(line.split())
+    assert ended.value.code == 2
+    assert capsys.readouterr().out == ""

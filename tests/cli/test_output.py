@@ -282,3 +282,21 @@ def test_a_map_is_drawn_in_ascii(tmp_path):
     ended = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout.isascii()
+
+
+def test_localize_compiles_nothing_and_imports_little():
+    code = (
+        "import jax, sys\n"
+        "from jaxcell.cli import main\n"
+        "compiled = []\n"
+        "jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__:"
+        " compiled.append(name) if 'backend_compile' in name else None)\n"
+        "jax.jit(lambda x: x + 1)(2.5)\n"
+        "assert compiled and not compiled.clear()\n"
+        "for cell in ('1', '0.93'):\n"
+        "    assert main(['localize', '@lab_a', '--cell', cell, '--bounce', '45']) == 0\n"
+        "assert not compiled, compiled\n"
+        "assert not {'scipy', 'xarray', 'pandas'} & sys.modules.keys()\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from wheels import MAPS, bounce_filter, bounce_tables, map_cells, pose_of
+from robot_files import LAB, SPEC, simulated
+from wheels import bounce_filter, bounce_tables, map_cells, pose_of
 
 from jaxcell.cli import app, main
 from jaxcell.cli.robot.check import RobotCheck
@@ -26,24 +27,9 @@ from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.walker import Walker
 
 
-LAB = map_cells("lab_a.json")
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
-
-
-@pytest.fixture
-def filter_file(tmp_path):
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
-    return path
-
-
 def run(command, capsys) -> tuple[int, dict]:
     code = command.run()
     return code, json.loads(capsys.readouterr().out)
-
-
-def simulated(file, name="lab_a.json", **fields) -> RobotRun:
-    return RobotRun(file=file, simulate=MAPS / name, speedup=1e6, json=True, **fields)
 
 
 def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):

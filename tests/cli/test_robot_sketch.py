@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from robot_files import LAB, SPEC
 from wheels import bounce_filter, map_cells
 
 from jaxcell.automata import Filter, minimize, policy_to_c_header
@@ -11,17 +12,6 @@ from jaxcell.cli import main
 from jaxcell.cli.robot.sketch import RobotSketch
 from jaxcell.robot.sketch import bounce_sketch, filter_sketch, policy_sketch
 from jaxcell.robot.tasks.files import load_task
-
-
-LAB = map_cells("lab_a.json")
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
-
-
-@pytest.fixture
-def filter_file(tmp_path):
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata=SPEC).save(path)
-    return path
 
 
 def test_a_filter_becomes_a_sketch(filter_file, tmp_path, capsys):

@@ -3,7 +3,8 @@ import math
 
 import numpy as np
 import pytest
-from wheels import MAPS, bounce_filter, map_cells
+from robot_files import SPEC, save_filter
+from wheels import MAPS, map_cells
 
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
@@ -14,7 +15,6 @@ from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
 
 
 LAB = map_cells("lab_b.json")
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 
 
 @pytest.fixture
@@ -161,9 +161,7 @@ def test_a_robot_of_a_team(tmp_path, capsys, steps):
 
 
 def test_a_filter_by_the_clock_alone(tmp_path, capsys):
-    lab = map_cells("lab_a.json")
-    path = tmp_path / "filter.jxf"
-    bounce_filter(lab, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
+    path = save_filter(tmp_path)
     code, found = run(
         simulated(path, "lab_a.json", start="70", heading=135.0, steps="clock"), capsys
     )
@@ -180,8 +178,7 @@ def test_bad_options(patrol_file, tmp_path):
         simulated(patrol_file, visits=0).run()
     with pytest.raises(ValueError, match="tolerance: expected a positive number"):
         simulated(patrol_file, tolerance=-1.0).run()
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
+    path = save_filter(tmp_path)
     with pytest.raises(ValueError, match="it is for one robot"):
         simulated(path, robot=0).run()
     with pytest.raises(ValueError, match="--intruder: it has an effect only for a patrol"):

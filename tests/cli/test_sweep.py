@@ -215,16 +215,6 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, capsys, number):
     assert found["running"] is None
 
 
-def test_help_needs_neither_jax_nor_zarr():
-    program = (
-        "import sys\nfrom jaxcell.cli import main\n"
-        "try: main(['sweep', '--help'])\n"
-        "except SystemExit: pass\n"
-        "assert not {'jax', 'xarray', 'zarr'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
-
-
 def test_the_state_of_a_sweep_needs_nothing_that_is_slow_to_import(spec, tmp_path):
     out = str(tmp_path / "out")
     assert main(["sweep", spec(), "--out", out, "--json"]) == 0

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jaxcell import bundled
 from jaxcell.cli import main
 from jaxcell.record import dataset, save_recording, summary
-from jaxcell.study import Study
+from jaxcell.study import Cover, Study
 from jaxcell.study.loading import load_study
 from jaxcell.sweep.studies import read_study, study_task
 
@@ -170,3 +171,10 @@ def test_parameters_of_another_type_are_refused(drop, given, message):
 def test_a_single_value_will_do_for_several(drop):
     asked = read_study(drop, {"height": 1, "kinds": "feather"})
     assert asked == dataclasses.replace(drop(height=1.0), kinds=("feather",))
+
+
+def test_a_study_takes_the_name_of_bundled_data():
+    robot = {"bounces": (45,), "error": 45.0, "reliability": 0.8}
+    assert Cover(map="@lab_a", **robot) == Cover(map=bundled("lab_a"), **robot)
+    with pytest.raises(FileNotFoundError, match="not among the bundled data"):
+        Cover(map="@lab_z", **robot)

@@ -65,9 +65,7 @@ class RobotSketch:
                 f"{path}: expected a filter or a policy, as `jaxcell localize --out` writes it"
             )
         if self.minimal and isinstance(task, PolicyTask):
-            raise ValueError(
-                "--minimal: it has no effect on a policy, whose equal states are merged"
-            )
+            raise ValueError("--minimal: a policy has no equal states to merge")
         if self.minimal and isinstance(task, FilterTask):
             task = dataclasses.replace(task, filter=minimize(task.filter))
         direction = None
