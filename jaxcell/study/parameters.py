@@ -46,10 +46,10 @@ class Limit:
     ('at least 1', 'more than 0 and at most 1', '2 to 1,000')
     """
 
-    ge: float | None = None
-    gt: float | None = None
-    le: float | None = None
-    lt: float | None = None
+    ge: int | float | None = None
+    gt: int | float | None = None
+    le: int | float | None = None
+    lt: int | float | None = None
 
     def __str__(self) -> str:
         if self.ge is not None and self.le is not None:
@@ -58,7 +58,7 @@ class Limit:
         words["less than"] = self.lt
         return " and ".join(f"{name} {_number(at)}" for name, at in words.items() if at is not None)
 
-    def check(self, parameter: str, value: float | None, after: str = "") -> None:
+    def check(self, parameter: str, value: int | float | None, after: str = "") -> None:
         """Refuse a number that is beyond the bounds.
 
         **Arguments:**
@@ -80,7 +80,7 @@ class Limit:
             raise ValueError(f"{parameter}: expected {self}{after}, got {value:g}")
 
 
-def _number(value: float) -> str:
+def _number(value: int | float) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:g}"
 
 

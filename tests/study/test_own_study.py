@@ -4,6 +4,7 @@ import dataclasses
 import json
 import sys
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -174,7 +175,7 @@ def test_a_single_value_will_do_for_several(drop):
 
 
 def test_a_study_takes_the_name_of_bundled_data():
-    robot = {"bounces": (45,), "error": 45.0, "reliability": 0.8}
-    assert Cover(map="@lab_a", **robot) == Cover(map=bundled("lab_a"), **robot)
+    robot = {"bounces": (45.0,), "error": 45.0, "reliability": 0.8}
+    assert Cover(map=Path("@lab_a"), **robot) == Cover(map=bundled("lab_a"), **robot)
     with pytest.raises(FileNotFoundError, match="not among the bundled data"):
-        Cover(map="@lab_z", **robot)
+        Cover(map=Path("@lab_z"), **robot)
