@@ -16,14 +16,8 @@ from jaxcell.optimize import (
     minimum_cover,
     stackelberg,
 )
-from jaxcell.patrol import (
-    Policy,
-    Reassignment,
-    Vulnerability,
-    distributed_policies,
-    reassign,
-    vulnerability,
-)
+from jaxcell.patrol import Attack, distributed_policies, vulnerability
+from jaxcell.patrol.map import Policy, Reassignment, Vulnerability, reassign
 
 
 REPEATS = 10
@@ -157,7 +151,7 @@ def evaluate(site: Site, caught: np.ndarray, runs: int, seed: int) -> list[Vulne
             site.visible,
             site.policies,
             target,
-            ATTACKS,
+            Attack(ATTACKS),
             runs=runs,
         )
         for number, target in enumerate((typical, weakest))

@@ -23,7 +23,7 @@ _SECONDS = 5
 _MAX_BYTES = 3 * 2**30
 _LONGEST_LINE = 1500
 
-# What is written where a number, a name or a bracket was.
+# Replacements of a number, a name or a bracket.
 _TOKENS = [
     *(
         b"",
@@ -41,7 +41,7 @@ _TOKENS = [
     *(b"[" * 20_000, b"{'a':" * 5000, b"<a>" * 5000, b"=", b",", b"*a", b"&a [*a]", b"- ", b"\\u"),
 ]
 
-# What stands in the place of any part of a JSON document. Text between @ is written as it is.
+# Replacements of any part of a JSON document. Names between @ stand for raw text.
 _RAW = {
     "@nested@": "[" * 50_000 + "]" * 50_000,
     "@objects@": '{"a":' * 50_000 + "0" + "}" * 50_000,
@@ -72,7 +72,7 @@ _PARTS = st.one_of(
 
 
 def cases(few=100):
-    """How many cases a property is tried with."""
+    """Settings with a number of cases for a property."""
     return settings(
         max_examples=_CASES or few,
         derandomize=not _CASES,
@@ -156,7 +156,7 @@ def tree(folder):
 
 @st.composite
 def damaged(draw, corpus):
-    """One of some files, after a few edits: its name and its bytes."""
+    """A file of a corpus after a few edits: its name and its bytes."""
     name = draw(st.sampled_from(sorted(corpus)))
     content = corpus[name]
     for _ in range(draw(st.integers(1, 4))):
@@ -190,7 +190,7 @@ def _edited(draw, content):
 
 @st.composite
 def changed_json(draw, corpus):
-    """One of some JSON documents, with other parts here and there: its name and its text."""
+    """A JSON document of a corpus with a few replaced parts: its name and its text."""
     name = draw(st.sampled_from(sorted(corpus)))
     document = json.loads(json.dumps(corpus[name]))
     for _ in range(draw(st.integers(1, 3))):

@@ -20,7 +20,7 @@ def matrices(draw):
 
 
 def reachable(matrix):
-    """Which cell reaches which, in 0 steps or more."""
+    """Return a mask of the cells that each cell reaches, in 0 steps or more."""
     reach = np.eye(len(matrix), dtype=bool)
     for _ in matrix:
         reach |= (reach.astype(int) @ (matrix > 0).astype(int)) > 0

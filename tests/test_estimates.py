@@ -19,7 +19,7 @@ from jaxcell.bounce import (
     group_summary,
     moves,
 )
-from jaxcell.space import CellSpace, Workspace, estimates, visible_cells, visible_centres
+from jaxcell.space import CellSpace, Motion, Workspace, estimates, visible_cells, visible_centres
 from jaxcell.space.extent import Extent
 
 
@@ -41,17 +41,17 @@ def test_the_extent_is_known_before_cells_are_cut(workspace, cell):
 @pytest.mark.parametrize(("directions", "step"), [(8, None), (360, None), (72, 0.3), (8, 1e9)])
 def test_ways_of_a_grid_are_counted(directions, step):
     cells = CellSpace.of(LAB, 0.1, directions)
-    assert Extent.of(cells).ways(step, "swept") == moves(cells, step=step).target.shape[0]
+    assert Extent.of(cells).ways(Motion(step)) == moves(cells, motion=Motion(step)).target.shape[0]
 
 
-def test_what_cannot_be_is_left_to_the_cells():
+def test_impossible_cells_have_no_extent():
     for cell in (0.0, math.nan, math.inf, 1e-12, 5e-324):
         assert Extent.about(LAB, cell, 8) is None
     assert Extent.about(LAB, 1.0, 0) is None
     assert Extent.about(LAB, 1.0, 10**9) is None
 
 
-# The peak of all of a process that runs `group_summary`, in bytes, as the system told it.
+# The peak memory of a process that runs `group_summary`, in bytes, by the system.
 MEASURED = [
     ("maps/lab_a.json", 0.005, 8, None, "swept", 0.281e9),
     ("maps/room_200x125.json", 0.1, 360, None, "swept", 0.302e9),
@@ -65,13 +65,13 @@ MEASURED = [
 @pytest.mark.parametrize(("name", "cell", "directions", "step", "collision", "peak"), MEASURED)
 def test_groups_take_what_was_measured(name, cell, directions, step, collision, peak):
     extent = Extent.about(Workspace.load(bundled(name)), cell, directions)
-    needed = memory.LIBRARIES + estimates.section(extent, step, collision)
+    needed = memory.LIBRARIES + estimates.section(extent, Motion(step, collision))
     assert needed == pytest.approx(peak, rel=0.3)
 
 
 LAB_A, CAFE_MAP = "maps/lab_a.json", "maps/cafe.json"
 HALL = "maps/room_200x125.json"
-# The peak of all of the process that has no compiled programs from before, as the system told it.
+# The peak memory of a process without cached programs, in bytes, by the system.
 STUDIES = {
     "groups, 5.2e8 cells": (study.Groups, HALL, {"bounce": (90.0,), "cell": 0.125}, 360, 0.21e9),
     "groups, 1.5e8 cells": (study.Groups, LAB_A, {"bounce": (45.0,), "cell": 0.001}, 8, 0.37e9),
@@ -249,7 +249,7 @@ def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
         lambda: visible_centres(CellSpace.of(LAB, 0.2, 8), 1.0),
     ],
 )
-def test_what_does_not_fit_is_refused_where_it_is_made(monkeypatch, study):
+def test_studies_beyond_the_memory_are_refused(monkeypatch, study):
     # Enough for the cells, and for no study of them.
     monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 20_000)
@@ -257,7 +257,7 @@ def test_what_does_not_fit_is_refused_where_it_is_made(monkeypatch, study):
         study()
 
 
-def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path):
+def test_all_plans_are_refused_in_memory_but_not_in_a_store(monkeypatch, tmp_path):
     cells = CellSpace.of(LAB, 1.0, 8)
     roadmap = Roadmap.of(cells, [math.pi])
     room = 2 * 6 * roadmap.entry.size * roadmap.walls
@@ -269,10 +269,10 @@ def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path
         limit(needed, *args)
 
     monkeypatch.setattr(memory, "check", check)
-    with pytest.raises(MemoryError, match=r"plans from .* write them to a file"):
+    with pytest.raises(MemoryError, match=r"plans from .* write them to a store"):
         all_plans(cells, [math.pi])
     monkeypatch.undo()
-    all_plans(cells, [math.pi], file=tmp_path / "plans.nc")
+    all_plans(cells, [math.pi], store=tmp_path / "plans.zarr")
 
 
 def test_states_are_watched_while_they_are_made(monkeypatch):

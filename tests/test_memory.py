@@ -24,13 +24,13 @@ def system(tmp_path, monkeypatch):
     return write
 
 
-def test_what_the_machine_has_available(system):
+def test_available_memory_of_the_machine_is_free(system):
     system("proc/meminfo", "MemTotal: 8000 kB\nMemFree: 10 kB\nMemAvailable:    5000 kB\n")
     assert memory.free() == 5000 * 1024
 
 
 @pytest.mark.parametrize("place", ["groups/job/step", "groups/job", "groups"])
-def test_what_control_groups_leave(system, place):
+def test_control_groups_limit_free_memory(system, place):
     system("proc/meminfo", "MemAvailable: 5000 kB\n")
     system("proc/self/cgroup", "0::/job/step\n")
     system("groups/job/step/memory.max", "max\n")
@@ -40,7 +40,7 @@ def test_what_control_groups_leave(system, place):
     assert memory.free() == 2_200_000
 
 
-def test_what_control_groups_of_version_1_leave(system):
+def test_control_groups_of_version_1_limit_free_memory(system):
     system("proc/meminfo", "MemAvailable: 5000 kB\n")
     system("proc/self/cgroup", "5:cpu:/\n4:memory:/job\n0::/\n")
     system("groups/memory/memory.limit_in_bytes", "9223372036854771712\n")
@@ -75,7 +75,7 @@ def test_sizes_are_read(text, size):
 
 
 @pytest.mark.parametrize("text", ["", "much", "8X", "-1G", "0", "1e3", "inf", "8 G B"])
-def test_what_is_no_size_is_refused(text):
+def test_texts_that_are_no_size_are_refused(text):
     with pytest.raises(ValueError, match=r"^memory: expected a size such as 8G or 500M, got "):
         memory.read_size(text, "memory")
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
-from ..base.extras import has_module, missing_module
 from ..base.memory import gigabytes
+from ..base.optional_modules import has_module, missing_module
 from ..study import Study
 from ..study.study import Say, silent
 from .options import Printing, starting, write_text

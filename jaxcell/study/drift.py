@@ -14,7 +14,7 @@ from .study import Say, about, numbers, silent
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..drift import SeaDrift, Water
+    from ..drift import DriftStep, SeaDrift, Water
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
@@ -119,7 +119,7 @@ class Drift(SeaStudy):
 
     def run(self, say: Say = silent) -> "SeaDrift":
         from ..drift import ClosedSets, Exchange, SeaDrift, Stranded, Water, read_regions
-        from ..drift.deploy import check_reach
+        from ..drift.deployment import check_reach
 
         self.memory()
         currents = self.currents()
@@ -132,7 +132,7 @@ class Drift(SeaStudy):
         regions = None if self.regions is None else read_regions(self.regions, waters[0])
         result = SeaDrift.of(
             currents,
-            self.duration,
+            self._step,
             start=start,
             reach=self.range,
             seconds=self.search,
@@ -140,8 +140,6 @@ class Drift(SeaStudy):
             backward=self.backward,
             diffusivity=self.diffusivity,
             say=say,
-            rho=self.rho,
-            **self._rules(),
         )
         surface = result.layers[0].behaviour
         more: dict[str, Any] = {}
@@ -173,7 +171,7 @@ class Drift(SeaStudy):
         return result
 
     def spec(self, result: Any) -> dict[str, Any]:
-        rules = {name: self._rules()[name] for name in ("spread", "edge")}
+        rules = {"spread": self._step.spread, "edge": self._step.edge}
         rules["current"] = "mean" if self._mean else "changing"
         of_result = {"depths_m": result.depths, "duration_s": result.step}
         return {**super().spec(result), **rules, **of_result}
@@ -184,12 +182,15 @@ class Drift(SeaStudy):
         record.save_deployment(result, out / "deployment.csv")
         record.save_deployment(result, out / "deployment.geojson")
 
-    def _rules(self) -> dict[str, Any]:
-        """The rules of the method, with the parameters `spread` and `edge` in their place."""
+    @property
+    def _step(self) -> "DriftStep":
+        """The step by the method, with the choices that differ from it."""
         from ..drift import METHODS
 
-        chosen = {"spread": self.spread, "edge": self.edge}
-        return {**METHODS[self.method], **{k: v for k, v in chosen.items() if v is not None}}
+        chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
+        chosen = {name: value for name, value in chosen.items() if value is not None}
+        step = METHODS[self.method]
+        return dataclasses.replace(step, duration=self.duration, rho=self.rho, **chosen)
 
     @property
     def _mean(self) -> bool:

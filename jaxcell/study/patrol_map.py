@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..optimize import Graph
-    from ..patrol import PatrolledMap, Policy, Regions
+    from ..patrol import Capture, PatrolledMap
+    from ..patrol.map import Policy, Regions
     from ..space import CellSpace
     from ..space.extent import Extent
     from ..verify import Comparison
@@ -109,42 +110,39 @@ class PatrolMap(CellStudy):
 
         patrolled = self._patrolled(graph, visible, regions, say)
         policies = patrolled["policies"]
+        attack = patrol.Attack(self.attack_times, self.start)
         if self.frontier:
             say(f"searching at {len(self.frontier)} floors of randomness")
-            problem = graph, visible, len(policies), self.attack_times[0], self.frontier
-            patrolled["frontier"] = patrol.capture_frontier(
-                *problem, start=self.start, seed=self.seed
-            )
-        if self.lost is not None and regions is not None:
-            patrolled["reassignment"] = patrol.reassign(
-                graph, visible, regions, policies, self.lost, share=patrolled["chosen_share"]
+            patrolled["frontier"] = patrol.map.capture_frontier(
+                graph, visible, len(policies), attack, self.frontier, seed=self.seed
             )
         say("attacking every cell")
-        times = list(self.attack_times)
-        capture = patrol.capture_probabilities(graph, visible, policies, times, self.start)
-        contested = patrol.contested(visible, policies, regions)
-        target = self._target(target, contested, capture[0], regions)
+        capture = patrol.Capture.of(graph, visible, policies, attack, regions)
+        if self.lost is not None and regions is not None:
+            after = patrol.map.reassign(
+                graph, visible, regions, policies, self.lost, share=patrolled["chosen_share"]
+            )
+            left = [policies[robot] for robot in sorted(after.robot.tolist())]
+            loss, recovery = (
+                dataclasses.replace(
+                    capture, probability=patrol.capture_probabilities(graph, visible, by, attack)
+                )
+                for by in (left, after.policies)
+            )
+            patrolled |= {"reassignment": after, "loss": loss, "recovery": recovery}
+        target = self._target(target, capture, regions)
         say(f"simulating {self.runs:,} attacks, and fitting their law")
-        attack = patrol.vulnerability(
-            jax.random.key(self.seed),
-            graph,
-            visible,
-            policies,
-            target,
-            times,
-            start=self.start,
-            runs=self.runs,
-        )
+        key, site = jax.random.key(self.seed), (graph, visible, policies)
+        attacked = patrol.vulnerability(key, *site, target, attack, runs=self.runs)
         say("comparing covers")
         return patrol.PatrolledMap(
             cells=cells,
             reach=self.range,
             graph=graph,
             visible=visible,
-            attack=attack,
+            attack=attacked,
             capture=capture,
             regions=regions,
-            start=self.start,
             smallest_covers=smallest_covers(visible, policies),
             seed=self.seed,
             **patrolled,
@@ -173,9 +171,8 @@ class PatrolMap(CellStudy):
                     graph,
                     visible,
                     robots,
-                    self.attack_times[0],
+                    patrol.Attack(self.attack_times, self.start),
                     randomness=self.randomness,
-                    start=self.start,
                     starts=self.starts,
                     seed=self.seed,
                 )
@@ -210,7 +207,7 @@ class PatrolMap(CellStudy):
             if regions is None:
                 made[share] = patrol.distributed_policies(graph, visible, robots, share)
             else:
-                made[share] = patrol.centralized_policies(graph, visible, regions, share)
+                made[share] = patrol.map.centralized_policies(graph, visible, regions, share)
         return made
 
     def _chosen(
@@ -225,12 +222,11 @@ class PatrolMap(CellStudy):
 
         from .. import patrol
 
-        least = []
-        for policies in made.values():
-            (caught,) = patrol.capture_probabilities(
-                graph, visible, policies, [self.attack_times[0]], self.start
-            )
-            least.append(caught[patrol.contested(visible, policies, regions)].min(initial=1.0))
+        attack = patrol.Attack(self.attack_times, self.start).first
+        least = [
+            float(patrol.Capture.of(graph, visible, policies, attack, regions).least[0])
+            for policies in made.values()
+        ]
         tried = list(made)
         # Captures that differ by rounding count as equal; the first share among them is taken.
         best = (
@@ -242,7 +238,7 @@ class PatrolMap(CellStudy):
             "shares": np.array(tried),
             "share_capture": np.array(least),
         }
-        return patrolled, float(least[best])
+        return patrolled, least[best]
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)
@@ -256,7 +252,7 @@ class PatrolMap(CellStudy):
     def write(self, result: Any, out: Path) -> None:
         import numpy as np
 
-        from ..base.files import name_in_results
+        from ..base.paths import name_in_results
         from ..robot.tasks.patrol_task import save_patrols
 
         chains = [policy.chain for policy in result.policies]
@@ -308,7 +304,7 @@ class PatrolMap(CellStudy):
 
     def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
         """Divide the map around the base station, if there is one."""
-        from ..patrol import angular_regions, base_station
+        from ..patrol.map import angular_regions, base_station
         from ..space import visible_cells
 
         if self.base is None:
@@ -322,21 +318,18 @@ class PatrolMap(CellStudy):
     def _target(
         self,
         asked: int | None,
-        contested: "np.ndarray",
-        caught: "np.ndarray",
+        capture: "Capture",
         regions: "Regions | None",
     ) -> int:
         """Return the cell to attack, where capture is neither sure nor impossible."""
-        from ..patrol.map.attack import weakest
-
         if asked is None:
-            if contested.size == 0:
+            if capture.contested.size == 0:
                 raise ValueError(
                     f"range: with {self.range:g} m no robot sees the whole of a cell that is not "
                     "always watched; expected a longer range"
                 )
-            return int(weakest(caught[None], contested)[0])
-        if asked in contested:
+            return int(capture.weakest[0])
+        if asked in capture.contested:
             return asked
         if regions is not None and regions.view[asked]:
             why = "the base station always sees it, so that no attack succeeds"

@@ -1,6 +1,7 @@
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+from ..base.limits import Collision
 from .parameters import Degrees, Limit, Only, WholeNumber
 from .study import Say, Study, silent
 
@@ -40,7 +41,7 @@ class Rooms(Study):
     """Number of rectangles in the room."""
     directions: Annotated[int, Limit(ge=1, le=3600)] = 360
     """Number of directions."""
-    collision: Literal["swept", "endpoint"] = "swept"
+    collision: Collision = "swept"
     """Part of a step that must be free: all of it (swept), or its end, as in the dissertation."""
     seed: WholeNumber = 0
     """Seed of the rooms."""
@@ -56,10 +57,12 @@ class Rooms(Study):
     def run(self, say: Say = silent) -> "RoomGroups":
         import numpy as np
 
-        from ..bounce import RoomGroups
+        from ..bounce import Motion, RoomGroups
 
         free, bounce = self.free(), np.radians(self.bounce)
-        return RoomGroups.of_room(free, bounce, self.directions, collision=self.collision)
+        return RoomGroups.of_room(
+            free, bounce, self.directions, motion=Motion(collision=self.collision)
+        )
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"Room {self.room} of seed {self.seed}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from ..base.bundled import bundled
-from ..base.files import existing, name_in_results
+from ..base.paths import existing, name_in_results
 from ..base.quantities import Result
 from .parameters import Unit, check, parameters, within, without_effect
 

@@ -5,11 +5,7 @@ from pathlib import Path
 import pytest
 
 from jaxcell.cli import main
-from jaxcell.patrol import (
-    capture_probabilities,
-    cell_graph,
-    distributed_policies,
-)
+from jaxcell.patrol import Attack, capture_probabilities, cell_graph, distributed_policies
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
@@ -73,7 +69,9 @@ def test_the_fewest_robots_for_a_capture(capsys):
     reached = [one["size_capture"] for one in found["team_sizes"]]
     for robots, least in enumerate(reached, 1):
         policies = distributed_policies(graph, visible, robots, 0.0)
-        assert least == pytest.approx(capture_probabilities(graph, visible, policies, [4]).min())
+        assert least == pytest.approx(
+            capture_probabilities(graph, visible, policies, Attack(4)).min()
+        )
     assert found["robots"] == len(found["policies"]) == len(reached) > 1
     assert reached[-2] < 0.6 <= reached[-1]
 

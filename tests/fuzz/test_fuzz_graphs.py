@@ -84,7 +84,7 @@ def test_entities_that_grow(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["json", "graphml", "edges", "txt"])
-def test_what_is_read_can_be_written(tmp_path, suffix):
+def test_a_graph_that_was_read_can_be_written(tmp_path, suffix):
     graph, names = load_graph(place(tmp_path, "g.edges", TEXTS["g.edges"]))
     save_graph(graph, tmp_path / f"again.{suffix}", names)
     assert load_graph(tmp_path / f"again.{suffix}")[1] == names

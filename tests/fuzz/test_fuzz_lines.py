@@ -24,7 +24,7 @@ JUNK = {
     "empty.json": b"",
     "junk.toml": b"=",
 }
-# Where nothing is wrong these work for longer than a reader may.
+# Without damage these commands take longer than the limit of a reader.
 LONG = {"cover", "drift", "patrol graph", "patrol map", "team", "localize", "navigate", "groups"}
 NEEDED = {
     "cover": ["map.json", "--bounces", "45", "--error", "1", "--reliability", "0.8"],

@@ -1,4 +1,4 @@
-"""What was written and is read again, damaged: recordings, sweeps; and pictures to cover."""
+"""Read damaged recordings and sweeps, and damaged pictures of targets of coverage."""
 
 import io
 import shutil

@@ -1,4 +1,4 @@
-"""What a robot reads: logs of runs and files of tasks, damaged."""
+"""Read damaged logs of runs and files of tasks of robots."""
 
 import json
 

@@ -18,8 +18,8 @@ import xarray as xr
 from rerun.chunk import RrdReader
 
 from jaxcell.base.bundled import found
+from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import columns, is_single, parts, summarized, values
-from jaxcell.base.written import written
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS
 from jaxcell.cli.help import as_options, option, parsed
@@ -28,7 +28,7 @@ from jaxcell.cli.tables import show
 from jaxcell.record import dataset, summary
 from jaxcell.study import STUDIES, Limit, Only, Study
 from jaxcell.study.parameters import Unit, conditions, parameters, within, without_effect
-from jaxcell.sweep.studies import study_task
+from jaxcell.sweep.study_task import study_task
 
 
 LAB = "@lab_a --collision endpoint"
@@ -165,7 +165,7 @@ def test_table_shows_the_numbers_of_the_summary(case, name):
     for about, value in brief.values():
         if is_single(about) and not set(about.dims) & set(result.tables):
             assert about.meaning in table
-            assert " ".join(written(value, about, cells).split()) in table
+            assert " ".join(format_value(value, about, cells).split()) in table
     assert columns(result) or parts(result) or shown
 
 

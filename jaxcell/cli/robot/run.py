@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from ...base.extras import has_module
-from ...base.files import name_in_results
+from ...base.optional_modules import has_module
+from ...base.paths import name_in_results
 from ...study.parameters import check
 from ..options import check_heading, direction_at, write_text
 from ..terminal import note, note_results, say, status

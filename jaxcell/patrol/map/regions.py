@@ -23,7 +23,7 @@ class Regions(Result):
     ]
     region: Annotated[
         Int[np.ndarray, "cells"],
-        quantity("position", "region of the cell, -1 where nobody patrols", kind="index"),
+        quantity("position", "region of the cell, -1 where no robot patrols", kind="index"),
     ]
     count: Annotated[int, quantity("", "regions", kind="count")]
     sectors: str
@@ -33,7 +33,7 @@ class Regions(Result):
     def cells_in_view(self) -> int:
         return int(self.view.sum())
 
-    @derived("", "cells that nobody patrols", kind="count")
+    @derived("", "cells that no robot patrols", kind="count")
     def patrolled_by_nobody(self) -> int:
         return int((self.region < 0).sum())
 
@@ -65,7 +65,7 @@ def base_station(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> patrol.base_station(graph, visible)
+        >>> patrol.map.base_station(graph, visible)
         2
     """
     check_visible(graph, visible)
@@ -118,7 +118,7 @@ def angular_regions(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> regions = patrol.map.angular_regions(graph, 2, visible[2], 2)
         >>> regions.region.tolist(), regions.cells(0).tolist()
         ([1, 1, -1, 0, 0], [3, 4])
     """

@@ -93,7 +93,7 @@ def test_maps_for_patrols(name, size, free, between):
     assert networkx.is_connected(networkx.Graph(graph.edges.tolist()))
 
 
-def test_refuses():
+def test_wrong_cells_and_neighbours_are_refused():
     with pytest.raises(ValueError, match="neighbours: expected 4 or 8, got 6"):
         cell_graph(room(np.zeros((2, 2), bool)), 6)
     with pytest.raises(ValueError, match="cells: none of the 2 free cells"):

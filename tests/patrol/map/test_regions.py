@@ -230,12 +230,12 @@ SOME = np.array([True, True, False, False])
         ((Graph(LINE.edges), 0, SOME, 1), "graph: expected positions"),
     ],
 )
-def test_refuses_regions(arguments, message):
+def test_wrong_arguments_of_regions_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         angular_regions(*arguments)
 
 
-def test_refuses_a_region_that_cannot_report():
+def test_a_region_that_cannot_report_is_refused():
     # The lower sector is behind the upper one: no cell of it is in view.
     graph, marks = drawn(
         """
@@ -265,6 +265,6 @@ def test_refuses_a_region_that_cannot_report():
         ),
     ],
 )
-def test_refuses_base_stations(graph, visible, central, message):
+def test_wrong_arguments_of_base_stations_are_refused(graph, visible, central, message):
     with pytest.raises(ValueError, match=message):
         base_station(graph, visible, central)
