@@ -18,7 +18,7 @@ from .export import Export
 from .help import as_options, option, overview, parsed, unknown
 from .info import Info
 from .maps import Maps
-from .options import check_out
+from .output import check_out
 from .robot.calibrate import RobotCalibrate
 from .robot.check import RobotCheck
 from .robot.replay import RobotReplay

@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 from ..base.bundled import found
 from ..study import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Study, Team
 from .help import parsed
-from .options import starting, write_text
+from .output import write_text
+from .startup import starting
 from .study_command import command_of
 from .terminal import note, note_results, stdout_on_stderr
 

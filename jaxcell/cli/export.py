@@ -23,7 +23,7 @@ class Export:
     def run(self) -> int:
         from .. import automata
         from ..automata.formats.storage import read_kind
-        from .options import check_out, write_text
+        from .output import check_out, write_text
 
         formats = {
             ".dot": automata.to_dot,
@@ -46,7 +46,7 @@ class Export:
 
     def _policy(self) -> None:
         from .. import automata
-        from .options import write_text
+        from .output import write_text
 
         if self.file.suffix != ".h" or self.minimal:
             raise ValueError(f"{self.file}: a policy is written only as .h, and without --minimal")

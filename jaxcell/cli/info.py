@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import tyro
 
-from .options import Printing
+from .output import Printing
 from .terminal import say, table
 
 

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from ..base.bundled import bundled_names
 from .info import describe
-from .options import Printing
+from .output import Printing
 from .terminal import say, table
 
 

@@ -12,7 +12,8 @@ from ..base.memory import gigabytes
 from ..base.optional_modules import has_module, missing_module
 from ..study import Study
 from ..study.study import Say, silent
-from .options import Printing, starting, write_text
+from .output import Printing, write_text
+from .startup import starting
 from .terminal import note, note_results, noting_warnings, progress, say, status, stdout_on_stderr
 
 

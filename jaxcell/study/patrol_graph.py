@@ -40,7 +40,7 @@ class PatrolGraph(GraphStudy):
     all vertices, or the times of --visits, and may wait."""
     emphasis: Annotated[tuple[str, ...], Only(strategy="commute"), Only(game=True)] = ()
     """Two or more vertices to visit more often."""
-    share: Annotated[Share, Only(emphasis=True)] = 0.8
+    share: Share = 0.8
     """Least share of steps on the shortest closed tour through the vertices of --emphasis."""
     constraints: Annotated[Path | None, Only(strategy="commute", speed=False)] = None
     """JSON file of bounds on the shares of steps along edges and of time at vertices:

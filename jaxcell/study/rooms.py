@@ -1,8 +1,8 @@
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ..base.limits import Collision
-from .parameters import Degrees, Limit, Only, WholeNumber
+from .parameters import Degrees, Limit, WholeNumber
 from .study import Say, Study, silent
 
 
@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from ..bounce import RoomGroups
 
 
-_RANDOM = Only(environment="random")
-_SIDE = Limit(ge=1, le=10_000)
+_Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -33,12 +32,12 @@ class Rooms(Study):
     """Bouncing angles in degrees, counter-clockwise."""
     environment: Literal["random", "E1", "E2", "E3", "E4"] = "random"
     """Rectangles at random places, or an environment of Alam 2018, Figure 2.7."""
-    columns: Annotated[int, _SIDE, _RANDOM] = 50
-    """Columns of squares of the room."""
-    rows: Annotated[int, _SIDE, _RANDOM] = 45
-    """Rows of squares of the room."""
-    obstacles: Annotated[int, Limit(ge=0, le=1000), _RANDOM] = 6
-    """Number of rectangles in the room."""
+    columns: _Side = 50
+    """Columns of squares of a random room."""
+    rows: _Side = 45
+    """Rows of squares of a random room."""
+    obstacles: Annotated[int, Limit(ge=0, le=1000)] = 6
+    """Number of rectangles in a random room."""
     directions: Annotated[int, Limit(ge=1, le=3600)] = 360
     """Number of directions."""
     collision: Collision = "swept"

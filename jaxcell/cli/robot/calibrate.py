@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from ...base.documents import checked_number
-from ..options import Printing
+from ..output import Printing
 from ..terminal import note, say
 
 

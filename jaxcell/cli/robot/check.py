@@ -3,7 +3,7 @@ import dataclasses
 import json
 from typing import Any, ClassVar
 
-from ..options import Printing
+from ..output import Printing
 from ..terminal import say, status, table
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...study.map_study import cell_at
-from ..options import direction_at
 from ..terminal import note
+from .heading import direction_at
 
 
 if TYPE_CHECKING:

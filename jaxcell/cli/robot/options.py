@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import tyro
 
 from ...study.parameters import AtLeastOne, Degrees, Limit, Only
-from ..options import Printing
+from ..output import Printing
 
 
 _EMULATED = Only(simulate=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import tyro
 
 from ...base.formatting import configuration
-from ..options import Printing
+from ..output import Printing
 from ..terminal import say, table
 from .recording import recording_of
 

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 from ...base.optional_modules import has_module
 from ...base.paths import name_in_results
 from ...study.parameters import check
-from ..options import check_heading, direction_at, write_text
+from ..output import write_text
 from ..terminal import note, note_results, say, status
 from ..view import shown_live
 from .emulation import emulate
+from .heading import check_heading, direction_at
 from .options import RobotOptions
 from .recording import cells_of, recording_of
 from .replay import replayed, show

@@ -6,8 +6,9 @@ from typing import Annotated, ClassVar
 import tyro
 
 from ...study.parameters import Degrees, Metres, Needed, Only, check
-from ..options import check_heading, direction_at, write_text
+from ..output import write_text
 from ..terminal import note
+from .heading import check_heading, direction_at
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import tyro
 
-from ..options import Printing
+from ..output import Printing
 from ..terminal import status, table
 
 

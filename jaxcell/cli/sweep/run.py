@@ -13,7 +13,8 @@ import tyro
 
 from ...base.paths import replacing
 from ...study.parameters import Only, check
-from ..options import Printing, prepare_tasks
+from ..output import Printing
+from ..startup import prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 
 

@@ -5,7 +5,8 @@ from typing import ClassVar
 
 import tyro
 
-from ..options import Printing, prepare_tasks
+from ..output import Printing
+from ..startup import prepare_tasks
 from ..terminal import note, status, stdout_on_stderr, table
 
 
