@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from ..base.paths import replacing
@@ -21,7 +20,7 @@ from .storage.export import digests_of_files, export
 from .storage.journal import Journal, Kind
 from .storage.lock import locked
 from .storage.opening import copy_spec, tidy
-from .storage.records import Begun
+from .storage.records import Begun, encode
 from .storage.store import DONE, SweepStore
 from .workers.progress import Progress
 from .workers.work import jax_is_wide
@@ -166,7 +165,7 @@ def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
         records = [record for record in contents.readable if record.kind in others]
         with replacing(folder / JOURNAL) as temporary:
             whole = Journal(temporary, append=True)
-            whole.append(Kind.SPEC, msgspec.msgpack.encode(begun))
+            whole.append(Kind.SPEC, encode(begun))
             for record in sorted([*kept.values(), *records], key=lambda record: record.start):
                 whole.append(record.kind, journal.content(record), record.number, record.state)
             whole.sync()

@@ -9,14 +9,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from ...base.paths import replacing
 from ..spec import Spec
 from .contents import JOURNAL
 from .journal import Journal, Kind
-from .records import Begun
+from .records import Begun, encode
 from .store import DONE, TO_DO, SweepStore
 
 
@@ -106,7 +105,7 @@ def tidy(folder: Path) -> None:
 def _write_first(folder: Path, begun: Begun) -> None:
     with replacing(folder / JOURNAL) as temporary:
         journal = Journal(temporary, append=True)
-        journal.append(Kind.SPEC, msgspec.msgpack.encode(begun))
+        journal.append(Kind.SPEC, encode(begun))
         journal.sync()
         journal.close()
 
