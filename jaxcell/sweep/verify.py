@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from ..base.paths import replacing
+from .failures import write_failures
 from .results import SweepStatus, sweep_status
-from .run import finish, run_sweep
+from .run import run_sweep
 from .spec import Spec
 from .storage.contents import JOURNAL, Contents
 from .storage.damage import reading
 from .storage.digests import differences, made_with
-from .storage.export import digests_of_files, export
+from .storage.export import digests_of_files, export, update_result
 from .storage.journal import Journal, Kind
 from .storage.lock import locked
 from .storage.opening import copy_spec, tidy
@@ -113,7 +114,8 @@ def verify_sweep(
         if lost:
             export(store)
         elif store.zarr.exists():
-            finish(store)
+            update_result(store)
+        write_failures(folder / "failures.json", [*store.failures()])
         done = {*np.flatnonzero(store.states == DONE).tolist()}
     unmended = {f"chunk {number}" for number in were_done - done}
     if not done.issuperset(numbers):

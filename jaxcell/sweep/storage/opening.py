@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...base.paths import replacing
+from ..failures import write_failures
 from ..spec import Spec
 from .contents import JOURNAL
 from .journal import Journal, Kind
@@ -54,8 +55,13 @@ def opened(
         if _brought_up(store, spec, made, anyway):
             store = stack.enter_context(SweepStore(folder, append=True))
         copy_spec(store)
-        stack.callback(store.sync)
-        yield store
+        try:
+            yield store
+        finally:
+            # The disk may be full.
+            with contextlib.suppress(OSError):
+                store.sync()
+                write_failures(folder / "failures.json", [*store.failures()])
 
 
 def _brought_up(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
