@@ -20,7 +20,6 @@ UNFINISHED = [
     "base",
     "bounce",
     "cli",
-    "drift",
     "dynamics",
     "experiments",
     "mapping",

@@ -94,7 +94,7 @@ class Layer(LayerEnds, Compared):
     step: DriftStep
     "The step of the map."
     diagnosis: Diagnosis
-    "Whether the groups can be trusted."
+    "Signs that the grid, rather than the flow, made the groups."
     measured: Distance | None = None
     "The distance of the map from drifters, if it is known."
 

@@ -218,7 +218,7 @@ def longest_duration(water: Water, flow: Flow) -> float:
 def _begin(water: Water, sampling: Sampling) -> Float[np.ndarray, "cells"]:
     """Return 1 for the cells in which drifters begin, and 0 for others."""
     every = -(-water.cells * sampling.least**2 // sampling.drifters)
-    # One of `every` square parts along every diagonal.
+    # Along every diagonal, one in `every` square parts.
     part = water.row // sampling.part + water.column // sampling.part
     return (part % every == 0).astype(float)
 
