@@ -19,7 +19,7 @@ UNFINISHED = [
     "bounce",
     "optimize",
     "cli",
-    "drift",
+    "dynamics",
     "experiments",
     "pages",
     "record",
