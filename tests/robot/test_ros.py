@@ -18,9 +18,9 @@ from wheels import MAPS, bounce_filter, map_cells, pose_of
 from jaxcell.cli import main
 from jaxcell.robot import RobotStopped, Walker, cell_strides
 from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.ros import Base, Candidates, Create3, node
 from jaxcell.robot.run_log import RunLog
-from jaxcell.robot.runner import run_filter
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.space import Workspace
@@ -282,7 +282,7 @@ def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind
         walker = Walker(
             robot, 1.0, strides=cell_strides(8, 1.0, 1.0), direction=70 // LAB.positions
         )
-        outcome = run_filter(walker, task.filter, task.bounce, log=log)
+        outcome = run_follower(walker, FilterFollower(task.filter), [task.bounce], log=log)
     assert outcome.result == "localized"
     assert int(LAB.index(*world.body.pose)) in outcome.cells
     arrays, grids = world.published["candidates"], world.published["candidate_squares"]

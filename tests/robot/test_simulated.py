@@ -13,7 +13,7 @@ from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.runner import run_filter
+from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import Workspace
 
@@ -27,13 +27,13 @@ def test_it_agrees_with_the_robot_on_the_line():
     cell, bounce = 70, math.radians(45)
     filter = bounce_filter(LAB, 45)
     walker, body = walker_in(LAB, cell)
-    outcome = run_filter(walker, filter, bounce)
+    outcome = run_follower(walker, FilterFollower(filter), [bounce])
     strides = cell_strides(8, 1.0, 1.0)
     with Emulator(body_in(LAB, cell), line=Line(speedup=20.0)) as robot:
         with Create.open(robot.port, patience=5.0) as create:
             create.arm()
             walker = Walker(create, 1.0, strides=strides, direction=cell // LAB.positions)
-            assert run_filter(walker, filter, bounce) == outcome
+            assert run_follower(walker, FilterFollower(filter), [bounce]) == outcome
         x, y, theta = robot.pose
     # Steps may miss by 4 mm and turns by 0.4 degrees.
     assert body.pose[:2] == pytest.approx((x, y), abs=0.03)

@@ -25,8 +25,7 @@ from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.policy import run_policy
-from jaxcell.robot.runner import run_filter
+from jaxcell.robot.followers import FilterFollower, PolicyFollower, run_follower
 from jaxcell.robot.sketch import (
     PROGRAM_BYTES,
     bounce_sketch,
@@ -212,7 +211,7 @@ def expected(cells, cell, task, *, known: bool = True, **fields):
         strides=task.strides if known else None,
         direction=cell // cells.positions if known else 0,
     )
-    return run_filter(walker, task.filter, task.bounce, limit=200, until="cycle")
+    return run_follower(walker, FilterFollower(task.filter, "cycle"), [task.bounce], limit=200)
 
 
 def room(cell: float) -> CellSpace:
@@ -304,7 +303,7 @@ def test_a_policy_chooses_the_angles_that_the_host_does(compiled):
     run = play(compiled(policy_sketch(task, direction=cell // ROOM.positions)), robot, seconds=600)
     body = SimulatedCreate(body_in(ROOM, cell))
     walker = Walker(body, task.step, strides=task.strides, direction=cell // ROOM.positions)
-    host = run_policy(walker, task.policy, task.bounces)
+    host = run_follower(walker, PolicyFollower(task.policy), task.bounces)
     assert (run.end, host.result) == ("localized", "localized")
     assert (run.observed, run.colors) == (host.observations, host.colors)
     assert f"configurations: {len(host.cells)}\n" in run.usb

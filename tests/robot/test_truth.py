@@ -23,9 +23,10 @@ from wheels import (
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.patrol import Patrol, run_patrol
+from jaxcell.robot.plan import run_plan
 from jaxcell.robot.routing import wave
-from jaxcell.robot.runner import run_filter, run_plan
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.robot.team import member_actions, run_member, save_team
@@ -97,7 +98,9 @@ def test_a_filter_is_right(name):
     image, bumped = bounce_tables(cells, bounce)
     (cell,) = starts_in(cells, 1)
     walker, body = walker_in(cells, cell, robot=robot_for(name))
-    outcome = run_filter(walker, filter, math.radians(bounce), limit=300, until="cycle")
+    outcome = run_follower(
+        walker, FilterFollower(filter, "cycle"), [math.radians(bounce)], limit=300
+    )
     observed = ""
     for _ in outcome.observations:
         observed += str(int(bumped[cell]))

@@ -44,7 +44,7 @@ class RobotOptions(Printing):
     turn_tolerance: float = 0.4
     """Tolerance of the end of a turn by the encoders, in degrees."""
     give: float | None = None
-    """Distance by which the bumper of the emulated robot goes in before it feels a wall, in metres; by
+    """Distance that the bumper of the emulated robot goes in before it feels a wall, in metres; by
     default 0.02 times the square of the cell, at most 0.02 and at least 0.0005."""
     noise: float = 0.0
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its

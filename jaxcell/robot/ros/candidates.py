@@ -7,10 +7,6 @@ from jaxtyping import Int, Int8
 
 from ...base.extras import import_module
 from ...space import CellSpace
-from ..believer import BeliefFollower
-from ..following import Follower
-from ..policy import PolicyFollower
-from ..runner import FilterFollower
 from ..tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ..tasks.patrol_task import PatrolTask
 
@@ -51,7 +47,9 @@ class Candidates:
         self._node = robot.node
         self._arrows = robot.node.create_publisher(self._poses, "candidates", kept)
         self._squares = robot.node.create_publisher(self._grid, "candidate_squares", kept)
-        self._follower = follower_of(task)
+        self._follower = None
+        if isinstance(task, FilterTask | PolicyTask | BeliefTask):
+            self._follower = task.follower()
         self._cells = task.cells if isinstance(task, PatrolTask) else cells
 
     def event(self, name: str, fields: Mapping[str, Any]) -> None:
@@ -123,15 +121,3 @@ def squares(
     values[found % cells.positions] = 100
     grid[cells.free] = values
     return grid
-
-
-def follower_of(task: AnyTask) -> Follower | None:
-    """Make the follower of a filter, policy or belief; `None` for other tasks."""
-    match task:
-        case FilterTask():
-            return FilterFollower(task.filter)
-        case PolicyTask():
-            return PolicyFollower(task.policy)
-        case BeliefTask():
-            return BeliefFollower(task.belief)
-    return None
