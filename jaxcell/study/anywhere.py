@@ -22,7 +22,7 @@ _PLANS = 20
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AnywhereStudy(MapStudy):
-    """A question about a robot on a map that may start anywhere."""
+    """A study of a robot on a map that may start anywhere."""
 
     seed: int = 0
     """Seed of random starts, errors and draws."""
@@ -30,20 +30,20 @@ class AnywhereStudy(MapStudy):
     """Put robots down anywhere, and follow them by sets of places on the walls in place of a filter
     of cells: they drive straight until they bump, and count the steps of each run."""
     heading: Literal["known", "unknown"] = "known"
-    """Whether robots that start anywhere begin with one of the directions, or with any heading."""
+    """Heading of robots that start anywhere: one of the directions (known), or any (unknown)."""
     errors: tuple[str, ...] = ()
     """Bounds of the errors of robots that start anywhere: of a run as a share of it (run=0.02) and
     in metres (distance=0.05), of a turn and of the first heading in degrees (turn=1 heading=2), how
     late a bump is felt and how far from the wall a run begins in metres (late=0.01
     displacement=0.03)."""
     measured: bool = False
-    """Let robots that start anywhere measure how far they run, in place of counting steps."""
+    """Let robots that start anywhere measure their runs, in place of counting steps."""
     robots: AtLeastOne = 1000
     """Number of robots that start anywhere."""
     bumps: AtLeastOne = 30
     """Number of bumps of robots that start anywhere."""
     radius: Length | None = None
-    """Distance within which a robot that starts anywhere is to be known, in metres; by default half
+    """Distance within which a robot that starts anywhere is known, in metres; by default half
     a cell."""
     slices: AtLeastOne = 360
     """Number of slices of headings, where headings are not known exactly."""
@@ -99,7 +99,7 @@ class AnywhereStudy(MapStudy):
         )
 
     def save_task(self, result: "Anywhere", out: Path) -> None:
-        """Write what a robot is to do, for `jaxcell robot run`."""
+        """Write the task of a robot, for `jaxcell robot run`."""
         from ..bounce import HomeFromAnywhere
         from ..robot.tasks.anywhere_task import save_anywhere
 
@@ -211,9 +211,9 @@ _OWN = [name for name in vars(AnywhereStudy)["__annotations__"] if name != "seed
 def _planned(
     cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float]
 ) -> tuple[float | None, float | None]:
-    """The medians of the bumps and the metres of plans of cells that know their starts.
+    """Compute the median bumps and metres of plans of cells that know their starts.
 
-    `None` where cells have no such angles.
+    They are `None` if the cells do not have the angles.
     """
     import numpy as np
 

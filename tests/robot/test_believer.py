@@ -57,7 +57,7 @@ def test_a_robot_is_localized_and_its_log_says_the_same(tmp_path):
     assert events[-1]["credible"] == len(outcome.cells)
 
 
-def test_a_robot_that_is_nowhere_stops_and_says_so():
+def test_a_robot_that_is_nowhere_on_the_map_stops():
     # It is in a corridor, and believes in a ring of twenty cells, in which nothing is in the way.
     ring = np.roll(np.eye(20), 1, axis=1)
     hidden = HiddenMap.of(ring, np.zeros((20, 20)), np.arange(20), np.full(20, 0.05))
@@ -69,16 +69,7 @@ def test_a_robot_that_is_nowhere_stops_and_says_so():
     assert outcome.observations == "0000000001"
 
 
-def test_a_run_ends_at_the_limit():
-    walker, _ = walker_in(corridor(30), (0.5, 0.5, 0.0))
-    outcome = run_follower(
-        walker, BeliefFollower(belief_of(CellSpace.of(corridor(30), 1.0, 2))), [np.pi], limit=3
-    )
-    assert outcome.result == "unfinished"
-    assert outcome.observations == "000"
-
-
-def test_the_direct_body_does_as_it_is_told():
+def test_the_direct_body_goes_and_turns_as_commanded():
     body = Body(corridor(3), (0.5, 0.5, 0.0))
     robot = DirectBody(body)
     assert robot.forward(1.0, tolerance=0.01) == pytest.approx((1.0, 0.0, False, 0.0))

@@ -97,14 +97,6 @@ def test_a_policy_of_another_map_is_refuted(found, tmp_path):
         replay_follower(dataclasses.replace(run, events=changed), PolicyFollower(found.policy))
 
 
-def test_gives_up_at_the_limit(found):
-    walker = ModelWalker(LAB_A, 70)
-    outcome = run_follower(walker, PolicyFollower(found.policy), BOUNCES, limit=2)
-    assert outcome.result == "unfinished"
-    assert len(outcome.observations) == 2
-    assert "not localized after 2 observations" in outcome.reason
-
-
 def test_a_task_has_the_angles_of_its_policy(found, tmp_path):
     path = tmp_path / "policy.jxf"
     about = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}

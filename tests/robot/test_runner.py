@@ -176,7 +176,7 @@ def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
         assert run.whole == (whole[length - 1 : length] == b"\n")
 
 
-def test_a_log_tells_its_events_once_they_are_written(tmp_path):
+def test_a_listener_gets_events_after_they_are_written(tmp_path):
     path, told = tmp_path / "run.jsonl", []
     with RunLog(path, {"kind": "filter"}) as log:
         log.on_event = lambda name, fields: told.append(
@@ -204,7 +204,7 @@ def test_a_log_whose_end_is_not_written_is_closed(tmp_path):
         log.event("note")
 
 
-def test_a_header_that_is_no_json_leaves_no_file(tmp_path):
+def test_a_header_that_is_not_json_leaves_no_file(tmp_path):
     with pytest.raises(ValueError, match="not JSON compliant"):
         RunLog(tmp_path / "run.jsonl", {"cell_m": math.nan})
     assert not list(tmp_path.iterdir())
@@ -232,7 +232,7 @@ def test_an_error_ends_a_log_with_its_reason(tmp_path):
         ('{HEADER}\n{"event": "observation", "observation": 2}\n', "line 2: observation: expected"),
     ],
 )
-def test_a_file_that_is_no_log(tmp_path, text, message):
+def test_a_file_that_is_not_a_log_is_refused(tmp_path, text, message):
     header = json.dumps({"format": "jaxcell-robot-log", "version": 1})
     path = tmp_path / "run.jsonl"
     path.write_text(text.replace("{HEADER}", header))
@@ -268,7 +268,7 @@ def test_a_plan_arrives(tmp_path):
     assert plan_outcome(run.header["actions"], run.observations) == outcome
 
 
-def test_a_plan_and_reality_disagree():
+def test_a_plan_that_meets_another_map_is_refuted():
     actions = plan_of(PLAN_START, 20)
     wall = next(i for i, action in enumerate(actions) if action)
     for wrong, text in [

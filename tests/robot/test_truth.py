@@ -66,7 +66,7 @@ def starts_in(cells: CellSpace, count: int, seed: int = 0) -> list[int]:
     return np.random.default_rng(seed).choice(cells.size, count, replace=False).tolist()
 
 
-def test_every_map_is_here():
+def test_every_map_of_the_data_is_tested():
     assert set(CASES) == {
         path.name for path in MAPS.iterdir() if path.suffix in (".json", ".txt", ".yaml")
     }
@@ -92,7 +92,7 @@ def test_a_robot_bounces_as_the_cells_say(name):
 
 
 @some_maps
-def test_a_filter_is_right(name):
+def test_a_filter_localizes_to_the_true_cell(name):
     cells, bounce = cells_of(name), CASES[name][0]
     filter = bounce_filter(cells, bounce)
     image, bumped = bounce_tables(cells, bounce)

@@ -79,19 +79,21 @@ class RobotCalibrate(Printing):
         except RobotStopped as error:
             note(f"jaxcell robot calibrate: the robot was stopped: {error}")
             return 1
-        found = Calibration.measured(distance, math.radians(degrees) / turned)
-        found.save(path)
-        self._say(found, path)
+        calibration = Calibration.measured(distance, math.radians(degrees) / turned)
+        calibration.save(path)
+        self._say(calibration, path)
         return 0
 
-    def _say(self, found: "Calibration", path: Path) -> None:
-        summary = {"calibration": str(path), **dataclasses.asdict(found)}
+    def _say(self, calibration: "Calibration", path: Path) -> None:
+        summary = {"calibration": str(path), **dataclasses.asdict(calibration)}
         if self.json:
             say(json.dumps(summary))
         else:
             say(
-                f"Where the encoders say 1 m it goes {found.distance:g} m, and where they say "
-                f"360 degrees it turns by {360 * found.angle:g}. That is in {path}."
+                f"Where the encoders say 1 m it goes {calibration.distance:g} m, and where they "
+                "say "
+                f"360 degrees it turns by {360 * calibration.angle:g}. "
+                f"That is in {path}."
             )
 
 

@@ -67,10 +67,10 @@ class Candidates:
             ahead, left, turned = fields["estimate"]
             self._send("start", [(ahead, left, turned)])
 
-    def _publish(self, found: Int[np.ndarray, "candidates"]) -> None:
+    def _publish(self, candidates: Int[np.ndarray, "candidates"]) -> None:
         if self._cells is None:
             return
-        poses = zip(*(v.tolist() for v in self._cells.centre(found[:_MAX_POSES])), strict=True)
+        poses = zip(*(v.tolist() for v in self._cells.centre(candidates[:_MAX_POSES])), strict=True)
         self._send("map", list(poses))
         grid = self._grid()
         grid.header.frame_id = "map"
@@ -80,7 +80,7 @@ class Candidates:
         grid.info.width, grid.info.height = columns, rows
         grid.info.origin.position.x, grid.info.origin.position.y = map(float, self._cells.origin)
         grid.info.origin.orientation.w = 1.0
-        grid.data = squares(self._cells, found).ravel().tolist()
+        grid.data = squares(self._cells, candidates).ravel().tolist()
         self._squares.publish(grid)
 
     def _send(self, frame: str, poses: list[tuple[float, float, float]]) -> None:
@@ -96,14 +96,14 @@ class Candidates:
 
 
 def squares(
-    cells: CellSpace, found: Int[np.ndarray, "candidates"]
+    cells: CellSpace, candidates: Int[np.ndarray, "candidates"]
 ) -> Int8[np.ndarray, "rows columns"]:
     """Make an occupancy grid: 100 for these cells, 0 for other cells, -1 outside the map.
 
     **Arguments:**
 
     - `cells`: the cells of a map.
-    - `found`: some of them.
+    - `candidates`: the cells to mark.
 
     **Returns:** a row of squares at a time, from the lowest.
 
@@ -118,6 +118,6 @@ def squares(
     """
     grid = np.where(cells.free, 0, -1).astype(np.int8)
     values = np.zeros(cells.positions, np.int8)
-    values[found % cells.positions] = 100
+    values[candidates % cells.positions] = 100
     grid[cells.free] = values
     return grid
