@@ -39,14 +39,12 @@ import numpy as np
 
 from jaxcell.robot import Particles, Walker, cell_strides, load_task
 from jaxcell.robot.anywhere import SetFollower
-from jaxcell.robot.believer import BeliefFollower
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.robot.followers import BeliefFollower, FilterFollower, PolicyFollower
 from jaxcell.robot.physics import LATENCY, RADIUS, PhysicsBody
-from jaxcell.robot.policy import PolicyFollower
-from jaxcell.robot.runner import FilterFollower
 from jaxcell.space import CellSpace, Slip, Workspace, nearest_cell
 from jaxcell.walls import places_anywhere
 

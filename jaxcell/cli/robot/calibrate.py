@@ -80,19 +80,19 @@ class RobotCalibrate(Printing):
         except RobotStopped as error:
             note(f"jaxcell robot calibrate: the robot was stopped: {error}")
             return 1
-        found = Calibration.measured(distance, math.radians(degrees) / turned)
-        found.save(path)
-        self._say(found, path)
+        calibration = Calibration.measured(distance, math.radians(degrees) / turned)
+        calibration.save(path)
+        self._say(calibration, path)
         return 0
 
-    def _say(self, found: "Calibration", path: Path) -> None:
-        summary = {"calibration": str(path), **dataclasses.asdict(found)}
+    def _say(self, calibration: "Calibration", path: Path) -> None:
+        summary = {"calibration": str(path), **dataclasses.asdict(calibration)}
         if self.json:
             say(json.dumps(summary))
         else:
             say(
-                f"For 1 m of the encoders the robot drives {found.distance:g} m, and for 360 "
-                f"degrees it turns by {360 * found.angle:g} degrees. This is kept in {path}."
+                f"For 1 m of the encoders the robot drives {calibration.distance:g} m, and for 360 "
+                f"degrees it turns by {360 * calibration.angle:g} degrees. This is kept in {path}."
             )
 
 
