@@ -201,11 +201,11 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{path}: line {number}: {error}") from None
     header = parsed[0] if parsed else {}
-    found = header.get("format"), header.get("version")
-    if found != (_FORMAT, _VERSION):
+    written = header.get("format"), header.get("version")
+    if written != (_FORMAT, _VERSION):
         raise ValueError(
             f"{path}: line 1: expected the log of a robot, format {_FORMAT!r} version {_VERSION}, "
-            f"got {reprlib.repr(found[0])} version {reprlib.repr(found[1])}"
+            f"got {reprlib.repr(written[0])} version {reprlib.repr(written[1])}"
         )
     return LoggedRun(header, tuple(parsed[1:]), not unfinished)
 

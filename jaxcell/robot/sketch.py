@@ -28,7 +28,7 @@ _NEAR_FLASH = 2**16
 def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int = FLASH) -> str:
     """Write a program for an Arduino that runs a localization filter on a Create, without a host.
 
-    It does what [`jaxcell.robot.run_filter`][] until the cycle does with a
+    It does what [`jaxcell.robot.FilterFollower`][] until the cycle does with a
     [`jaxcell.robot.Walker`][]: the same observations give the same colours. The comment at its top
     says how to wire it, and what stops the robot.
 
@@ -81,7 +81,7 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
 def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int = FLASH) -> str:
     """Write a program for an Arduino that lets a Create choose its angles, without a host.
 
-    It does what [`jaxcell.robot.run_policy`][] does with a [`jaxcell.robot.Walker`][].
+    It does what [`jaxcell.robot.PolicyFollower`][] does with a [`jaxcell.robot.Walker`][].
 
     **Arguments:**
 

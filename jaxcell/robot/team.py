@@ -1,5 +1,4 @@
 import dataclasses
-import json
 import math
 import os
 import time
@@ -11,10 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..base.documents import Fields
-from ..base.paths import replacing
 from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
-from .tasks.task import Task, common_fields, robot_fields
+from .tasks.task import Task, common_fields, robot_fields, write_task
 from .walker import Walker
 
 
@@ -130,11 +128,7 @@ def save_team(
         }
         for (x, y, theta), bounce, does in zip(starts, bounces, actions, strict=True)
     ]
-    with replacing(path) as temporary:
-        text = json.dumps(
-            {"format": "jaxcell-robot-task", "kind": KIND, **common, "robots": robots}
-        )
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_task(path, KIND, **(common | {"robots": robots}))
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:

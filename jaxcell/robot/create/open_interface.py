@@ -247,7 +247,7 @@ class CommandParser:
 
 
 def _command_size(buffer: bytearray) -> int | None:
-    """Count the bytes of the first command in `buffer`: 0 for no command, `None` if not yet known."""
+    """Count the bytes of the first command in `buffer`: 0 for none, `None` if not yet known."""
     opcode = buffer[0]
     if opcode in _DATA_BYTES:
         return 1 + _DATA_BYTES[opcode]

@@ -211,7 +211,7 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
 
     **Raises:** as `encode`.
     """
-    found = []
+    numbers = []
     for packet in members(ids):
         if packet.name not in values:
             raise ValueError(f"values: packet {packet.id} needs {packet.name!r}, which is missing")
@@ -220,8 +220,8 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
             raise ValueError(
                 f"{packet.name} = {value}: packet {packet.id} holds {packet.low} to {packet.high}"
             )
-        found.append(value)
-    return found
+        numbers.append(value)
+    return numbers
 
 
 def encoder_difference(before: int, after: int) -> int:

@@ -27,9 +27,9 @@ def speed_type(node: Any) -> str | None:
     A robot that takes both is given `Twist`.
     """
     topic = node.resolve_topic_name("cmd_vel")
-    found = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
+    types = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
     names = ("Twist", "TwistStamped")
-    return next((name for name in names if f"geometry_msgs/msg/{name}" in found), None)
+    return next((name for name in names if f"geometry_msgs/msg/{name}" in types), None)
 
 
 def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:

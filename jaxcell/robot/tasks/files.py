@@ -8,6 +8,7 @@ from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
 from ...space.cells import MAX_CELLS
+from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
 from ..team import KIND as TEAM, MemberTask, read_member
 from .anywhere_task import KIND as ANYWHERE, AnywhereTask, read_anywhere
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
@@ -23,8 +24,16 @@ class FilterTask(Task):
     "The bouncing angle of the filter, in radians."
 
     @property
+    def bounces(self) -> tuple[float, ...]:
+        return (self.bounce,)
+
+    @property
     def header(self) -> dict[str, Any]:
         return {"kind": "filter", **super().header, "bounce_deg": math.degrees(self.bounce)}
+
+    def follower(self, until: Until = "known") -> Follower:
+        """Put the filter at its start."""
+        return FilterFollower(self.filter, until)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +57,10 @@ class PolicyTask(_Choice):
     kind: ClassVar[str] = "policy"
     policy: Policy
 
+    def follower(self) -> Follower:
+        """Put the policy at its start."""
+        return PolicyFollower(self.policy)
+
 
 @dataclasses.dataclass(frozen=True)
 class BeliefTask(_Choice):
@@ -55,6 +68,10 @@ class BeliefTask(_Choice):
 
     kind: ClassVar[str] = "belief"
     belief: Belief
+
+    def follower(self) -> Follower:
+        """Put the belief at its start."""
+        return BeliefFollower(self.belief)
 
 
 @dataclasses.dataclass(frozen=True)

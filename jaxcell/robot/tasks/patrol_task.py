@@ -1,6 +1,5 @@
 import dataclasses
 import functools
-import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.documents import Fields, refused
-from ...base.paths import replacing
 from ...space import CellSpace, free_steps
 from ..routing import grid_steps, wave
-from .task import Task, common_fields, robot_fields
+from .task import Task, common_fields, robot_fields, write_task
 
 
 KIND = "patrol"
@@ -87,19 +85,19 @@ def save_patrols(
     plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
     open_, grid = free_steps(plane), grid_steps(cells.free)
     way, position = np.nonzero(open_ != grid)
-    file = {
-        "format": "jaxcell-robot-task",
-        "kind": KIND,
+    write_task(
+        path,
+        KIND,
         **about,
-        "cell_m": cells.cell,
-        "directions": 4,
-        "step_m": cells.cell,
-        "robot_radius_m": cells.workspace.robot_radius,
-        "range_m": reach,
-        "origin_m": list(cells.origin),
-        "free": ["".join(".#"[not square] for square in row) for row in cells.free],
-        "closed": np.stack([position, way], axis=1).tolist(),
-        "robots": [
+        cell_m=cells.cell,
+        directions=4,
+        step_m=cells.cell,
+        robot_radius_m=cells.workspace.robot_radius,
+        range_m=reach,
+        origin_m=list(cells.origin),
+        free=["".join(".#"[not square] for square in row) for row in cells.free],
+        closed=np.stack([position, way], axis=1).tolist(),
+        robots=[
             {
                 "start": int(start),
                 "image": np.asarray(image).tolist(),
@@ -107,9 +105,7 @@ def save_patrols(
             }
             for (image, probability), start in zip(walks, starts, strict=True)
         ],
-    }
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(file) + "\n", encoding="utf-8")
+    )
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:

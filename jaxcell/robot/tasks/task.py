@@ -1,5 +1,7 @@
 import dataclasses
 import hashlib
+import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.documents import Fields
+from ...base.paths import replacing
 from ..walker import cell_strides
 
 
@@ -54,6 +57,13 @@ class Task:
             "directions": self.directions,
             "step_m": self.step,
         }
+
+
+def write_task(path: str | os.PathLike[str], kind: str, **fields: Any) -> None:
+    """Write a task in JSON, in place of the file if it exists."""
+    text = json.dumps({"format": "jaxcell-robot-task", "kind": kind, **fields})
+    with replacing(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def digest(path: Path) -> str:
