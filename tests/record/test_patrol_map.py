@@ -69,7 +69,7 @@ def make(robots, *, base=False, lost=None):
         captures=capture,
         regions=regions,
         reassignment=after,
-        shares=np.array([0.0, 0.8]),
+        share=np.array([0.0, 0.8]),
         share_capture=np.array([0.3, 0.2]),
         chosen_share=0.8,
         seed=4,
@@ -382,7 +382,7 @@ def test_the_recording_shows_the_regions(based, tmp_path, read):
     last = list(found.pictures("cover", "/map/grid/cover_2").values())[-1]
     np.testing.assert_array_equal(on_cells(based, last) == 4, regions.region != 2)
     text = found.static("/regions/text", "TextDocument:text")[0]
-    assert f"**{after.after:,}** steps" in text
+    assert f"**{after.silence_limit:,}** steps" in text
     assert "robot 1 is lost" in text
 
 
