@@ -61,6 +61,8 @@ def stochastic_shortest_path(
     - `goal`: a cell, a list of cells, or a mask over the cells.
     - `throw`: raise if the answer is not accurate enough.
 
+    **Returns:** the policy, with the probability and the expected time of arrival.
+
     **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
     1000 rounds or a solve stalls.
 
