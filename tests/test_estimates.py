@@ -271,10 +271,10 @@ def test_plans_too_large_for_memory_are_written_to_a_file(monkeypatch, tmp_path)
         limit(needed, *args)
 
     monkeypatch.setattr(memory, "check", check)
-    with pytest.raises(MemoryError, match=r"plans from .* write them to a file"):
+    with pytest.raises(MemoryError, match=r"plans from .* write them to a store"):
         all_plans(cells, [math.pi])
     monkeypatch.undo()
-    all_plans(cells, [math.pi], file=tmp_path / "plans.nc")
+    all_plans(cells, [math.pi], store=tmp_path / "plans.zarr")
 
 
 def test_filters_are_refused_when_their_states_exceed_the_memory(monkeypatch):

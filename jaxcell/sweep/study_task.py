@@ -97,7 +97,8 @@ def _together(study: type[Study], members: Sequence[Study]) -> list[list[int]]:
         return [[i] for i in range(len(members))]
     alike: dict[Hashable, list[int]] = {}
     for i, member in enumerate(members):
-        alike.setdefault(dataclasses.replace(member, **{study.batch: ()}), []).append(i)
+        names = (field.name for field in dataclasses.fields(study) if field.name != study.batch)
+        alike.setdefault(tuple(getattr(member, name) for name in names), []).append(i)
     return list(alike.values())
 
 

@@ -95,13 +95,8 @@ def test_forged_tables(tmp_path, arrays, open_world):
     if reads_or_refuses(Filter.load, path):
         filter = Filter.load(path)
         assert len(filter.color) == len(filter.transition)
-        try:
-            least = minimize(filter)
-        except ValueError as error:
-            assert str(error).startswith("filter: ")
-            return
         for write in (to_dot, to_jflap, to_json, to_c_header):
-            write(least)
+            write(minimize(filter))
 
 
 def test_the_undamaged_one_is_read(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from jaxcell.bounce import TeamOutcome, TeamTrajectory, plan
 from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.record import dataset
-from jaxcell.space import CellSpace
+from jaxcell.space import ENDPOINT, CellSpace
 
 
 def failing(checks):
@@ -42,7 +42,7 @@ def put(index, value):
 @pytest.fixture(scope="module")
 def policy(lab):
     bounces = np.radians([45, 90, 135])
-    return coverage_policy(lab.cells, bounces, math.pi / 4, 0.6, collision="endpoint")
+    return coverage_policy(lab.cells, bounces, math.pi / 4, 0.6, motion=ENDPOINT)
 
 
 @pytest.fixture(scope="module")

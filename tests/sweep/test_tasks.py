@@ -218,8 +218,9 @@ def test_parameters_are_refused_by_name(name):
         rest = {key: value for key, value in needed.items() if key != missing}
         # A filter is of one angle or of several, and neither parameter is needed by itself.
         either = (name, missing) == ("localize", "bounce")
-        message = "expected one angle, or several in bounces" if either else f"{called} needs this"
-        with pytest.raises(ValueError, match=f"{missing}: {message}"):
+        needs = f"{missing}: {called} needs this"
+        message = "expected one of `bounce` or `bounces`" if either else needs
+        with pytest.raises(ValueError, match=message):
             task(name)({swept: np.array([1])}, rest, 0)
 
 
