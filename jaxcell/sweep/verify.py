@@ -13,11 +13,11 @@ from .failures import write_failures
 from .results import SweepStatus, sweep_status
 from .run import run_sweep
 from .spec import Spec
-from .storage.contents import JOURNAL, Contents
+from .storage.contents import Contents
 from .storage.damage import reading
 from .storage.digests import differences, made_with
 from .storage.export import digests_of_files, export, update_result
-from .storage.journal import Journal, Kind
+from .storage.journal import JOURNAL, Journal, Kind
 from .storage.lock import locked
 from .storage.opening import copy_spec, tidy, write_journal
 from .storage.records import Begun

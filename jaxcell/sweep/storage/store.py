@@ -14,10 +14,10 @@ from ..failures import Failure
 from ..spec import Chunk, Spec
 from ..workers.halving import Parts
 from ..workers.work import Computed
-from .contents import JOURNAL, Contents
+from .contents import Contents
 from .damage import reading
 from .digests import differences
-from .journal import Journal, Kind, Record
+from .journal import JOURNAL, Journal, Kind, Record
 from .records import Begun, Members, check_fits, decode, encode, fill_value
 
 
