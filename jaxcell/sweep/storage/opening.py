@@ -14,8 +14,7 @@ import numpy as np
 from ...base.paths import replacing
 from ..failures import write_failures
 from ..spec import Spec
-from .contents import JOURNAL
-from .journal import Journal, Kind, Record
+from .journal import JOURNAL, Journal, Kind, Record
 from .records import Begun, encode
 from .store import DONE, TO_DO, SweepStore
 
