@@ -200,8 +200,8 @@ def quantities(result: type) -> dict[str, Quantity]:
         for name, value in vars(kind).items()
         if isinstance(value, derived)
     }
-    found = fields | methods
-    return dict(sorted(found.items(), key=lambda item: item[1].kind != "coordinate"))
+    described = fields | methods
+    return dict(sorted(described.items(), key=lambda item: item[1].kind != "coordinate"))
 
 
 def values(
@@ -217,13 +217,13 @@ def values(
     - `result`: the result.
     - `wanted`: selects quantities; the values of others are not computed.
     """
-    found = {}
+    named_values = {}
     for name, one in quantities(type(result)).items():
         value = getattr(result, name) if wanted(one) else None
         if value is not None:
             named = value.name.lower() if isinstance(value, enum.Enum) else value
-            found[name] = one, unsigned(named)
-    return found
+            named_values[name] = one, unsigned(named)
+    return named_values
 
 
 def unsigned(value: Any) -> Any:
@@ -272,10 +272,10 @@ def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
 
     Labels in radians are left out: programs need them, and people have degrees beside them.
     """
-    found: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
+    tables: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
     for name, (about, value) in summarized(result).items():
         dim = about.dims[0] if about.dims else ""
         label = about.kind == "coordinate" and about.units == "rad"
-        if dim in found and (len(about.dims) == 1) != about.listed and not label:
-            found[dim][name] = (about, value)
-    return found
+        if dim in tables and (len(about.dims) == 1) != about.listed and not label:
+            tables[dim][name] = (about, value)
+    return tables
