@@ -93,21 +93,21 @@ def compare_straight(
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 
 
-def compare_groups(found: BounceGroups) -> list[Comparison]:
+def compare_groups(groups: BounceGroups) -> list[Comparison]:
     """Compare periodic groups with the components of the graph of images, by scipy."""
     compared = []
-    for i, bounce in enumerate(found.bounce.tolist()):
-        mapped = bouncing.bounce_map(found.cells, bounce, motion=found.motion)
-        compared.append(compare_images(found.cells, mapped, bounce, motion=found.motion))
+    for i, bounce in enumerate(groups.bounce.tolist()):
+        mapped = bouncing.bounce_map(groups.cells, bounce, motion=groups.motion)
+        compared.append(compare_images(groups.cells, mapped, bounce, motion=groups.motion))
         by_group, away, around = _components(np.asarray(mapped.image))
         wrong = [
             f"cell {z}: its {name} is {ours[z]}, and {again[z]} by components"
             for name, again in (("group", by_group), ("step", away), ("period", around))
-            for ours in [getattr(found, name)[i].ravel()]
+            for ours in [getattr(groups, name)[i].ravel()]
             for z in np.flatnonzero(ours != again).tolist()
         ]
         what = "groups of cells, by components of the graph of images"
-        compared.append(Comparison.exact(what, wrong, 3 * found.cells.size))
+        compared.append(Comparison.exact(what, wrong, 3 * groups.cells.size))
         basin, periods = np.bincount(by_group), around[np.unique(by_group, return_index=True)[1]]
         numbers = {
             "count": basin.size,
@@ -117,7 +117,7 @@ def compare_groups(found: BounceGroups) -> list[Comparison]:
             "periodic_cells": periods.sum(),
             "largest_basin": basin.max(),
         }
-        ours, what = [getattr(found, name)[i] for name in numbers], "numbers of the groups"
+        ours, what = [getattr(groups, name)[i] for name in numbers], "numbers of the groups"
         compared.append(Comparison.close(f"{what}, by components", ours, [*numbers.values()], 0.0))
     return compared
 
@@ -141,11 +141,11 @@ def _components(
     return number[basin], step, period[basin]
 
 
-def compare_filter(found: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
+def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
     """Compare states of a filter with products of sparse matrices, and its knowledge cycles with
     the closed strong components of its transitions.
     """
-    filter, image = found.filter, np.asarray(simple_map.image)
+    filter, image = result.filter, np.asarray(simple_map.image)
     states, size = len(filter.transition), image.size
     shape, ones = (states, size), np.ones(filter.members.size, np.int32)
     member = scipy.sparse.csr_array((ones, filter.members, filter.offsets), shape=shape)
