@@ -18,7 +18,6 @@ ROOT = Path(__file__).parents[1]
 UNFINISHED = [
     "automata",
     "base",
-    "bounce",
     "cli",
     "drift",
     "dynamics",
@@ -30,11 +29,9 @@ UNFINISHED = [
     "patrol",
     "record",
     "robot",
-    "space",
     "study",
     "sweep",
     "tests",
-    "verify",
     "walls",
 ]
 # A text begins with its verb or its noun, not with a clause that stands for a noun.

@@ -1,4 +1,4 @@
-"""What is found out about robots that start anywhere."""
+"""The results of robots that start anywhere."""
 
 import dataclasses
 from collections.abc import Mapping
