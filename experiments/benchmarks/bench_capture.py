@@ -28,6 +28,7 @@ from timing import begin, line
 from experiments.shared.data import DATA
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
+    Attack,
     capture_policies,
     capture_probabilities,
     cell_graph,
@@ -36,7 +37,7 @@ from jaxcell.patrol import (
     maximin_capture,
     random_walk,
 )
-from jaxcell.patrol.map.capture import entropy_rate
+from jaxcell.patrol.map.capture_search import entropy_rate
 from jaxcell.patrol.walks import charged_capture
 from jaxcell.patrol.walks.optimal import capture
 from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
@@ -140,8 +141,8 @@ def on_map(name: str, cell: float | None) -> Row:
     before = ""
     if cells.positions <= COMMUTED:
         walks = distributed_policies(graph, visible, ROBOTS, 0.0)
-        before = f"{capture_probabilities(graph, visible, walks, [ATTACK]).min():.3f}"
-    wall, user, found = timed(lambda: capture_policies(graph, visible, ROBOTS, ATTACK))
+        before = f"{capture_probabilities(graph, visible, walks, Attack(ATTACK)).min():.3f}"
+    wall, user, found = timed(lambda: capture_policies(graph, visible, ROBOTS, Attack(ATTACK)))
     entropy = float(np.mean([entropy_rate(graph, policy) for policy in found.policies]))
     line(
         name,

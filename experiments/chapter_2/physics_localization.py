@@ -39,14 +39,12 @@ import numpy as np
 
 from jaxcell.robot import Particles, Walker, cell_strides, load_task
 from jaxcell.robot.anywhere import SetFollower
-from jaxcell.robot.believer import BeliefFollower
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.robot.followers import BeliefFollower, FilterFollower, PolicyFollower
 from jaxcell.robot.physics import LATENCY, RADIUS, PhysicsBody
-from jaxcell.robot.policy import PolicyFollower
-from jaxcell.robot.runner import FilterFollower
 from jaxcell.space import CellSpace, Slip, Workspace, nearest_cell
 from jaxcell.walls import places_anywhere
 
@@ -170,7 +168,9 @@ def run_anywhere(task: Any, cells: CellSpace, seed: int, limit: int) -> Run:
             follower.observe(ran)
             held.append(is_held(follower, body.pose, errors.displacement))
             if follower.result is None:
-                walker.rotate(follower.turn())
+                turn = follower.choose()
+                follower.turn(turn)
+                walker.rotate(turn)
     except RobotStopped:
         return Run("lost", follower.bumps, robot.robot.seconds, share(held))
     ends = {"localized": "right" if held[-1] else "wrong", "refuted": "lost"}

@@ -36,7 +36,7 @@ from scipy.stats import binomtest
 
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.record import save_dataset
-from jaxcell.robot import Walker, cell_strides, run_filter
+from jaxcell.robot import FilterFollower, Walker, cell_strides, run_follower
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.simulated import SimulatedCreate
@@ -75,7 +75,9 @@ def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, in
     direction = start // cells.positions
     walker = Walker(SimulatedCreate(body), cells.cell, strides=strides, direction=direction)
     try:
-        outcome = run_filter(walker, filter, math.radians(bounce_deg), limit=LIMIT, until="cycle")
+        outcome = run_follower(
+            walker, FilterFollower(filter, "cycle"), [math.radians(bounce_deg)], limit=LIMIT
+        )
     except RobotStopped:
         return "unfinished", len(walker.observations)
     if outcome.result != "localized":

@@ -47,7 +47,7 @@ from scipy.stats import binomtest
 
 from jaxcell.automata import Belief, BeliefState
 from jaxcell.bounce import FineCells, localization_policy, slip_map
-from jaxcell.robot import RunOutcome, Walker, run_belief, run_policy
+from jaxcell.robot import RunOutcome, Walker
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
 
@@ -110,6 +110,17 @@ def outcomes(
     }
 
 
+def localize(
+    kind: Callable[[Any], Follower],
+    estimator: Any,
+    bounces: Sequence[float],
+    limit: int,
+    walker: Walker,
+) -> RunOutcome:
+    """Localize a robot by a belief or a policy."""
+    return run_follower(walker, kind(estimator), bounces, limit=limit)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/ch2_slip_policies"))
@@ -143,13 +154,13 @@ def main() -> None:
             case = {"map": name, "error, %": 100 * error}
             for what, (belief, angles) in kinds.items():
                 timed = Timed(belief)
-                follow = functools.partial(run_belief, belief=timed, bounces=angles, limit=limit)
+                follow = functools.partial(localize, BeliefFollower, timed, angles, limit)
                 row = outcomes(cells, error, seeds, follow) | {
                     "ms, bump": float(np.mean(timed.spent[1])),
                     "ms, longest": float(np.max(timed.spent[1])),
                 }
                 rows.append({**case, "angles": what, **row})
-            follow = functools.partial(run_policy, policy=blind, bounces=bounces, limit=limit)
+            follow = functools.partial(localize, PolicyFollower, blind, bounces, limit)
             row = outcomes(cells, error, seeds, follow)
             rows.append({**case, "angles": "as if it did not slip", **row})
     emit("Choices of angles", rows, options.out / "slip_policies.csv", spec=".1f")

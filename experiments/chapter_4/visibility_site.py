@@ -9,6 +9,7 @@ import scipy.sparse
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute, minimum_cover
 from jaxcell.patrol import (
+    Attack,
     capture_probabilities,
     cell_graph,
     distributed_policies,
@@ -64,7 +65,7 @@ class Site:
     def caught(self, times: Sequence[int], policies: Sequence[Policy] | None = None) -> np.ndarray:
         """The probability of capture, one row a time, 1 where the base station watches."""
         by = self.policies if policies is None else policies
-        probability = capture_probabilities(self.graph, self.visible, by, times)
+        probability = capture_probabilities(self.graph, self.visible, by, Attack(times))
         probability[:, ~self.targets] = 1
         return probability
 

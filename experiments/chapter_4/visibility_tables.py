@@ -15,7 +15,7 @@ from jaxcell.optimize import (
     minimum_cover,
     stackelberg,
 )
-from jaxcell.patrol import distributed_policies, vulnerability
+from jaxcell.patrol import Attack, distributed_policies, vulnerability
 from jaxcell.patrol.map import Policy, Reassignment, Vulnerability, reassign
 
 from .visibility_site import SHARE, Site, among, stops
@@ -152,7 +152,7 @@ def evaluate(site: Site, caught: np.ndarray, runs: int, seed: int) -> list[Vulne
             site.visible,
             site.policies,
             target,
-            ATTACKS,
+            Attack(ATTACKS),
             runs=runs,
         )
         for number, target in enumerate((typical, weakest))

@@ -147,7 +147,7 @@ def test_bad_json_maps_are_refused(tmp_path, change, message):
         (b"3", "format: expected"),
         (b"null", "format: expected"),
         (b'{"format": "jaxcell-map", "version": 1}', "boundary: it is missing"),
-        (b'{"cell": 1, "cell": 2}', "not valid JSON, or cut short: the key 'cell' is given twice"),
+        (b'{"cell": 1, "cell": 2}', "not valid JSON, or cut short: the key 'cell' is repeated"),
         (b"[" * 100_000, "not a map: its brackets are nested too deeply"),
         (b'{"cell": ' + b"9" * 5000 + b"}", "not valid JSON, or cut short"),
         ('{"name": "Café"}'.encode("latin-1"), "expected UTF-8 text; byte 13 is not"),

@@ -210,7 +210,8 @@ def test_altered_patrols_of_a_map_do_not_agree():
     visible = visible_cells(cells, reach)
     policies = patrol.distributed_policies(graph, visible, 2)
     times = np.array([2, 5], np.int32)
-    capture = patrol.capture_probabilities(graph, visible, policies, times)
+    caught = patrol.Capture.of(graph, visible, policies, patrol.Attack(times))
+    capture = caught.probability
     runs = 400
     attack = Vulnerability(
         target=0,
@@ -226,13 +227,14 @@ def test_altered_patrols_of_a_map_do_not_agree():
         failure="not asked for",
     )
 
-    right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, capture)
+    right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, caught)
 
     def compare(**other):
         return disagreeing(verify.compare_patrolled_map(dataclasses.replace(right, **other)))
 
     assert compare() == []
-    assert compare(capture=0.999 * capture) == ["capture of some cells"]
+    fewer = dataclasses.replace(caught, probability=0.999 * capture)
+    assert compare(captures=fewer) == ["capture of some cells"]
     hidden = np.argwhere(~visible)[0]
     assert "cells that are seen" in compare(visible=changed(visible, tuple(hidden), True))
     slow = tuple(dataclasses.replace(one, commute_time=one.commute_time + 1) for one in policies)

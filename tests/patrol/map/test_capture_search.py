@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.map.attack import capture_probabilities
-from jaxcell.patrol.map.capture import capture_frontier, capture_policies, entropy_rate
+from jaxcell.patrol.map.attack import Attack
+from jaxcell.patrol.map.capture import capture_probabilities
+from jaxcell.patrol.map.capture_search import capture_frontier, capture_policies, entropy_rate
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import distributed_policies
 from jaxcell.space import CellSpace, Workspace, visible_cells
@@ -47,7 +48,7 @@ def least_capture(matrix, visible, start):
 @pytest.mark.parametrize("start", ["uniform", "stationary", "worst"])
 def test_no_walk_on_a_fine_grid_captures_more(start):
     graph, visible = corridor()
-    found = capture_policies(graph, visible, 1, STEPS, start=start, starts=2)
+    found = capture_policies(graph, visible, 1, Attack(STEPS, start), starts=2)
     (policy,) = found.policies
     matrix = policy.chain.to_scipy().toarray()
     assert found.value == pytest.approx(least_capture(matrix, visible, start), abs=1e-6)
@@ -67,11 +68,11 @@ def test_no_walk_on_a_fine_grid_captures_more(start):
 def lab():
     cells = CellSpace.of(Workspace.load(MAPS / "lab_b.json"), 1.0, 1)
     graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
-    return graph, visible, capture_policies(graph, visible, 2, 6, randomness=0.3, starts=1)
+    return graph, visible, capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
 
 
 def simulate(policy, starts, view, steps, random):
-    """Whether a robot comes into view in time, from each start."""
+    """A mask of the starts from which a robot comes into view in time."""
     here, seen = starts.copy(), view[starts].copy()
     up_to = np.cumsum(np.asarray(policy.chain.probability), axis=0)
     image = np.asarray(policy.chain.image)
@@ -106,24 +107,24 @@ def test_every_step_keeps_the_floor_of_randomness(lab):
         share = policy.share_of_time(graph)
         np.testing.assert_allclose(share @ matrix, share, atol=1e-12)
     plain = distributed_policies(graph, visible, 2, 0.0)
-    before = capture_probabilities(graph, visible, plain, [6]).min()
+    before = capture_probabilities(graph, visible, plain, Attack(6)).min()
     assert found.value > 1.2 * before
 
 
 def test_the_same_seed_finds_the_same(lab):
     graph, visible, found = lab
-    again = capture_policies(graph, visible, 2, 6, randomness=0.3, starts=1)
+    again = capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
     assert again.value == found.value
 
 
 def test_capture_falls_along_the_frontier_and_entropy_rises():
     graph, visible = corridor()
-    found = capture_frontier(graph, visible, 1, STEPS, [0.5, 0.0, 0.9])
+    found = capture_frontier(graph, visible, 1, Attack(STEPS), [0.5, 0.0, 0.9])
     assert found.floor.tolist() == [0.0, 0.5, 0.9]
     assert (np.diff(found.least_capture) < 0).all()
     # A corridor has no more entropy than log 2 at each of its three inner places.
     assert 0 <= found.entropy.min() < found.entropy.max() < np.log(2)
-    uniform = capture_policies(graph, visible, 1, STEPS, randomness=0.9999, starts=1)
+    uniform = capture_policies(graph, visible, 1, Attack(STEPS), randomness=0.9999, starts=1)
     (policy,) = uniform.policies
     assert entropy_rate(graph, policy) == pytest.approx(0.75 * np.log(2), abs=1e-3)
 
@@ -131,13 +132,15 @@ def test_capture_falls_along_the_frontier_and_entropy_rises():
 def test_a_gradient_of_the_weakest_targets_leads_as_far_as_that_of_all(lab, monkeypatch):
     graph, visible, found = lab
     monkeypatch.setattr("jaxcell.patrol.walks.optimal.ascent._ACTIVE", 12)
-    some = capture_policies(graph, visible, 2, 6, randomness=0.3, starts=1)
+    some = capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
     assert some.value == pytest.approx(found.value, rel=0.01)
 
 
-def test_the_best_of_several_starts_is_gone_on_with(lab):
+def test_the_best_of_several_starts_is_improved(lab):
     graph, visible, _ = lab
-    one, several = (capture_policies(graph, visible, 2, 6, starts=starts) for starts in (1, 3))
+    one, several = (
+        capture_policies(graph, visible, 2, Attack(6), starts=starts) for starts in (1, 3)
+    )
     assert several.tried.argmax() > 0
     assert several.value > 1.03 * one.value
 
@@ -146,21 +149,19 @@ def test_the_best_of_several_starts_is_gone_on_with(lab):
     ("change", "message"),
     [
         ({"robots": 0}, "robots: expected 1 to 5, the number of cells, got 0"),
-        ({"attack_time": 0}, "attack_times: expected at least 1 step, got 0"),
         ({"randomness": 1.0}, "randomness: expected 0 or more and less than 1, got 1.0"),
-        ({"start": "best"}, "start: expected one of uniform, stationary, worst, got 'best'"),
         ({"starts": 0}, "starts: expected at least 1, got 0"),
     ],
 )
-def test_refusals(change, message):
+def test_wrong_searches_are_refused(change, message):
     graph, visible = corridor()
     with pytest.raises(ValueError, match=message):
-        capture_policies(graph, visible, **{"robots": 1, "attack_time": 4, **change})
+        capture_policies(graph, visible, **{"robots": 1, "attack": Attack(4), **change})
     with pytest.raises(ValueError, match="floors: expected at least one, got none"):
-        capture_frontier(graph, visible, 1, 4, [])
+        capture_frontier(graph, visible, 1, Attack(4), [])
 
 
-def test_where_all_is_always_seen_nothing_is_searched():
+def test_nothing_is_searched_if_all_cells_are_always_seen():
     graph, visible = corridor()
-    found = capture_policies(graph, np.ones_like(visible), 1, 1)
+    found = capture_policies(graph, np.ones_like(visible), 1, Attack(1))
     assert (found.value, found.iterations) == (1.0, 0)
