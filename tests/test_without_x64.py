@@ -1,4 +1,4 @@
-"""What happens where nobody turned 64-bit numbers on: whole numbers are the same, solves refuse.
+"""Without 64-bit numbers, integer results are the same, and solves raise an error.
 
 `make test-all` runs this file in a process of its own with JAX_ENABLE_X64=0 as well.
 """
@@ -28,7 +28,7 @@ from jaxcell.markov import (
     limiting_distribution,
 )
 from jaxcell.optimize import mixture
-from jaxcell.space import CellSpace
+from jaxcell.space import CellSpace, Motion
 
 
 CIRCLE = scipy.sparse.csr_array(np.roll(np.eye(3), 1, axis=1))
@@ -51,12 +51,12 @@ def room():
 def test_maps_and_groups_are_the_same(collision):
     def results():
         cells, angles = room(), np.radians([45, 75, 90])
-        maps = bounce_map(cells, angles, collision=collision)
+        maps = bounce_map(cells, angles, motion=Motion(collision=collision))
         return jax.tree.leaves(
             (
                 maps,
-                bounce_groups(cells, angles, collision=collision),
-                group_summary(cells, angles, collision=collision),
+                bounce_groups(cells, angles, motion=Motion(collision=collision)),
+                group_summary(cells, angles, motion=Motion(collision=collision)),
                 jax.vmap(periodic_groups)(maps.image),
             )
         )
@@ -80,7 +80,7 @@ def test_maps_and_groups_are_the_same(collision):
         lambda: mixture(np.eye(2), np.ones(2)),
     ],
 )
-def test_what_needs_64_bits_says_so(make):
+def test_functions_that_need_64_bits_raise(make):
     with pytest.raises(RuntimeError, match=HINT):
         make()
 

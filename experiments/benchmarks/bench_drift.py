@@ -7,8 +7,8 @@ compared where it is installed (`pip install deeptime`).
 
 The current is made of gyres whose water goes slowly to their middles. Peers get the matrix of the
 map, and all give the expected number of steps until a drifter is in a persistent group: scipy by
-strong components and `spsolve`, deeptime by the mean first passage time to the persistent cells,
-which it is told.
+strong components and `spsolve`, deeptime by the mean first passage time to given persistent
+cells.
 """
 
 import resource
@@ -24,13 +24,14 @@ from scipy.sparse import linalg
 from timing import begin, line, take_turns
 
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.chains import drift_map
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.maps import drift_map
+from jaxcell.drift.step import DriftStep
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 
 
-# How far from each other two answers may be, as a part of the time.
+# The largest relative difference of two answers.
 AGREEMENT = 1e-6
 INWARD = 1.0
 
@@ -66,7 +67,9 @@ def ours(currents: xr.Dataset, spread: str) -> tuple[Chain, float]:
     """The drift map, and what one of its steps takes."""
     water, flow = Water.of(currents), Flow.of(currents)
     duration = 2 * crossing_time(water, flow)
-    return drift_map(water, flow, duration, spread=spread, samples=3, edge="exit"), duration
+    return drift_map(
+        water, flow, DriftStep(duration, spread=spread, samples=3, edge="exit")
+    ), duration
 
 
 def scipy_times(matrix: scipy.sparse.csr_array) -> np.ndarray:
@@ -81,7 +84,7 @@ def scipy_times(matrix: scipy.sparse.csr_array) -> np.ndarray:
 def deeptime_times(matrix: scipy.sparse.csr_array, persistent: np.ndarray) -> np.ndarray:
     from deeptime.markov.tools.analysis import mfpt
 
-    # It needs scipy's older matrices, and closed classes make it singular but for the target.
+    # It needs scipy's older matrices, and closed classes except the target make it singular.
     return np.asarray(mfpt(scipy.sparse.csr_matrix(matrix), np.flatnonzero(persistent).tolist()))
 
 

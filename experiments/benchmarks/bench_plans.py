@@ -2,15 +2,14 @@
 
 Run `python experiments/benchmarks/bench_plans.py`; it takes about 15 s and 0.6 GB.
 
-The maps are those of `experiments/ch3_all_plans.py`, with 8 directions, angles 45, 90 and 135 deg,
-and weights 1 and 100. Ours starts from a `CellSpace` and ends with costs and first actions of all
-pairs as arrays of cells x cells. scipy starts from the roadmap over cells and the angle in use as a
-finished sparse matrix; one row of its answer is the costs from one cell, and with predecessors,
-from which its plans can be read, it gives what ours gives. Costs are compared before any is timed;
-then the programs take turns. A first call compiles, and is shown apart.
+The maps are those of `experiments/chapter_3/all_plans.py`, with 8 directions, angles 45, 90 and
+135 deg, and weights 1 and 100. Ours starts from a `CellSpace` and ends with costs and first actions
+of all pairs as arrays of cells x cells. scipy starts from the roadmap over cells and the angle in
+use as a finished sparse matrix; one row of its answer is the costs from one cell, and with
+predecessors, from which its plans can be read, it gives what ours gives. Costs are compared before
+any is timed; then the programs take turns. A first call compiles, and is shown apart.
 """
 
-import runpy
 import sys
 import tempfile
 from pathlib import Path
@@ -23,12 +22,12 @@ from rows import Row, options, rows_of, write_rows
 from scipy.sparse.csgraph import dijkstra
 from timing import begin, line, take_turns, timed
 
+from experiments.chapter_3.all_plans import environments
+from experiments.shared.data import MAPS
 from jaxcell.bounce import all_plans, bounce_map
 from jaxcell.space import CellSpace, Workspace
 
 
-EXPERIMENT = Path(__file__).parents[1] / "ch3_all_plans.py"
-MAPS = Path(__file__).parents[2] / "data" / "maps"
 BOUNCES = np.deg2rad([45, 90, 135])
 KEEP, CHANGE = 1, 100
 
@@ -73,7 +72,7 @@ def side_by_side(repeats: int) -> list[Row]:
     line("map", "cells", "program", "first call, s", "min, ms", "median, ms", "times ours")
     line("---", "--:", "---", *["--:"] * 4)
     rows = []
-    for name, cells in runpy.run_path(str(EXPERIMENT))["environments"]().items():
+    for name, cells in environments().items():
         graph = roadmap(cells)
         programs = {
             "jaxcell, costs and actions": lambda cells=cells: ours(cells),
@@ -103,24 +102,24 @@ def side_by_side(repeats: int) -> list[Row]:
 
 
 def large() -> list[Row]:
-    """Rooms whose costs, cells x cells, would fill the memory: the plans go to a file."""
+    """Rooms whose costs, cells x cells, would fill the memory: the plans go to a store."""
     print()
-    line("room", "cells", "pairs", "seconds", "file, MB", "one plan, ms")
+    line("room", "cells", "pairs", "seconds", "store, MB", "one plan, ms")
     line("---", *["--:"] * 5)
     room = Workspace.load(MAPS / "room_200x125.json")
     for side in (4, 2, 1):
         cells = CellSpace.of(room, side, 8)
         with tempfile.TemporaryDirectory() as folder, Console(stderr=True).status("") as shown:
-            file = Path(folder) / "plans.nc"
+            store = Path(folder) / "plans.zarr"
             seconds, plans = timed(
-                lambda cells=cells, file=file, shown=shown: all_plans(
+                lambda cells=cells, store=store, shown=shown: all_plans(
                     cells,
                     BOUNCES,
-                    file=file,
+                    store=store,
                     progress=lambda done, total: shown.update(f"{done:,} of {total:,} entries"),
                 )
             )
-            size = file.stat().st_size / 1e6
+            size = sum(file.stat().st_size for file in store.rglob("*") if file.is_file()) / 1e6
             one, _ = timed(lambda plans=plans, cells=cells: plans.plan(0, cells.size - 1))
         squares = f"{cells.free.shape[1]} x {cells.free.shape[0]}"
         pairs = f"{cells.size**2:.1e}"

@@ -27,7 +27,8 @@ from rows import Row, options, write_rows
 from timing import begin, line
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import maximin_capture, walk_capture_probabilities
+from jaxcell.patrol import maximin_capture
+from jaxcell.patrol.walks import walk_capture_probabilities
 
 
 # Steps between crossings of San Francisco, RoSSO's `SF_problem_spec.json`.
@@ -117,7 +118,7 @@ def theirs(case: Case) -> np.ndarray:
 
 
 def descended(Q: jax.Array, slope: Callable[[jax.Array], tuple[jax.Array, jax.Array]]) -> jax.Array:
-    """Where RoSSO's optimizer stops, by its own test."""
+    """Run the optimizer of RoSSO until it stops by its own test."""
     largest = float(jnp.abs(slope(Q)[1]).max())
     optimizer = optax.rmsprop(RATE / max(largest, 1e-12))
     state, before, changes = optimizer.init(Q), 1000.0, deque(maxlen=WINDOW)

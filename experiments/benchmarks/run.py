@@ -26,7 +26,7 @@ from rich.markup import escape
 from rich.table import Table
 from rows import Row, read_rows
 
-from jaxcell.base.files import replacing
+from jaxcell.base.paths import replacing
 
 
 HERE = Path(__file__).parent
@@ -44,7 +44,7 @@ Elsewhere = Mapping[tuple[str, str, str], float]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a script; `error` is a line for people where it failed."""
+    """The end of a script; `error` is a line for people if it failed."""
 
     rows: list[Row]
     seconds: float

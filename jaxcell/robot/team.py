@@ -77,7 +77,7 @@ def member_actions(
         >>> room = space.Workspace([(0, 0), (2, 0), (2, 1), (0, 1)])
         >>> cells = space.CellSpace.of(room, 1.0, 4)
         >>> path, bumped = np.int32([[0], [1], [3]]), np.array([[False], [True]])
-        >>> robot.member_actions(path, bumped, space.free_steps(cells, 1.0, "swept"))
+        >>> robot.member_actions(path, bumped, space.free_steps(cells))
         ['01']
     """
     directions, positions = steps.shape

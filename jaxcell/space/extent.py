@@ -5,20 +5,21 @@ import numpy as np
 from jaxtyping import Float
 
 from .cells import MAX_CELLS, TOLERANCE, CellSpace, along_grid
+from .motion import Motion
 from .occupancy import MOST_SQUARES
 from .stencils import stencil
 from .workspace import Workspace, edges
 
 
-# With more directions, steps of a few squares do nothing new.
+# More directions give no new ways for steps of a few squares.
 _MAX_DIRECTIONS = 3600
-# Stencils that cross more squares take long to list.
+# Stencils that cross more squares take too long to list.
 _MAX_CROSSED = 50_000
 
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """How large a cell space is, or will be: what its memory is estimated from."""
+    """The size of a cell space that is or will be made, from which its memory is estimated."""
 
     workspace: Workspace | None
     rows: int
@@ -27,7 +28,7 @@ class Extent:
     directions: int
     cell: float
     gridded: bool
-    "Whether all walls run along edges of squares."
+    "True if all walls run along edges of squares."
     walls: int
     "Number of walls."
     wall_length: float
@@ -35,11 +36,11 @@ class Extent:
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """The extent of a cell space that is not cut yet; its positions are as many as their area.
+        """Estimate the extent of a cell space before it is cut, its positions by their area.
 
         **Arguments:** as for [`CellSpace.of`][].
 
-        **Returns:** the extent, or `None` where `CellSpace.of` says why there is no such space.
+        **Returns:** the extent, or `None` if `CellSpace.of` refuses the space.
 
         A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
 
@@ -64,7 +65,7 @@ class Extent:
 
     @classmethod
     def of(cls, cells: CellSpace) -> "Extent":
-        """The extent of a cell space."""
+        """Measure the extent of a cell space."""
         walls = np.empty((0, 3, 2)) if cells.workspace is None else cells.walls
         rows, columns = cells.free.shape
         return cls._of(
@@ -98,30 +99,27 @@ class Extent:
         """Number of cells."""
         return self.positions * self.directions
 
-    def ways(self, step: float | None, collision: str) -> int:
-        """How many ways the moves have, at most.
-
-        **Arguments:** as for [`jaxcell.bounce.moves`][].
-        """
-        length = 1.0 if step is None else min(step / self.cell, 1e9)
+    def ways(self, motion: Motion) -> int:
+        """Estimate the number of ways of the moves, at most."""
+        length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
         if not self.gridded:
-            # Slanted walls part directions that do the same on a grid; not all, as measured.
+            # Slanted walls part directions that are one way on a grid; not all, as measured.
             return min(self.directions, 32 + round(0.45 * self.directions))
-        if collision == "swept" and length * directions > _MAX_CROSSED:
-            ends = stencil(directions, length, "endpoint", grid)
+        if motion.collision != "endpoint" and length * directions > _MAX_CROSSED:
+            ends = stencil(directions, Motion(length, "endpoint"), grid)
             inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
             return int(np.count_nonzero(inside)) + (not inside.all())
-        return len(stencil(directions, length, collision, grid).offset)
+        return len(stencil(directions, Motion(length, motion.collision), grid).offset)
 
-    def bumps(self, step: float | None) -> float | int:
-        """In about how many cells a step is not possible."""
-        length = 1.0 if step is None else step / self.cell
+    def bumps(self, motion: Motion) -> float | int:
+        """Estimate the number of cells where a step is not possible."""
+        length = motion.in_cells(self.cell)
         return self.directions * min(self.positions, self.wall_length * length / 2)
 
-    def near_walls(self, step: float | None) -> float | int:
-        """How many pairs there are of a position and a wall that a step from it may reach."""
-        length = 1.0 if step is None else step / self.cell
+    def near_walls(self, motion: Motion) -> float | int:
+        """Estimate the number of pairs of a position and a wall within a step of it."""
+        length = motion.in_cells(self.cell)
         around = 2 * length * self.wall_length + self.walls * math.pi * length**2
         return 0.0 if self.gridded else min(around, self.walls * self.positions)

@@ -1,15 +1,15 @@
-"""The progress of a sweep and its result, for readers."""
+"""Read the progress of a sweep and its result."""
 
 import dataclasses
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .failures import Failure
-from .files import kept_spec
+from .storage.damage import reading
 from .storage.lock import holder
-from .storage.states import DAMAGED, DONE, States, reading
+from .storage.store import DONE, SweepStore
 from .workers.progress import read_down
 
 
@@ -26,17 +26,17 @@ class SweepStatus:
     members: int
     chunks: int
     done: int
-    "Chunks all of whose members are done."
+    "Number of chunks whose members are all done."
     failures: tuple[Failure, ...]
     "Members that failed."
     damaged: int
-    "Chunks that were done and have lost a file; [`verify_sweep`][] looks into the files too."
+    "Damaged records of the journal, and lost files of the result; [`verify_sweep`][] finds more."
     running: str | None
-    "Which process is at work on it, if any."
+    "The process that runs the sweep, or `None`."
     rate: float | None
-    "Members that it computes a second, if that is known yet."
+    "Members computed per second; `None` if unknown."
     left: float | None
-    "Seconds that the rest will take at this rate."
+    "Seconds until the end at this rate."
 
     @property
     def complete(self) -> bool:
@@ -44,7 +44,7 @@ class SweepStatus:
 
 
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
-    """Find the progress of the sweep in a folder, also while it runs.
+    """Read the progress of the sweep in a folder, also while it runs.
 
     **Arguments:**
 
@@ -52,7 +52,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 
     **Returns:** [`SweepStatus`][].
 
-    **Raises:** `ValueError` if there is none, or it is damaged.
+    **Raises:** `ValueError` if the folder has no sweep, or a damaged one.
 
     A sweep that is done:
 
@@ -66,31 +66,29 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         ('groups', {'bounce': 2}, True, None)
     """
     folder = Path(out)
-    spec = kept_spec(folder)
-    kept = States(folder, spec)
-    states = kept.states()
-    at_work = holder(folder / "lock")
-    with reading(folder):
-        rate, left = read_down(folder) if at_work is not None else (None, None)
-    return SweepStatus(
-        spec.task,
-        spec.dimensions,
-        spec.members,
-        spec.chunk_count,
-        int((states == DONE).sum()),
-        tuple(kept.failures(states)),
-        int((states == DAMAGED).sum()),
-        at_work,
-        rate,
-        left,
-    )
+    with SweepStore(folder) as store:
+        spec, at_work = store.spec, holder(folder / "lock")
+        with reading(folder):
+            rate, left = read_down(folder) if at_work is not None else (None, None)
+        return SweepStatus(
+            spec.task,
+            spec.dimensions,
+            spec.members,
+            spec.chunk_count,
+            int((store.states == DONE).sum()),
+            tuple(store.failures()),
+            len(store.contents.damage) + len(store.lost_files()),
+            at_work,
+            rate,
+            left,
+        )
 
 
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
-    """The result of a sweep, as far as it is: arrays are read when they are used.
+    """Open the result of a sweep, complete or not. Arrays are read when they are used.
 
-    Where `status` is not 1, floats are NaN, integers -1 (or, without a sign, their greatest), and
-    booleans `False`.
+    The result of a sweep that runs, or was killed, is first made in memory. Where `status` is not
+    1, floats are NaN, integers -1 (unsigned ones their greatest), and booleans `False`.
 
     **Arguments:**
 
@@ -99,7 +97,7 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
     its `status` is 1 where a member is done.
 
-    **Raises:** `ValueError` if there is none, no chunk of it is done yet, or it is damaged.
+    **Raises:** `ValueError` if the folder has no sweep, no member is done yet, or it is damaged.
 
     The number of periodic groups for two angles on one map:
 
@@ -114,20 +112,28 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """
     import xarray as xr
 
-    path = Path(out) / "sweep.zarr"
-    found = sweep_status(out)
-    if not path.is_dir():
-        raise ValueError(f"{path}: no chunk is done yet, of {found.chunks}")
-    if found.damaged:
-        raise ValueError(
-            f"{path}: {found.damaged} of {found.chunks} chunks are damaged; to mend them: "
-            f"jaxcell sweep verify {out}"
-        )
-    with reading(Path(out)):
-        found = xr.open_zarr(path, consolidated=True)
-        for name in found.coords:
-            variable = found.variables[name]
-            # Texts of Zarr, which some versions of xarray cannot write to NetCDF.
-            if getattr(variable.encoding.get("dtype"), "kind", "") == "T":
-                del variable.load().encoding["dtype"]
-        return found
+    folder = Path(out)
+    with SweepStore(folder) as store:
+        if store.frame is None:
+            raise ValueError(f"{folder}: no chunk is done yet, of {store.spec.chunk_count}")
+        if damage := [*store.contents.damage, *store.lost_files()]:
+            raise ValueError(
+                f"{folder}: damaged: {damage[0]}{', ...' * (len(damage) > 1)}; to mend it: "
+                f"jaxcell sweep verify {folder}"
+            )
+        with reading(folder):
+            source: Any = store.zarr
+            if store.contents.exported is None:
+                # A run is at work, or was killed.
+                from zarr.storage import MemoryStore
+
+                from .storage.export import write_result
+
+                write_result(store, source := MemoryStore())
+            dataset = xr.open_zarr(source, consolidated=True)
+            for name in dataset.coords:
+                variable = dataset.variables[name]
+                # Some versions of xarray cannot write strings of Zarr to NetCDF.
+                if getattr(variable.encoding.get("dtype"), "kind", "") == "T":
+                    del variable.load().encoding["dtype"]
+            return dataset

@@ -1,24 +1,25 @@
-"""Sweeps in shards: jobs of an array compute a part each, and `merge_sweep` puts them together."""
+"""Shards: parts of a sweep, computed by the jobs of an array and merged by `merge_sweep`."""
 
+import contextlib
 import dataclasses
+import math
 import os
 import re
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from .files import kept_spec
-from .results import SweepStatus
-from .run import run_sweep
-from .storage.frame import frame_of
-from .storage.lock import holder
-from .storage.states import DONE, FAILED
-from .storage.store import SweepStore, made_with
-from .workers.engines import Outcomes, Take
-from .workers.progress import Progress
-from .workers.work import Computed, Failed, Job, jax_is_wide
+from .results import SweepStatus, sweep_status
+from .run import no_room_reported
+from .storage.digests import made_with
+from .storage.export import update_result
+from .storage.lock import holder, locked
+from .storage.opening import opened
+from .storage.store import DONE, SweepStore
+from .workers.progress import Count, Progress
+from .workers.work import jax_is_wide
 
 
 _FOLDER = "shards"
@@ -27,7 +28,7 @@ _MAX_LISTED = 3
 
 @dataclasses.dataclass(frozen=True)
 class Shard:
-    """One of several parts of a sweep: every so many chunks one.
+    """A part of a sweep: every `count`-th chunk.
 
     The second of three shards of a sweep in ten chunks:
 
@@ -38,12 +39,12 @@ class Shard:
     """
 
     number: int
-    "From 1."
+    "Numbers begin with 1."
     count: int
 
     @classmethod
     def read(cls, text: str) -> "Shard":
-        """A shard of the form `i/n`, from `1/n` to `n/n`.
+        """Read a shard of the form `i/n`, from `1/n` to `n/n`.
 
         **Raises:** `ValueError` for another text.
         """
@@ -53,32 +54,32 @@ class Shard:
         return cls(int(found[1]), int(found[2]))
 
     def chunks(self, count: int) -> range:
-        """The numbers of its chunks of so many."""
+        """The numbers of its chunks in a sweep of `count` chunks."""
         return range(self.number - 1, count, self.count)
 
     def folder(self, out: str | os.PathLike[str]) -> Path:
-        """Its store, within that of the whole sweep."""
+        """Its store, in the folder `out` of the whole sweep."""
         return Path(out) / _FOLDER / f"{self.number}-of-{self.count}"
 
 
 def merge_sweep(
     out: str | os.PathLike[str], *, progress: Callable[[Progress], None] | None = None
 ) -> SweepStatus:
-    """Put the shards of a sweep together, once all of them are done.
+    """Merge the shards of a sweep into its store, once all of them are done.
 
-    The result has the bytes of a run without shards. The shards stay, and may be removed then. A
-    merge that was interrupted goes on when it is called again.
+    The result has the same bytes as a run without shards. The shards stay; they may be removed. An
+    interrupted merge continues when the function is called again.
 
     **Arguments:**
 
-    - `out`: the folder of the sweep: its shards are in those of [`Shard`][].
+    - `out`: the folder of the sweep, with the folders of its shards.
     - `progress`: as for [`run_sweep`][].
 
-    **Returns:** the progress of the sweep. Members that failed in a shard have failed in it too.
+    **Returns:** the progress of the sweep. Members that failed in a shard have failed.
 
-    **Raises:** `ValueError` if a shard is missing, damaged, not done, or of another specification,
-    or if it was computed with other files, another task or other versions than are here;
-    `BlockingIOError` if a run is at work on one; and as [`run_sweep`][] for the result.
+    **Raises:** `ValueError` if a shard is missing, damaged, not done, of another specification, or
+    made with other files, another task or other versions; `BlockingIOError` if a run writes to a
+    shard; and as [`run_sweep`][].
 
     Two shards of two angles:
 
@@ -103,38 +104,58 @@ def merge_sweep(
     """
     folder = Path(out)
     shards = _shards(folder)
-    specs = [kept_spec(shard.folder(folder)) for shard in shards]
-    spec = specs[0]
-    made = made_with(spec, jax_is_wide())
-    readers, unfinished = [], []
-    for shard, own in zip(shards, specs, strict=True):
-        there = shard.folder(folder)
-        if (process := holder(there / "lock")) is not None:
-            raise BlockingIOError(f"{there}: {process} is at work on it")
-        if changes := spec.differences(own):
-            raise ValueError(f"{there}: not the specification of shard 1: {'; '.join(changes)}")
-        store = SweepStore(there, own, made)
-        if others := store.differences():
-            raise ValueError(f"{there}: computed with others: {'; '.join(others)}")
-        readers.append(_Reader(store))
+    with contextlib.ExitStack() as stack:
+        stores = [stack.enter_context(SweepStore(shard.folder(folder))) for shard in shards]
+        spec = stores[0].spec
+        made = made_with(spec, jax_is_wide())
+        _check_shards(folder, shards, stores, made)
+        stack.enter_context(no_room_reported(folder))
+        stack.enter_context(locked(folder / "lock"))
+        whole = stack.enter_context(opened(folder, spec, True, made))
+        for store in stores:
+            if store.frame is not None:
+                whole.check(store.frame)
+        missing = np.flatnonzero(whole.states != DONE).tolist()
+        count = Count(spec.chunk_count, spec.chunk_count - len(missing))
+        if progress is not None:
+            progress(count.progress(()))
+        for number in missing:
+            failures = whole.copy(stores[number % len(stores)], number)
+            count.add(math.prod(spec.chunk(number).shape))
+            if progress is not None:
+                progress(count.progress(tuple(failures)))
+        update_result(whole)
+    return sweep_status(folder)
+
+
+def _check_shards(
+    folder: Path, shards: Sequence[Shard], stores: Sequence[SweepStore], made: Mapping[str, Any]
+) -> None:
+    """Raise an error if shards cannot be merged."""
+    spec, unfinished = stores[0].spec, []
+    for shard, store in zip(shards, stores, strict=True):
+        if (process := holder(store.folder / "lock")) is not None:
+            raise BlockingIOError(f"{store.folder}: {process} is at work on it")
+        if changes := spec.differences(store.spec):
+            raise ValueError(
+                f"{store.folder}: not the specification of shard 1: {'; '.join(changes)}"
+            )
+        if others := store.differences(made):
+            raise ValueError(
+                f"{store.folder}: made with other versions or files: {'; '.join(others)}"
+            )
         chunks = shard.chunks(spec.chunk_count)
-        done = sum(map(readers[-1].has, chunks))
+        done = sum(map(store.has_outcomes, chunks))
         if done < len(chunks):
             unfinished.append(f"{shard.number}/{shard.count} ({done} of {len(chunks)} chunks)")
     if unfinished:
         raise ValueError(f"{folder}: shards that are not done: {_listed(unfinished)}")
 
-    def read(take: Take) -> Outcomes:
-        for job in iter(take, None):
-            yield job, readers[job.number % len(readers)].outcome(job)
-
-    return run_sweep(spec, folder, engine=read, resume=True, progress=progress)
-
 
 def _shards(folder: Path) -> list[Shard]:
-    """The shards of a sweep that are there.
+    """Find the shards of a sweep.
 
-    **Raises:** `ValueError` if one is missing.
+    **Raises:** `ValueError` if a shard is missing.
     """
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
     found = [Shard.read(name) for name in names]
@@ -159,42 +180,3 @@ def _shards(folder: Path) -> list[Shard]:
 def _listed(some: Sequence[str]) -> str:
     more = f", ... ({len(some)} in all)" * (len(some) > _MAX_LISTED)
     return ", ".join(some[:_MAX_LISTED]) + more
-
-
-class _Reader:
-    """The outcomes that are in the store of a shard."""
-
-    def __init__(self, store: SweepStore) -> None:
-        self._store, self._states = store, store.states()
-        self._frame = frame_of(store)
-        failures = [*store.failures(self._states)]
-        self._failures = {tuple(one.index.values()): one for one in failures}
-        self._failed = Counter(one.chunk for one in failures)
-
-    def has(self, number: int) -> bool:
-        """Whether all members of a chunk are done or have failed."""
-        if self._states[number] != FAILED:
-            return bool(self._states[number] == DONE)
-        missing = self._store.missing(self._store.spec.chunk(number))
-        return int(missing.sum()) == self._failed[number]
-
-    def outcome(self, job: Job) -> Computed | Failed:
-        """The outcome of a job: a failure if one of its members failed."""
-        store = self._store
-        chunk = store.spec.chunk(job.number)
-        lengths = tuple(store.spec.lengths.values())
-        # At an edge the last member stands in for those beyond.
-        inside = [
-            np.minimum(places, size - 1)
-            for places, size in zip(np.unravel_index(job.places, lengths), chunk.shape, strict=True)
-        ]
-        starts = [part.start for part in chunk.region]
-        for row in zip(*inside, strict=True):
-            place = tuple(start + int(one) for start, one in zip(starts, row, strict=True))
-            if (failure := self._failures.get(place)) is not None:
-                return Failed(failure.message, failure.trace)
-        variables = {
-            name: dataclasses.replace(one, values=store.read(name, chunk)[tuple(inside)])
-            for name, one in self._frame.variables.items()
-        }
-        return dataclasses.replace(self._frame, variables=variables)

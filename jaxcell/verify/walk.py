@@ -8,12 +8,13 @@ import scipy.special
 
 from ..optimize import Linear, conic, shortest_tour
 from ..optimize.tour import on_walk
-from ..patrol import GraphPatrol, StrategyGame
+from ..patrol import GraphPatrol
+from ..patrol.walks import StrategyGame
 from .comparison import Comparison, sample, solve_transient
 
 
 _TARGETS = 6
-# A conic program with a number for each pair of a vertex and an edge takes some seconds.
+# A conic program of this many pairs of a vertex and an edge takes some seconds.
 _MAX_NUMBERS = 5_000
 _TIME = 1e-6
 _CLOSE = 1e-8

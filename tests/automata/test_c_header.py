@@ -56,35 +56,43 @@ def assert_agrees(program, filter, graph, count=15):
 
 
 @pytest.mark.parametrize("open_world", [False, True])
-def test_the_example_gives_the_colours_of_the_filter(labs, tmp_path, open_world):
+def test_compiled_example_gives_the_colours_of_the_filter(labs, tmp_path, open_world):
     for graph in labs.values():
         filter = Filter.of(subset_construction(*graph), open_world=open_world)
         assert_agrees(compiled(tmp_path, filter), filter, graph)
     assert_agrees(compiled(tmp_path, minimize(filter)), minimize(filter), graph)
 
 
-def test_the_header_is_c_plus_plus_too(labs, tmp_path):
+def test_header_compiles_as_cpp(labs, tmp_path):
     # An Arduino sketch is C++.
     graph = labs["b", 45]
     filter = Filter.of(subset_construction(*graph))
     assert_agrees(compiled(tmp_path, filter, compiler="c++", standard="c++11"), filter, graph, 3)
 
 
-# About twice as many states of the filter.
+# The filter has about twice as many states.
 @pytest.mark.parametrize(("cells", "width"), [(100, 8), (1000, 16), (40_000, 32)])
-def test_tables_of_every_width(tmp_path, cells, width):
+def test_tables_of_every_width_are_read_from_flash(tmp_path, cells, width):
+    # Stands for the AVR library: flash is read through these macros only.
+    (tmp_path / "avr").mkdir()
+    (tmp_path / "avr" / "pgmspace.h").write_text(
+        "#define PROGMEM __attribute__((aligned(8)))\n"
+        "#define pgm_read_byte(p) (*(const uint8_t *)(p))\n"
+        "#define pgm_read_word(p) (*(const uint16_t *)(p))\n"
+        "#define pgm_read_dword(p) (*(const uint32_t *)(p))\n"
+    )
     rng = np.random.default_rng(0)
     image = ((np.arange(cells) + 1) % cells).astype(np.int32)
     graph = image, rng.random(cells) < 0.5
     filter = Filter.of(subset_construction(*graph), open_world=True)
     assert 2 ** (width // 2) <= len(filter.transition) < 2**width
-    program = compiled(tmp_path, filter)
+    program = compiled(tmp_path, filter, "-DJAXCELL_PROGMEM")
     assert f"typedef uint{width}_t lab_state;" in (tmp_path / "lab.h").read_text()
     assert_agrees(program, filter, graph, 3)
 
 
 @pytest.mark.parametrize(("states", "width"), [(255, 8), (256, 16), (65535, 16), (65536, 32)])
-def test_the_type_has_room_for_impossible(states, width):
+def test_state_type_has_room_for_impossible(states, width):
     # A circle where the robot senses nothing: all its states but the start by hand.
     transition = np.full((states, 2), -1, np.int32)
     transition[:-1, 0] = np.arange(1, states)
@@ -100,21 +108,6 @@ def test_the_type_has_room_for_impossible(states, width):
     assert re.search(rf"#define filter_IMPOSSIBLE {2**width - 1}ul?$", text, re.M | re.I)
 
 
-def test_tables_may_stay_in_flash(labs, tmp_path):
-    # Stands for the AVR library: flash is read through these macros alone.
-    (tmp_path / "avr").mkdir()
-    (tmp_path / "avr" / "pgmspace.h").write_text(
-        "#define PROGMEM __attribute__((aligned(8)))\n"
-        "#define pgm_read_byte(p) (*(const uint8_t *)(p))\n"
-        "#define pgm_read_word(p) (*(const uint16_t *)(p))\n"
-        "#define pgm_read_dword(p) (*(const uint32_t *)(p))\n"
-    )
-    graph = labs["a", 45]
-    filter = Filter.of(subset_construction(*graph))
-    program = compiled(tmp_path, filter, "-DJAXCELL_PROGMEM")
-    assert_agrees(program, filter, graph, 3)
-
-
 @given(name=st.text())
 @example(name="*/ int")
 @example(name="\\\n1")
@@ -127,7 +120,7 @@ def test_any_name_makes_identifiers(labs, name):
     assert text == plain.replace("filter_", f"{prefix}_").replace("FILTER_", f"{prefix.upper()}_")
 
 
-def test_names():
+def test_names_become_identifiers():
     filter = Filter(
         transition=np.array([[0, -1]], np.int32),
         uncertainty=np.ones(1, np.int32),

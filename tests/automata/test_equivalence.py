@@ -36,7 +36,7 @@ def test_classes_and_shortest_words_are_those_of_all_sequences(machine):
     inputs, states = images.shape
     found = equivalence(images, observations)
     assert found.label[0] == 0
-    # Of 5 states any two that can be told apart are so by 4 inputs.
+    # Any two of 5 states that inputs distinguish are distinguished by 4 inputs.
     words = [w for n in range(states) for w in itertools.product(range(inputs), repeat=n)]
     for a, b in itertools.combinations(range(states), 2):
         telling = [w for w in words if answers(*machine, a, w) != answers(*machine, b, w)]
@@ -71,7 +71,7 @@ def test_has_as_many_classes_as_automata_lib(machine):
 
 
 @given(machines(most=40))
-def test_the_classes_make_a_machine(machine):
+def test_images_of_a_class_are_in_one_class(machine):
     found = equivalence(*machine)
     firsts = [np.flatnonzero(found.label == one)[0] for one in range(found.count)]
     assert firsts == sorted(firsts)
@@ -81,8 +81,8 @@ def test_the_classes_make_a_machine(machine):
         np.testing.assert_array_equal(observation, observation[firsts][found.label])
 
 
-def test_a_long_corridor_and_a_code_that_must_be_entered_in_turn():
-    # A cell of the corridor is told by how far it is from the end, where it turns round.
+def test_long_corridor_and_combination_lock():
+    # The distance to the end of the corridor, where it turns round, identifies a cell.
     squares = 20_000
     cell = np.arange(2 * squares)
     east = cell < squares
@@ -102,7 +102,7 @@ def test_a_long_corridor_and_a_code_that_must_be_entered_in_turn():
     np.testing.assert_array_equal(word[:-1], state[:digits] % 2)
 
 
-def test_refuses_what_is_no_machine():
+def test_bad_machines_are_refused():
     with pytest.raises(ValueError, match=r"images\[0, 1\] is 2; expected a state from 0 to 1"):
         equivalence(np.array([[0, 2]]), np.zeros((1, 2)))
     with pytest.raises(ValueError, match="expected at least one input and state"):

@@ -8,10 +8,9 @@ import pytest
 
 from jaxcell import bundled
 from jaxcell.base.bundled import bundled_names
-from jaxcell.base.files import name_in_results
+from jaxcell.base.paths import name_in_results
 from jaxcell.cli import main
 from jaxcell.sweep import Spec
-from jaxcell.sweep.files import find_file
 
 
 ROOT = Path(__file__).parents[2]
@@ -55,8 +54,8 @@ def test_results_name_bundled_data(monkeypatch, tmp_path):
 
 def test_specifications_of_sweeps_name_bundled_data():
     spec = Spec.load(bundled("lab_groups"))
-    assert find_file(spec, "@lab_b") == bundled("lab_b")
-    assert find_file(spec, "@lab_x") is None
+    assert spec.find_file("@lab_b") == bundled("lab_b")
+    assert spec.find_file("@lab_x") is None
 
 
 def test_a_wheel_has_them(tmp_path):

@@ -5,11 +5,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import given, strategies as st
+from random_chains import birth_and_death, solve_exactly
 
 from jaxcell import mapping, markov
-from jaxcell.markov import quantities
-from jaxcell.markov.solving import stationary
+from jaxcell.markov.solving import solve
+from jaxcell.markov.solving.stationary import Rooted, solve_stationary
 
 
 def limiting(matrix, **options):
@@ -22,33 +24,18 @@ def with_diagonal(steps):
     return steps + np.diag(1 - steps.sum(axis=1))
 
 
-def birth_and_death(up, down):
-    return with_diagonal(np.diag(up, 1) + np.diag(down, -1))
-
-
-def inverse(rows):
-    """The inverse of a matrix of rationals, by Gauss-Jordan elimination."""
-    size = len(rows)
-    rows = [[*row, *(Fraction(int(i == j)) for j in range(size))] for i, row in enumerate(rows)]
-    for k in range(size):
-        pivot = next(i for i in range(k, size) if rows[i][k])
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [x / rows[k][k] for x in rows[k]]
-        for i in range(size):
-            if i != k and (factor := rows[i][k]):
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [row[size:] for row in rows]
-
-
 def exact(matrix):
     """The stationary distribution and Kemeny's constant, from the steps between cells."""
     size = len(matrix)
     gap = [[-Fraction(float(p)) for p in row] for row in matrix]
     for i in range(size):
         gap[i][i] = -sum(gap[i][:i] + gap[i][i + 1 :])
+    identity = np.eye(size, dtype=int).tolist()
     # The last row of the inverse of I - P with ones in its last column is the distribution.
-    share = inverse([[*row[:-1], Fraction(1)] for row in gap])[-1]
-    fundamental = inverse([[x + y for x, y in zip(row, share, strict=True)] for row in gap])
+    share = solve_exactly([[*row[:-1], 1] for row in gap], identity)[-1]
+    fundamental = solve_exactly(
+        [[x + y for x, y in zip(row, share, strict=True)] for row in gap], identity
+    )
     return share, sum(fundamental[i][i] for i in range(size)) - 1
 
 
@@ -76,33 +63,54 @@ def test_every_share_and_kemeny_constant_have_nearly_all_their_digits(matrix):
 
 
 @given(uneven())
-def test_a_factorisation_gives_way_where_rounding_spoils_it(matrix):
+def test_factorisation_gives_way_where_rounding_spoils_it(matrix):
     share, constant = exact(matrix)
+    step = scipy.sparse.csr_array(matrix)
+    one_class = np.zeros(len(matrix), int)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stationary, "_SMALL", 0)
-        patch.setattr(quantities, "_LARGEST_ELIMINATED", 0)
-        found = limiting(matrix)
-        kemeny = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
-    assert found.certificate.residual <= found.certificate.tolerance
-    np.testing.assert_allclose(found.value, np.array(share, float), atol=1e-7)
-    assert kemeny == pytest.approx(float(constant), rel=1e-8)
+        patch.setattr(solve, "LIMITS", solve.Limits(small=0))
+        value, _ = solve_stationary(step, one_class)
+    np.testing.assert_allclose(value, np.array(share, float), atol=1e-7)
+    visits = Rooted.of(step, one_class, value).visits(small=0)
+    assert kemeny_of(visits, np.delete(share, np.argmax(value))) == pytest.approx(
+        float(constant), rel=1e-8
+    )
+
+
+def kemeny_of(visits, share):
+    """Kemeny's constant from the visits before a root, and the shares of the other cells."""
+    return np.trace(visits) - np.array(share, float) @ visits.sum(axis=1)
 
 
 @pytest.mark.parametrize("back", [0.1, 1 - 0.9])
 @pytest.mark.parametrize("small", [0, 200])
-def test_a_first_cell_that_is_rare(back, small, monkeypatch):
-    monkeypatch.setattr(stationary, "_SMALL", small)
+def test_first_cell_may_be_rare(back, small, monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=small))
     matrix = birth_and_death(np.full(19, 0.9), np.full(19, back))
-    share, _ = exact(matrix)
-    for way in (matrix, matrix[::-1, ::-1]):
-        for throw in (True, False):
-            found = limiting(way, throw=throw)
-            assert float(found.value.max()) == pytest.approx(0.8888888888888888, rel=1e-14)
-            expected = np.array(share, float)[:: 1 if way is matrix else -1]
-            np.testing.assert_allclose(found.value, expected, atol=1e-14)
+    expected = np.array(exact(matrix)[0], float)
+    for turned in (slice(None), slice(None, None, -1)):
+        step = scipy.sparse.csr_array(matrix[turned, turned])
+        value, _ = solve_stationary(step, np.zeros(20, int))
+        assert value.max() == pytest.approx(0.8888888888888888, rel=1e-14)
+        np.testing.assert_allclose(value, expected[turned], atol=1e-14)
 
 
-def test_shares_that_floats_hardly_hold():
+@pytest.mark.parametrize("rings", [16, 501])
+def test_two_tubes_share_time_by_the_rare_steps_between_them(rings):
+    """A tube of rings of 21 cells is as often in each of its cells, and goes on without end."""
+
+    def turn(n):
+        return scipy.sparse.csr_array((np.ones(n), (np.arange(n), np.roll(np.arange(n), -1))))
+
+    tube = scipy.sparse.kron(turn(rings), (turn(21) + turn(21).T) / 2)
+    cells = 21 * rings
+    matrix = scipy.sparse.block_diag([tube, tube], format="lil")
+    matrix[0, cells], matrix[cells, 0] = 3e-14, 1e-14
+    value = limiting(matrix.tocsr()).value
+    assert float(value[:cells].sum()) == pytest.approx(0.25, abs=1e-9)
+
+
+def test_shares_near_the_range_of_floats():
     # The first cell is the root first; beside it the shares of the last ones overflow.
     matrix = birth_and_death(np.full(150, 0.999), np.full(150, 0.001))
     found = limiting(matrix)
@@ -110,7 +118,7 @@ def test_shares_that_floats_hardly_hold():
     assert math.isfinite(markov.kemeny_constant(mapping.Chain.from_scipy(matrix)))
 
 
-def test_products_that_stand_still_in_two_wells_are_not_the_answer():
+def test_wells_that_products_cannot_join_get_exact_shares():
     # From a uniform start each well keeps its share of the cells, and hardly any of that leaks.
     up = np.where(np.arange(300) < 120, 0.4, 0.6)
     matrix = birth_and_death(up[:-1], 1 - up[1:])
@@ -120,7 +128,7 @@ def test_products_that_stand_still_in_two_wells_are_not_the_answer():
 
 
 def test_kemeny_constant_of_a_double_well_of_100_cells():
-    """By the sum over the edges of a line: the chances of being on each side, over the flow."""
+    """Sum over the edges of a line: the shares of both sides, divided by the flow."""
     x = np.linspace(-1, 1, 100)
     force = 20 * (x - x**3) / 100
     up, down = 0.5 + force[:-1] / 2, 0.5 - force[1:] / 2

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import matrices, reachable
+from random_chains import birth_and_death, matrices, reachable
 from random_models import as_model, models, policies
 
 from jaxcell.base.certificate import Outcome
@@ -43,14 +43,12 @@ def test_arriving_equals_dense_solves(matrix, data):
         assert solution.certificate.outcome is Outcome.CONVERGED
 
 
-def test_the_gambler_who_wins():
+def test_gambler_who_wins_has_known_times():
     # Given that he wins, a fair game of n lasts (n^2 - i^2) / 3 rounds.
     n = 30
-    matrix = np.zeros((n + 1, n + 1))
-    matrix[0, 0] = matrix[n, n] = 1
-    for i in range(1, n):
-        matrix[i, i + 1] = matrix[i, i - 1] = 0.5
-    chain, i = Chain.from_scipy(matrix), np.arange(n + 1)
+    up, down = np.full(n, 0.5), np.full(n, 0.5)
+    up[0] = down[-1] = 0
+    chain, i = Chain.from_scipy(birth_and_death(up, down)), np.arange(n + 1)
     np.testing.assert_allclose(arrival_probabilities(chain, n).value, i / n, atol=1e-14)
     found = np.asarray(conditional_hitting_times(chain, n).value)
     np.testing.assert_allclose(found[1:], (n**2 - i[1:] ** 2) / 3, rtol=1e-10)
@@ -58,7 +56,7 @@ def test_the_gambler_who_wins():
 
 
 @given(models(), st.data())
-def test_the_surest_and_quickest_of_all_policies(parts, data):
+def test_policy_is_the_surest_and_quickest_of_all(parts, data):
     matrices, _, allowed = parts
     cells = allowed.shape[1]
     goal = data.draw(st.integers(0, cells - 1))
@@ -100,8 +98,8 @@ def test_sure_is_preferred_to_quick():
     assert found.policy.tolist()[0] == 1
 
 
-def test_a_drift_that_may_be_waited_for():
-    # To wait costs nothing but never arrives; an attempt arrives with probability 0.01, else waits.
+def test_waiting_for_a_drift_has_known_time():
+    # Waiting never arrives; an attempt arrives with probability 0.01.
     waits = np.eye(2)
     attempt = np.array([[0.99, 0.01], [0, 1]])
     model = as_model(np.stack([waits, attempt]), np.zeros((2, 2)), np.ones((2, 2), bool))
@@ -135,7 +133,7 @@ def test_larger_models_keep_their_certificate():
         assert (later <= probability + 1e-9).all()
 
 
-def test_refusals():
+def test_bad_goals_are_refused():
     chain = Chain(np.zeros((1, 2), int), np.ones((1, 2)))
     model = DecisionModel.of([chain], np.zeros((1, 2)))
     with pytest.raises(ValueError, match="cell 2 does not exist"):

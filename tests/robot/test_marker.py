@@ -1,4 +1,4 @@
-"""The marker in drawn frames. `experiments/ch4_marker.py` has the same rates over thousands."""
+"""The marker in drawn frames; `experiments/chapter_4/marker.py` has rates of thousands."""
 
 import dataclasses
 import inspect

@@ -1,8 +1,6 @@
-"""More values of a parameter: what is done stays, and what comes out is the larger sweep."""
+"""A sweep with more values of a parameter keeps its members, and has the larger result."""
 
 import json
-import os
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ GROWN = {
 
 @pytest.fixture
 def computed(monkeypatch):
-    """The members that the task was asked for."""
+    """The members that the task has computed."""
     members = []
     kept = sweep_stub.stub
 
@@ -52,7 +50,7 @@ def test_a_sweep_grows(stub_spec, tmp_path, computed, how):
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
     assert (tmp_path / "out" / "spec.toml").read_bytes() == large.text
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert names == ["lock", "origin.json", "spec.toml", "sweep.zarr"]
+    assert names == ["lock", "spec.toml", "sweep.journal", "sweep.zarr"]
     assert verify_sweep(tmp_path / "out").damaged == ()
     with pytest.raises(ValueError, match=r"small\.toml: not the spec.* missing: "):
         run_sweep(stub_spec(text=SMALL, name="small.toml"), tmp_path / "out", resume=True)
@@ -90,12 +88,10 @@ def test_more_samples_begin_with_the_same(stub_spec, kind, ends):
     np.testing.assert_array_equal(few, many[:37])
 
 
-def test_what_was_not_done_is_computed_too(stub_spec, tmp_path, computed):
+def test_growth_also_computes_chunks_that_were_not_done(stub_spec, tmp_path, computed):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(large, tmp_path / "whole")
     run_sweep(small, tmp_path / "out", chunks=[1])
-    (tmp_path / "out" / "failures").mkdir()
-    (tmp_path / "out" / "failures" / "0000003.json").write_text("{}")
     computed.clear()
     done = small.batch(small.chunk(1))
     run_sweep(large, tmp_path / "out", resume=True)
@@ -103,68 +99,44 @@ def test_what_was_not_done_is_computed_too(stub_spec, tmp_path, computed):
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
-def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
+def test_growth_does_not_keep_a_damaged_chunk(stub_spec, tmp_path):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(large, tmp_path / "whole")
     run_sweep(small, tmp_path / "out")
-    path = tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0" / "1"
-    path.write_bytes(b"?" + path.read_bytes()[1:])
+    path = tmp_path / "out" / "sweep.journal"
+    content = path.read_bytes()
+    path.write_bytes(content[:-200] + b"?" + content[-199:])
     assert run_sweep(large, tmp_path / "out", resume=True).complete
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
-def test_what_went_on_anyway_stays_told(stub_spec, tmp_path, monkeypatch):
+def test_growth_keeps_the_list_of_changes(stub_spec, tmp_path, monkeypatch):
     run_sweep(stub_spec(text=SMALL), tmp_path / "out")
     large = stub_spec(text=GROWN["between"], name="large.toml")
-    monkeypatch.setattr("jaxcell.sweep.storage.store.__version__", "9.9")
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
     with pytest.raises(ValueError, match=r"jaxcell_version: \S+ there, 9\.9 here"):
         run_sweep(large, tmp_path / "out", resume=True)
     run_sweep(large, tmp_path / "out", resume=True, anyway=True)
     with open_sweep(tmp_path / "out") as dataset:
-        (told,) = json.loads(dataset.attrs["resumed_anyway"])
+        (message,) = json.loads(dataset.attrs["resumed_anyway"])
         assert dataset.attrs["jaxcell_version"] == "9.9"
-    assert told.startswith("jaxcell_version: ")
+    assert message.startswith("jaxcell_version: ")
 
 
-def test_the_difference_is_shown(stub_spec, tmp_path):
+def test_the_error_of_another_specification_shows_the_difference(stub_spec, tmp_path):
     run_sweep(stub_spec(text="[grid]\nx = {count = 36}"), tmp_path / "out")
     other = stub_spec(text="[grid]\nx = {start = 0, stop = 72, step = 6}", name="other.toml")
-    with pytest.raises(ValueError, match="not the specification of the sweep") as told:
+    with pytest.raises(ValueError, match="not the specification of the sweep") as caught:
         run_sweep(other, tmp_path / "out", resume=True)
-    assert str(told.value).endswith(
+    assert str(caught.value).endswith(
         "x: 36 values there, 12 here; new: 36, 42, 48, 54, 60, 66, missing: 1, 2, 3, 4, ..., 35"
     )
-
-
-@pytest.mark.parametrize("stop", range(4))
-def test_a_growth_that_was_stopped_is_ended_by_the_next_run(stub_spec, tmp_path, monkeypatch, stop):
-    class StopError(Exception):
-        pass
-
-    def replace(*paths):
-        calls.append(paths)
-        if len(calls) > stop:
-            raise StopError
-        kept(*paths)
-
-    small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["appended"], name="large.toml")
-    run_sweep(large, tmp_path / "whole")
-    run_sweep(small, tmp_path / "out")
-    calls, kept = [], os.replace
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            "jaxcell.sweep.storage.grow.os", SimpleNamespace(replace=replace, sync=os.sync)
-        )
-        with pytest.raises(StopError):
-            run_sweep(large, tmp_path / "out", resume=True)
-    assert run_sweep(large, tmp_path / "out", resume=True).complete
-    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
 def test_runs_that_are_killed_while_a_sweep_grows(stub_spec, tmp_path):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(small, tmp_path / "small")
-    (told,) = kill_apart(
+    (counts,) = kill_apart(
         {
             "file": str(large.path),
             "base": str(tmp_path),
@@ -172,4 +144,4 @@ def test_runs_that_are_killed_while_a_sweep_grows(stub_spec, tmp_path):
             "begun": str(tmp_path / "small"),
         }
     )
-    assert told["kills"] >= 10
+    assert counts["kills"] >= 10

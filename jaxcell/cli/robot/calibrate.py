@@ -2,10 +2,10 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from ...base.documents import checked_number
-from ..options import Printing
+from ..output import Printing
 from ..terminal import note, say, status
 
 
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotCalibrate(Printing):
-    """Drive a robot 1 m and turn it by 360 degrees, ask what it truly did, and keep the answers.
+    """Calibrate a robot: drive it 1 m, turn it by 360 degrees, and ask for the true values.
 
-    Put it where it has 1.5 m ahead, and mark where its front is. `jaxcell robot run` uses the file.
-    An existing calibration is measured again from the start. With --log, estimate instead by how
-    much a bump turns the robot, from a run that started anywhere."""
+    Leave 1.5 m of free floor ahead of the robot, and mark the place and the heading of its front.
+    `jaxcell robot run` uses the calibration. An earlier calibration has no effect here."""
+
+    example: ClassVar[str] = "--port /dev/ttyUSB0"
 
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
@@ -29,7 +30,7 @@ class RobotCalibrate(Printing):
     file: Path | None = None
     """The anywhere.json of that run, by default where the log says that it was."""
     calibration: Path | None = None
-    """File for the calibration, by default calibration.json in ~/.config/jaxcell."""
+    """File of the calibration; by default calibration.json in ~/.config/jaxcell."""
 
     def run(self) -> int:
         if (self.port is None) == (self.log is None):
@@ -71,11 +72,11 @@ class RobotCalibrate(Printing):
                 if went.bumped:
                     note("jaxcell robot calibrate: it bumped; expected 1 m of free floor ahead")
                     return 1
-                distance = _asked("How far did it go, in metres? ") / went.distance
-                # Whoever measured it may have lifted it.
+                distance = _asked("How far did the robot go, in metres? ") / went.distance
+                # The robot may have been lifted for the measurement, which disarms it.
                 robot.arm()
                 turned = robot.turn(2 * math.pi, tolerance=math.radians(0.4)).angle
-                degrees = _asked("By how many degrees did it turn, to the left? ")
+                degrees = _asked("By how many degrees did the robot turn to the left? ")
         except RobotStopped as error:
             note(f"jaxcell robot calibrate: the robot was stopped: {error}")
             return 1
@@ -90,15 +91,13 @@ class RobotCalibrate(Printing):
             say(json.dumps(summary))
         else:
             say(
-                f"Where the encoders say 1 m it goes {calibration.distance:g} m, and where they "
-                "say "
-                f"360 degrees it turns by {360 * calibration.angle:g}. "
-                f"That is in {path}."
+                f"For 1 m of the encoders the robot drives {calibration.distance:g} m, and for 360 "
+                f"degrees it turns by {360 * calibration.angle:g} degrees. This is kept in {path}."
             )
 
 
 def _asked(question: str) -> float:
-    """Read the number that a person answers; print the question to standard error."""
+    """Ask a question on standard error, and read a number from standard input."""
     note(question)
     try:
         return checked_number("the answer", input().strip(), "a number", text=True)

@@ -1,22 +1,24 @@
 import contextlib
 import dataclasses
 import json
-from typing import Any
+from typing import Any, ClassVar
 
-from ..options import Printing
+from ..output import Printing
 from ..terminal import say, status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotCheck(Printing):
-    """Print the state of a robot."""
+    """Read the sensors of a robot: battery, contacts, cliffs."""
+
+    example: ClassVar[str] = "--port /dev/ttyUSB0"
 
     port: str
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     firmware: bool = False
-    """Also reboot it to read its firmware version, which takes ten seconds."""
+    """Reboot the robot to read its firmware version, which takes ten seconds."""
     move: bool = False
-    """Also drive 10 cm forward and back."""
+    """Drive 10 cm forward and back."""
 
     def run(self) -> int:
         from ...robot import Create, RobotStopped

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...base.files import name_in_results
+from ...base.paths import name_in_results
 
 
 if TYPE_CHECKING:
@@ -23,15 +23,15 @@ def recording_of(
     emulation: "Emulation | None" = None,
     viewer: str | None = None,
 ) -> "RobotRecording":
-    """Begin the recording of a run of a task, with the map if it is known.
+    """Open the recording of a run, with the map if it is known.
 
     **Arguments:**
 
-    - `task`: the task that runs.
+    - `task`: the task.
     - `path`: the file.
-    - `start`: the pose where the odometry begins, `(x, y, theta)`, or `None`.
+    - `start`: the pose where the robot's odometry begins, `(x, y, theta)`, or `None`.
     - `emulation`: the emulated robot, whose map is drawn.
-    - `viewer`: the viewer that shows the run while it lasts.
+    - `viewer`: the viewer that shows the run as it goes, or `None`.
     """
     from ...automata import Belief
     from ...record import RecordedRobot, RobotRecording
@@ -60,7 +60,7 @@ def recording_of(
 
 
 def _estimator(task: "AnyTask") -> "Filter | Policy | Belief | None":
-    """Get the filter, policy or belief that localizes the robot, or `None`."""
+    """Return the filter, the policy or the belief that localizes the robot."""
     from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
 
     match task:
@@ -74,7 +74,7 @@ def _estimator(task: "AnyTask") -> "Filter | Policy | Belief | None":
 
 
 def _about(task: "AnyTask") -> Mapping[str, Any]:
-    """Get the metadata of the map in the file of a filter, a policy or a belief."""
+    """Return the metadata of a filter, a policy or a belief, which describe its map."""
     from ...automata import Belief
 
     estimator = _estimator(task)
@@ -84,7 +84,7 @@ def _about(task: "AnyTask") -> Mapping[str, Any]:
 
 
 def cells_of(task: "AnyTask") -> "CellSpace | None":
-    """Make the cells of the map of a filter; `None` if the map has moved or changed."""
+    """Cut the map of a filter into cells, if the map is still in its place."""
     from ...space import CellSpace, Workspace
 
     about = _about(task)
@@ -96,7 +96,7 @@ def cells_of(task: "AnyTask") -> "CellSpace | None":
 
 
 def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
-    """Check that cells agree with the metadata of the map of a filter."""
+    """Return whether cells agree with the map that a filter describes."""
     assert cells.workspace is not None
     expected = {
         "name": cells.workspace.name,

@@ -1,12 +1,12 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
-from ...base.written import configuration
-from ..options import Printing
+from ...base.formatting import configuration
+from ..output import Printing
 from ..terminal import say, table
 from .recording import recording_of
 
@@ -22,14 +22,16 @@ _SIDES = ("East", "North", "West", "South")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotReplay(Printing):
-    """Replay the log of a robot through the filter or task that it ran, and compare."""
+    """Run a task again on the observations in the log of a robot."""
+
+    example: ClassVar[str] = "runs/emulated/run.jsonl"
 
     log: tyro.conf.Positional[Path]
     """The run.jsonl of `jaxcell robot run --out`."""
     file: Path | None = None
-    """The filter or task that was run, if its file has moved."""
+    """Task of the run, if its file has moved."""
     out: Path | None = None
-    """Directory for a recording of the run, run.rrd, for a robot that has no Rerun."""
+    """Folder for a recording of the run, run.rrd, for instance if the robot had no Rerun."""
 
     def run(self) -> int:
         from ...robot.run_log import read_log
@@ -93,7 +95,7 @@ def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = No
 
 
 def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
-    """Replay a logged run; the outcome says what stopped it. `file` is the file that was run."""
+    """Return the outcome of a logged run so far; `file` is its task, if that has moved."""
     from ...robot.run_log import stopped
 
     return stopped(_replayed(run, file), run)

@@ -6,14 +6,16 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from ...base.extras import has_module
-from ...base.files import name_in_results
-from ..options import check_heading, direction_at, write_text
+from ...base.optional_modules import has_module
+from ...base.paths import name_in_results
+from ...study.parameters import check
+from ..output import write_text
 from ..terminal import note, note_results, say, status
 from ..view import shown_live
-from .emulation import check_speed, emulate
+from .emulation import emulate
+from .heading import check_heading, direction_at
 from .options import RobotOptions
 from .recording import cells_of, recording_of
 from .replay import replayed, show
@@ -50,6 +52,9 @@ class RobotRun(RobotOptions):
 
     The robot stops, and the run ends, at Ctrl-C."""
 
+    example: ClassVar[str] = "runs/lab/filter.jxf --simulate @lab_a --heading 0 --out runs/emulated"
+    one_of: ClassVar[tuple[str, ...]] = ("port", "ros", "simulate")
+
     def run(self) -> int:
         with contextlib.ExitStack() as kept:
             return self._run_with(kept)
@@ -61,18 +66,12 @@ class RobotRun(RobotOptions):
         from ...robot.tasks.anywhere_task import AnywhereTask
         from ...robot.tasks.files import load_task
 
-        if sum(place is not None for place in (self.port, self.ros, self.simulate)) != 1:
-            raise ValueError("expected one of --port, --ros and --simulate")
-        if self.remap and self.ros is None:
-            raise ValueError("--remap: it is for --ros")
-        if self.ros is not None and self.steps == "clock":
-            raise ValueError("--steps clock: a robot on ROS 2 goes by its odometry")
+        check(self)
         if self.out is not None and (self.out / _LOG).exists():
             raise FileExistsError(
-                f"--out {self.out}: {_LOG} of another run is there, and no log is replaced; "
-                "expected another directory"
+                f"--out {self.out}: it has the {_LOG} of another run, and no log is replaced; "
+                "expected another folder"
             )
-        check_speed(self)
         task = load_task(self.file, self.robot)
         before, calibration = self._before(task), self._calibration()
         emulation = None
@@ -84,7 +83,7 @@ class RobotRun(RobotOptions):
         if before is not None:
             pose = before.header.get("pose")
             self._ask_for_place(task, emulation, direction, before)
-        # The viewer takes seconds to load, so it starts before the robot is armed.
+        # Before the connection to the robot, because the imports take seconds.
         viewer = None if self.live is None else kept.enter_context(shown_live(self.live))
         place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
         place.mkdir(parents=True, exist_ok=True)
@@ -110,8 +109,8 @@ class RobotRun(RobotOptions):
         except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
             outcome, code = _stopped(error, place / _LOG)
             note(f"jaxcell robot run: {outcome.reason}")
-            goes_on = outcome.result == "stopped" and outcome.observations
-            if self.out is not None and goes_on and not isinstance(task, AnywhereTask):
+            resumable = outcome.result == "stopped" and outcome.observations
+            if self.out is not None and resumable and not isinstance(task, AnywhereTask):
                 after = read_log(self.out / _LOG)
                 start = None
                 if emulation is not None:
@@ -119,7 +118,7 @@ class RobotRun(RobotOptions):
                         self._place(task, emulation, direction, run) for run in (before, after)
                     )
                     start = start_after(emulation.pose, *places)
-                note(f"To go on from there:\n{resume_command(self, self.out / _LOG, start)}")
+                note(f"To resume:\n{resume_command(self, self.out / _LOG, start)}")
         summary = {
             "command": "jaxcell robot run",
             "file": name_in_results(self.file),
@@ -138,7 +137,7 @@ class RobotRun(RobotOptions):
                 note_results(self.out)
         if self.out is not None and not has_module("rerun"):
             note(
-                f"There is no Rerun here for a recording. Elsewhere: jaxcell robot replay "
+                f"No recording is written without Rerun. Elsewhere: jaxcell robot replay "
                 f"{self.out / _LOG} --file {self.file.name} --out {self.out}"
             )
         if code is not None:
@@ -146,17 +145,15 @@ class RobotRun(RobotOptions):
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
     def _before(self, task: "AnyTask") -> "LoggedRun | None":
-        """Read the run to resume; `None` without --resume."""
+        """Read the run to resume, if any."""
         if self.resume is None:
             return None
-        if self.heading is not None:
-            raise ValueError("--heading: a run that goes on has that of its log")
         if self.simulate is not None and self.start is None:
-            raise ValueError("--resume: expected --start as well, where the emulated robot stands")
+            raise ValueError("--resume: expected --start too, the place of the emulated robot")
         return run_before(self.resume, task)
 
     def _resumed(self, before: "LoggedRun") -> dict[str, Any]:
-        """Describe the resumed run for the log."""
+        """Describe the run before this one, for the log."""
         from ...robot.tasks.task import digest
 
         assert self.resume is not None
@@ -173,9 +170,9 @@ class RobotRun(RobotOptions):
         direction: int | None,
         before: "LoggedRun",
     ) -> None:
-        """Print where the robot must stand to go on, and wait for Enter."""
+        """Print the place where the robot must stand, and wait for Enter on a terminal."""
         place = self._place(task, emulation, direction, before)
-        note(f"The run goes on where the robot is {place_in_words(place)}")
+        note(f"The robot must stand {place_in_words(place)}")
         if self.simulate is None and not self.json and sys.stdin.isatty():
             input("Press Enter when it stands there: ")
 
@@ -196,7 +193,7 @@ class RobotRun(RobotOptions):
     def _direction(
         self, task: "AnyTask", emulation: "Emulation | None", before: "LoggedRun | None"
     ) -> int | None:
-        """Find the direction of the robot at the start, or `None` if it does not know it.
+        """Return the direction in which the robot starts, as far as it knows, or `None`.
 
         It is the same on an emulated robot as on a real one.
 
@@ -207,7 +204,7 @@ class RobotRun(RobotOptions):
 
         if isinstance(task, AnywhereTask):
             if self.heading is not None:
-                raise ValueError("--heading: a robot that starts anywhere needs none")
+                raise ValueError("--heading: a robot that starts anywhere has no use for it")
             return None
         if before is not None:
             direction = before.direction
@@ -222,23 +219,21 @@ class RobotRun(RobotOptions):
         return direction
 
     def _calibration(self) -> "Calibration | None":
-        """Load the calibration of the encoders, or `None`."""
+        """Read the calibration of the robot's encoders, if there is one."""
         from ...robot.calibration import Calibration, calibration_file
 
         if self.calibration is not None:
-            if self.steps == "clock":
-                raise ValueError("--calibration: it is of the encoders, not for --steps clock")
             return Calibration.load(self.calibration)
         path = calibration_file()
         if self.port is None or self.steps == "clock" or not path.exists():
             return None
-        note(f"The robot goes by the calibration in {path}")
+        note(f"The robot uses the calibration in {path}")
         return Calibration.load(path)
 
     def _robot(
         self, stack: contextlib.ExitStack, task: "AnyTask", emulation: "Emulation | None"
     ) -> "tuple[Any, list[Listener]]":
-        """Connect and arm the robot; list the listeners to the events of its run."""
+        """Connect to the robot and arm it; return it with the listeners to its events."""
         from ...robot import Create
 
         if self.ros is not None:
@@ -262,7 +257,7 @@ class RobotRun(RobotOptions):
     def _moving(
         self, robot: Any, emulation: "Emulation | None", calibration: "Calibration | None"
     ) -> "Drivable":
-        """Add to a robot the source of its distances: encoders, calibration, or clock."""
+        """Give the robot its source of distances: encoders, calibration, or clock."""
         from ...robot.calibration import Calibrated
         from ...robot.create.clock import ByClock
 
@@ -311,7 +306,7 @@ class RobotRun(RobotOptions):
 
 
 def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
-    """Get the outcome of a stopped run, from its log if it has one, and the exit status."""
+    """Return the outcome of a stopped run, from its log if there is one, and the exit status."""
     from ...robot.outcome import RunOutcome
     from ...robot.run_log import read_log, why_stopped
 

@@ -25,14 +25,14 @@ def runner_of(
     direction: int | None,
     before: "LoggedRun | None",
 ) -> "Runner":
-    """Make the function that runs a task, and the header of its log.
+    """Choose the function that runs a task, and write the header of its log.
 
     **Arguments:**
 
     - `task`: the task.
     - `options`: the options of the command.
     - `emulation`: the emulated robot, or `None`.
-    - `direction`: the direction of the robot at the start, or `None`.
+    - `direction`: the direction of the robot at the start, or `None` if it is unknown.
     - `before`: the run to resume, or `None`.
     """
     from ...robot.anywhere import run_anywhere
@@ -44,12 +44,9 @@ def runner_of(
     from ...robot.team import MemberTask, run_member
 
     header, limit = {**task.header, "direction": direction}, options.limit
-    if options.intruder is not None and (emulation is None or header["kind"] != "patrol"):
-        raise ValueError("--intruder has a meaning only for an emulated robot on patrol")
-    if options.camera is not None and (options.intruder is not None or header["kind"] != "patrol"):
-        raise ValueError("--camera has a meaning only on patrol, and without --intruder")
-    if options.until == "cycle" and header["kind"] != "filter":
-        raise ValueError("--until cycle: only a filter has knowledge cycles")
+    for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
+        if getattr(options, name) not in (None, "known") and header["kind"] != kind:
+            raise ValueError(f"--{name}: it has an effect only for a {kind}")
     match task:
         case FilterTask():
             until = options.until
@@ -96,13 +93,16 @@ def runner_of(
 def patrol_start(
     task: "PatrolTask", start: str | None, emulation: "Emulation | None" = None
 ) -> int:
-    """Find the cell of its map where a patrol begins; `start` is the option."""
+    """Return the cell where a patrol begins, on the map of the patrol.
+
+    `start` is the option; an emulated robot starts where its emulation does.
+    """
     if emulation is not None:
         x, y, theta = emulation.cells.centre(emulation.start)
         try:
             return int(task.cells.index(x, y, theta))
         except ValueError as error:
-            raise ValueError(f"--start: {task.path} has no such place: {error}") from None
+            raise ValueError(f"--start: it is outside the map of {task.path}: {error}") from None
     return task.start if start is None else cell_at(task.cells, start, "--start")
 
 

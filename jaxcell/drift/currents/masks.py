@@ -1,4 +1,4 @@
-"""Where a file says that there is water, and which of its values says so."""
+"""The mask of a file: the variable, and its values for water."""
 
 import dataclasses
 import functools
@@ -18,18 +18,13 @@ _LAND, _WATER = {"land", "dry"}, {"water", "sea", "ocean", "wet"}
 
 @dataclasses.dataclass(frozen=True)
 class Mask:
-    """Where a file says that there is water.
-
-    **Attributes:**
-
-    - `name`: of its variable.
-    - `water`: on one level or all.
-    - `why`: which values are water, and what that was decided on, in words.
-    """
+    """The water by a variable of the file."""
 
     name: str
     water: Bool[np.ndarray, "#levels y x"]
+    "On one level or all."
     why: str
+    "The values for water, and the reason, in words."
 
 
 def read_mask(
@@ -40,22 +35,14 @@ def read_mask(
     places: Int[np.ndarray, " levels"] | None = None,
     depth: str | None = None,
 ) -> Mask | None:
-    """Read the mask of a file on some of its points.
+    """Read the mask of a file on some of its points, or return `None` if it has none.
 
-    That is the variable that has the name which ROMS, CROCO or NEMO gives to its mask, in which 1
-    is water; else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`,
-    say what is land and what is water; else one with a standard name of CF.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `dims`: of y and x, which say on which points.
-    - `rows`, `columns`, `places`: what to read.
-    - `depth`: the dimension of depth, which a mask may have.
-
-    **Returns:** the mask, or `None` if the file has none.
+    The mask is a variable with the name that ROMS, CROCO or NEMO gives to it, in which 1 is water;
+    else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land
+    and water; else one with a standard name of CF. `dims` are the dimensions of y and x, and
+    `places` the levels to read along a dimension `depth`.
     """
-    here = {
+    candidates = {
         str(name): variable
         for name, variable in file.dataset.variables.items()
         if set(dims) <= set(variable.dims)
@@ -65,9 +52,9 @@ def read_mask(
     read = functools.partial(_read, file, dims, {dims[0]: rows, dims[1]: columns}, depth, places)
     for row in table("mask"):
         for name in row.names:
-            if name in here:
+            if name in candidates:
                 return _as_named(name, read(name), row, "its name")
-    for name, variable in here.items():
+    for name, variable in candidates.items():
         meanings = flag_meanings(variable.attrs)
         land = [value for value, words in meanings.items() if _about(words, _LAND, _WATER)]
         water = [value for value, words in meanings.items() if _about(words, _WATER, _LAND)]
@@ -75,8 +62,9 @@ def read_mask(
             rest = [value for value in meanings if value not in land]
             values = read(name)
             wet = _off(values, rest) < _off(values, land)
-            return Mask(name, wet, f"{', '.join(f'{one:g}' for one in land)} is land, by its flags")
-    for name, variable in here.items():
+            listed = ", ".join(f"{value:g}" for value in land)
+            return Mask(name, wet, f"{listed} is land, by its flags")
+    for name, variable in candidates.items():
         standard_name = variable.attrs.get("standard_name")
         for row in table("mask"):
             if standard_name in row.standard_names:
@@ -106,7 +94,7 @@ def _as_named(
 
 
 def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
-    """A block of a variable, whose other dimensions must have length 1."""
+    """Select a block of a variable, whose other dimensions must have length 1."""
     array = file.dataset[name]
     others = {str(dim): 0 for dim in array.dims if dim not in block}
     for dim in others:
@@ -122,22 +110,22 @@ def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
 
 
 def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:
-    """What the values of a variable mean, by the flags of CF or the options of ROMS."""
+    """Read the meanings of the values of a variable, from flags of CF or options of ROMS."""
     texts = re.split(r"[\s,]+", str(attributes.get("flag_meanings", "")).strip())
     values = np.atleast_1d(attributes.get("flag_values", ()))
     if len(values) == len(texts) and values.dtype.kind in "iuf":
         return {float(value): text for value, text in zip(values, texts, strict=True)}
     options = ((re.fullmatch(r"option_?\(?(\d+)\)?", name), name) for name in attributes)
-    return {float(found[1]): str(attributes[name]) for found, name in options if found}
+    return {float(match[1]): str(attributes[name]) for match, name in options if match}
 
 
-def _about(words: str, some: set[str], others: set[str]) -> bool:
-    found = set(re.findall("[a-z]+", words.lower()))
-    return bool(found & some) and not found & others
+def _about(words: str, expected: set[str], others: set[str]) -> bool:
+    present = set(re.findall("[a-z]+", words.lower()))
+    return bool(present & expected) and not present & others
 
 
 def _off(
     values: Float[np.ndarray, "levels y x"], wanted: list[float]
 ) -> Float[np.ndarray, "levels y x"]:
-    """How far values are from the nearest of those that are wanted."""
-    return functools.reduce(np.minimum, (np.abs(values - one) for one in wanted))
+    """Compute the distance of values from the nearest of the wanted ones."""
+    return functools.reduce(np.minimum, (np.abs(values - value) for value in wanted))

@@ -1,33 +1,40 @@
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
 from ...base.quantities import derived
-from ..chains import phases
-from ..truth.diagnosis import group_counts
-from ..truth.distance import Distance
+from ..validation.diagnosis import group_counts
+from ..validation.distance import Distance
 from .layer import Compared, Layer
 from .sea_layers import SeaLayers
 
 
-# The groups for other steps take seconds.
+# Counting the groups of other steps takes seconds for more cells.
 _MAX_FOR_COUNTS = 100_000
 _FACTORS = (0.5, 1.0, 2.0, 4.0)
 
 
+def _by_time(name: str, meaning: str) -> Any:
+    """Describe an array of the distances of all layers."""
+    return derived("layer compared", meaning, "1", kind="share")(
+        lambda sea: np.stack([getattr(layer.distance, name) for layer in sea.layers])
+    )
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaCurrents(SeaLayers, Compared):
-    """Where currents take drifters in some layers of the sea, and how far that is from drifters."""
+    """The ends of drifters in some layers of a current, and the distance from drifters."""
 
     layers: tuple[Layer, ...]
     currents: xr.Dataset
     "As from [`jaxcell.drift.open_currents`][]."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for layers that do not belong together."""
+        """**Raises:** `ValueError` for layers of other currents."""
         super().__post_init__()
         layers = self.currents.sizes["layer"]
         if len(self.layers) != layers:
@@ -35,7 +42,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @property
     def _distances(self) -> list[Distance]:
-        return [one.distance for one in self.layers]
+        return [layer.distance for layer in self.layers]
 
     @derived("", "current towards the East")
     def east_from(self) -> str:
@@ -53,12 +60,12 @@ class SeaCurrents(SeaLayers, Compared):
     def records(self) -> np.ndarray:
         return np.datetime_as_string(self.currents.time.values, unit="s")
 
-    @derived("", "the current repeats itself after", "h", kind="time")
+    @derived("", "period of the current", "h", kind="time")
     def period_hours(self) -> float | None:
         period = self.layers[0].by.period
         return None if period is None else float(period) / 3600
 
-    @derived("", "maps that follow on one another meanwhile", kind="count")
+    @derived("", "maps in a period", kind="count")
     def phases(self) -> int | None:
         return None if self.period_hours is None else self.sea.phases
 
@@ -70,44 +77,40 @@ class SeaCurrents(SeaLayers, Compared):
 
     @derived("other_step", "duration of another step", "s")
     def sensitivity_duration(self) -> Float[np.ndarray, "steps"] | None:
-        return np.array(self._other_steps) if self._counts is not None else None
+        return None if self._counts is None else np.array(self._other_steps)
 
     @derived("other_step", "persistent groups at the surface", kind="count")
     def sensitivity_groups(self) -> Int[np.ndarray, "steps"] | None:
-        return None if self._counts is None else self._counts[:, 0]
+        return None if self._counts is None else self._counts[0]
 
     @derived("other_step", "persistent groups, by the centres of cells alone", kind="count")
     def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
-        return None if self._counts is None else self._counts[:, -1]
+        return None if self._counts is None else self._counts[1]
 
     @functools.cached_property
-    def _counts(self) -> Int[np.ndarray, "steps rhos"] | None:
+    def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
+        """The numbers of groups for other steps, and by the centres of cells alone."""
         surface = self.layers[0]
-        states = surface.cells * phases(surface.by, self._other_steps[0])
-        # Diffusion joins all groups but those that are pieces of water.
+        states = surface.cells * surface.by.phases(self._other_steps[0])
+        # With diffusion each piece of water is one group.
         if states > _MAX_FOR_COUNTS or surface.by.diffusivity:
             return None
-        options = dict(surface.options)
-        rho = options.pop("rho", 0.8)
-        of = surface.water, surface.by, self._other_steps
-        counts = group_counts(*of, [rho], **options)
-        # A current that is known carries the centre of a cell to one place.
-        known = group_counts(*of, [1.0], **(options | {"spread": "turned"}))
-        return np.concatenate([counts, known], axis=1)
+        # Without disturbances the centre of a cell goes to one place.
+        centres = dataclasses.replace(surface.step, rho=1.0, spread="turned")
+        return np.stack(
+            [
+                group_counts(
+                    surface.water, surface.by, [step.lasting(t) for t in self._other_steps]
+                )
+                for step in (surface.step, centres)
+            ]
+        )
 
     @property
     def _other_steps(self) -> list[float]:
         """The durations of other steps, in seconds; the second is that of the maps."""
         return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
-    @derived("layer compared", "drifters that the map has in a wrong cell", "1", kind="share")
-    def compared_distance(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.total_variation for one in self._distances])
-
-    @derived("layer compared", "drifters that left the map", "1", kind="share")
-    def compared_drifters_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.drifters_left for one in self._distances])
-
-    @derived("layer compared", "drifters that left, by the map of cells", "1", kind="share")
-    def compared_map_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.map_left for one in self._distances])
+    compared_distance = _by_time("total_variation", "drifters that the map has in a wrong cell")
+    compared_drifters_left = _by_time("drifters_left", "drifters that left the map")
+    compared_map_left = _by_time("map_left", "drifters that left, by the map of cells")

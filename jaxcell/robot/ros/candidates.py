@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Int, Int8
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ...space import CellSpace
 from ..tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ..tasks.patrol_task import PatrolTask

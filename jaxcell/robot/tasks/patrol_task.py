@@ -83,7 +83,7 @@ def save_patrols(
     """
     assert cells.workspace is not None
     plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
-    open_, grid = free_steps(plane, 1.0, "swept"), grid_steps(cells.free)
+    open_, grid = free_steps(plane), grid_steps(cells.free)
     way, position = np.nonzero(open_ != grid)
     write_task(
         path,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.documents import Fields
-from ...base.files import replacing
+from ...base.paths import replacing
 from ..walker import cell_strides
 
 

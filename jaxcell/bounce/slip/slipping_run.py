@@ -1,0 +1,223 @@
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...automata import Belief, HiddenMap
+from ...automata.belief import NOWHERE, SMALL
+from ...base.quantities import PROBABILITY, Checks, derived, quantity
+from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
+from ...space.slip import ERRORS
+from ..dynamics import bounce_shift
+from ..localization.result import Candidates
+
+
+_Times: TypeAlias = Int[np.ndarray, "times"]
+_Shares: TypeAlias = Float[np.ndarray, "times positions"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Slipped(Candidates):
+    """A run of a robot that slips from an unknown cell, with its belief."""
+
+    title: ClassVar[str] = "Localization of a bouncing robot that slips"
+    tables: ClassVar[Mapping[str, str]] = {"candidate": "candidates"}
+
+    cells: CellSpace
+    bounces: Float[np.ndarray, "angles"]
+    "One or several bouncing angles to choose from at each bump, in radians."
+    slip: Slip
+    hidden: HiddenMap
+    "The map of the belief, among fine cells."
+    fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
+    fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
+    observations: Annotated[
+        Int[np.ndarray, "steps"],
+        quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
+    ]
+    turned_by: Annotated[
+        _Times,
+        quantity("time", "number of the angle that the robot has just turned by", kind="index"),
+    ]
+    pose: Annotated[
+        Float[np.ndarray, "times 3"],
+        quantity("time axis", "where the robot is: x and y in m, heading in rad"),
+    ]
+    belief: Annotated[
+        _Shares, quantity("time position", "how probable each position is", kind="share")
+    ]
+    nowhere: Annotated[
+        Float[np.ndarray, "times"],
+        quantity("time", "how probable it is that the robot is nowhere on the map", kind="share"),
+    ]
+    credible: Annotated[
+        _Times, quantity("time", "cells of the credible set, 95 %", "cells", kind="count")
+    ]
+    likeliest: Annotated[_Times, quantity("time", "likeliest cell", kind="index")]
+    smoothed: Annotated[
+        _Shares, quantity("time position", "how probable each was, by the whole run", kind="share")
+    ]
+    path: Annotated[_Times, quantity("time", "cells of the likeliest path", kind="index")]
+    candidates: Annotated[
+        Int[np.ndarray, "candidates"],
+        quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
+    ]
+    candidate_probability: Annotated[
+        Float[np.ndarray, "candidates"], quantity("candidate", "how probable", kind="share")
+    ]
+
+    @property
+    def cells_left(self) -> Int[np.ndarray, "candidates"]:
+        return self.candidates
+
+    @property
+    def answered(self) -> bool:
+        return not self.is_nowhere
+
+    @property
+    def truth(self) -> Int[np.ndarray, "times"]:
+        """The cell of the robot, or the nearest cell."""
+        return nearest_cell(self.cells, *self.pose.T)
+
+    @property
+    def events(self) -> Int[np.ndarray, "steps"]:
+        """The events of the run, numbered as by [`jaxcell.automata.HiddenMap.leaving`][]."""
+        return 1 + self.turned_by[1:]
+
+    @derived("", "fine cells", kind="count")
+    def fine_cells(self) -> int:
+        return self.hidden.cells
+
+    @derived("", "cell at the start", kind="index")
+    def start(self) -> int:
+        return int(self.truth[0])
+
+    @derived("", "what it observed, 1 for a bump")
+    def word(self) -> str:
+        return "".join(map(str, self.observations.tolist()))
+
+    @derived("", "bumps", kind="count")
+    def bumps(self) -> int:
+        return int(self.observations.sum())
+
+    @derived("", "cell at the end", kind="index")
+    def end(self) -> int:
+        return int(self.truth[-1])
+
+    @derived("", "whether the belief says that it is nowhere on the map", kind="flag")
+    def is_nowhere(self) -> bool:
+        return bool(self.nowhere[-1] > NOWHERE)
+
+    @derived("", "whether the truth is among the candidates", kind="flag")
+    def truth_is_a_candidate(self) -> bool:
+        return bool(np.isin(self.end, self.candidates))
+
+    def checks(self) -> Checks:
+        total = self.belief.sum(axis=1) + self.nowhere
+        return {
+            "belief_and_nowhere_sum_to_1": (float(np.abs(total - 1).max()), PROBABILITY),
+            "smoothed_sums_to_1": (
+                float(np.abs(self.smoothed.sum(axis=1) - 1).max(initial=0)),
+                PROBABILITY,
+            ),
+        }
+
+
+def slipping_run(
+    hidden: HiddenMap,
+    cells: CellSpace,
+    bounces: Sequence[float] | Float[np.ndarray, "angles"],
+    slip: Slip,
+    start: int,
+    *,
+    seed: int = 0,
+    step: float | None = None,
+    limit: int = 400,
+    **about: Any,
+) -> Slipped:
+    """Drive a simulated robot that slips from a cell until its belief has a small credible set.
+
+    The robot moves by [`jaxcell.space.slipping_step`][], in continuous space.
+
+    **Arguments:**
+
+    - `hidden`: the map of the belief; its configurations are the cells.
+    - `cells`: the cells of the map.
+    - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
+    - `slip`: the sizes of the errors.
+    - `start`: the cell of the robot, which the belief does not know.
+    - `seed`: seed of the errors.
+    - `step`: length of a step in metres, by default one cell.
+    - `limit`: the largest number of observations.
+    - `about`: `fine_side` and `fine_directions` of the result.
+
+    **Returns:** [`Slipped`][].
+
+    A corridor of three cells looks the same from its other end:
+
+        >>> import math
+        >>> from jaxcell import bounce, examples, space
+        >>> cells, slip = examples.corridor(), space.Slip.of(0.01)
+        >>> fine = bounce.FineCells.of(cells, squares=3, directions=9, reach=3)
+        >>> hidden = bounce.slip_map(fine, [math.pi], slip)
+        >>> run = bounce.slipping_run(
+        ...     hidden, cells, [math.pi], slip, 1, fine_side=1 / 3, fine_directions=18
+        ... )
+        >>> bool(run.credible[-1] <= 4), run.truth_is_a_candidate
+        (True, True)
+    """
+    assert cells.workspace is not None
+    rng = np.random.default_rng([seed, start])
+    legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
+    walls, belief = felt_walls(cells.workspace, slip.give), Belief(hidden)
+    shifts = bounce_shift(np.asarray(bounces, float), cells.directions).tolist()
+    pose, believed = np.stack(cells.centre(start)), start // cells.positions
+    state = belief.start()
+    poses, states, estimates = [pose], [state], [belief.estimate(state)]
+    observations: list[int] = []
+    while len(observations) < limit:
+        errors = rng.standard_normal(ERRORS)
+        leg = legs[believed]
+        after = [slipping_step(pose, leg, bounce, errors, walls, slip) for bounce in bounces]
+        observations.append(int(after[0][1]))
+        state = belief.observe(state, observations[-1])
+        if state.turn is not None:
+            believed = (believed + shifts[state.turn]) % cells.directions
+        pose = after[state.turn or 0][0]
+        poses.append(pose)
+        states.append(state)
+        estimates.append(belief.estimate(state))
+        if estimates[-1].cells.size <= SMALL or state.nowhere > NOWHERE:
+            break
+
+    turns = [-1 if state.turn is None else state.turn for state in states]
+    turned_by = np.array(turns, np.int32)
+    events = (1 + turned_by[1:]).tolist()
+    try:
+        smoothed, path = belief.smoothed(events), belief.likeliest_path(events)
+    except ValueError:
+        # No path of the map has these observations: the robot is nowhere on the map.
+        smoothed, path = np.zeros((0, hidden.cells)), np.zeros(0, np.int32)
+    at_end = estimates[-1]
+    return Slipped(
+        cells=cells,
+        bounces=np.asarray(bounces, float),
+        slip=slip,
+        hidden=hidden,
+        **about,
+        observations=np.array(observations, np.int8),
+        turned_by=turned_by,
+        pose=np.stack(poses),
+        belief=np.stack([hidden.by_position(one.weight, cells.positions) for one in states]),
+        nowhere=np.array([one.nowhere for one in states]),
+        credible=np.array([one.cells.size for one in estimates], np.int32),
+        likeliest=np.array([one.cells[0] if one.cells.size else -1 for one in estimates], np.int32),
+        smoothed=np.array([hidden.by_position(one, cells.positions) for one in smoothed]).reshape(
+            -1, cells.positions
+        ),
+        path=hidden.configuration[path],
+        candidates=at_end.cells,
+        candidate_probability=at_end.probability,
+    )
