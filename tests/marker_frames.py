@@ -1,4 +1,4 @@
-"""Camera frames with and without the cross marker, drawn for tests and for `ch4_marker.py`.
+"""Camera frames with and without the cross marker, drawn for tests and for `chapter_4/marker.py`.
 
 Sheets stand in a room at a random pose and are seen by a pinhole camera: the plane of a sheet is
 mapped to the frame by a homography. The scene is drawn at twice the size and averaged down, then

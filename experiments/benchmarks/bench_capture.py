@@ -16,7 +16,6 @@ machine say little.
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -26,6 +25,7 @@ import scipy.sparse.csgraph
 from rows import Row, options, write_rows
 from timing import begin, line
 
+from experiments.shared.data import DATA
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
     Attack,
@@ -47,7 +47,6 @@ from jaxcell.space import CellSpace, visible_cells
 from jaxcell.space.cells import suggested
 
 
-DATA = Path(__file__).parents[2] / "data"
 CELLS = {
     "depot.json": None,
     "cafe.json": None,

@@ -54,15 +54,15 @@ def joint_image(
     All robots set out together, straight and at the same pace, from the centre of their cell to the
     centre of the next. A robot bumps if
 
-    - a wall is in its way, as in [`jaxcell.bounce.bounce_map`][];
+    - a wall blocks its step, as in [`jaxcell.bounce.bounce_map`][];
     - on its way it would meet a robot that sets out too: at the same end, changing places, or
         crossing on diagonals (and, with steps of several cells, anywhere between);
     - a robot that bumps stands on its way, and so on along a queue.
 
     No other robot bumps. A robot that bumps stays, and turns by its bouncing angle once, however
     many robots and walls it meets. So robots in different positions never come to share one, and
-    the order of the robots makes no difference. Two robots *collide* if they would meet, or if one
-    bumps and stands on the way of the other. To each other robots are points: discs wider than a
+    the order of the robots makes no difference. Two robots *collide* if they would meet, or if a
+    robot that bumps stands in the step of the other. Robots are points here: discs wider than a
     cell are not kept apart.
 
     Works under `jit`, and under `vmap` over any of the arguments.

@@ -3,7 +3,7 @@ import enum
 import functools
 import math
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,6 +13,7 @@ from ..space import CellSpace
 from .dynamics import motion_violations
 
 
+_Flags: TypeAlias = Bool[np.ndarray, "steps robots"]
 _SOURCE = "Alam 2018, section 3.4.4"
 
 
@@ -37,12 +38,10 @@ class TeamTrajectory(Result):
 
     cells: CellSpace
     bumped: Annotated[
-        Bool[np.ndarray, "steps robots"],
-        quantity("move robot", "whether the robot stays and turns", kind="flag"),
+        _Flags, quantity("move robot", "whether the robot stays and turns", kind="flag")
     ]
     collided: Annotated[
-        Bool[np.ndarray, "steps robots"],
-        quantity("move robot", "whether the robot meets another", kind="flag"),
+        _Flags, quantity("move robot", "whether the robot meets another", kind="flag")
     ]
     "A mask of the robots that run into another robot, or into which another robot runs."
     collisions: Annotated[

@@ -32,7 +32,7 @@ class Flow:
     time: Float[Array, "records"]
     "Seconds since the first record of the file, ascending."
     wraps: bool = dataclasses.field(default=False, metadata={"static": True})
-    "Whether the last column is beside the first, as in `Water`."
+    "True if the last column is beside the first, as in `Water`."
     period: Float[Array, ""] | None = None
     """Seconds from the first record to the last, which repeats the first; `None` if the current is
     not periodic."""
@@ -222,6 +222,8 @@ def crossing_time(water: Water, flow: Flow) -> float:
 
     - `water`: the cells.
     - `flow`: the flow of the same layer.
+
+    **Returns:** the time, more than 0.
 
     At some 0.54 m/s it takes half an hour to cross a kilometre:
 

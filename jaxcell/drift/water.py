@@ -48,7 +48,7 @@ class Water:
     depth: float
     "Metres below the surface."
     wraps: bool = False
-    "Whether the last column is beside the first, as on a grid that goes round the Earth."
+    "True if the last column is beside the first, as on a grid that goes round the Earth."
 
     @classmethod
     def of(cls, currents: xr.Dataset, layer: int = 0) -> "Water":

@@ -142,8 +142,8 @@ def value_iteration(
     Between two choices of a policy the value is swept with that policy only, which is several times
     faster (modified policy iteration, Puterman and Shin 1978). The source stops when nothing
     changes, which floating-point arithmetic may never reach. Here every choice bounds the error
-    (MacQueen 1966): after a change of all values by at most `c`, at most `c * discount / (1 -
-    discount)` is to come.
+    (MacQueen 1966): after a change of all values by at most `c`, at most
+    `c * discount / (1 - discount)` is to come.
 
     **Arguments:**
 

@@ -161,7 +161,7 @@ class CellSpace:
 
     @functools.cached_property
     def gridded(self) -> bool:
-        """Whether all walls run along edges of squares, so that `free` determines them."""
+        """True if all walls run along edges of squares, so that `free` determines them."""
         if self.workspace is None:
             return True
         return along_grid(self.walls[:, 1:])

@@ -28,7 +28,7 @@ class Extent:
     directions: int
     cell: float
     gridded: bool
-    "Whether all walls run along edges of squares."
+    "True if all walls run along edges of squares."
     walls: int
     "Number of walls."
     wall_length: float

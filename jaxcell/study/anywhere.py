@@ -27,7 +27,7 @@ _ANYWHERE = Only(anywhere=True)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AnywhereStudy(MapStudy):
-    """A question about a robot on a map that may start anywhere."""
+    """A study of a robot on a map that may start anywhere."""
 
     seed: int = 0
     """Seed of random starts, errors and draws."""

@@ -141,7 +141,7 @@ class PatrolMap(CellStudy):
             graph=graph,
             visible=visible,
             attack=attacked,
-            capture=capture,
+            captures=capture,
             regions=regions,
             smallest_covers=smallest_covers(visible, policies),
             seed=self.seed,

@@ -45,7 +45,7 @@ def slipped_plan(
     )
     from ..bounce.slip.policy import PolicyRobot, driven
     from ..robot.emulation.body import bumper_give
-    from ..robot.runner import run_plan
+    from ..robot.plan import run_plan
     from ..space import Slip, nearest_cell
 
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()

@@ -20,10 +20,10 @@ samples = 100              # with design = "sobol", "latin_hypercube" or "saltel
 cell = {uniform = [0.5, 1.0]}
 ```
 
-A task is a function of a *batch* (an array for each parameter, with a value for each member), of the
-fixed values, and of the seed. It returns an `xarray.Dataset` whose variables have `member` as their
-first dimension. The values of a member may depend on its parameters and the seed, but not on its
-place in the batch or on other members.
+A task is a function of a *batch* (an array for each parameter, with a value for each member), of
+the fixed values, and of the seed. It returns an `xarray.Dataset` whose variables have `member` as
+their first dimension. The values of a member may depend on its parameters and the seed, but not on
+its place in the batch or on other members.
 
 `run_sweep` computes the chunks by an engine (`engine_named`: this process, several processes, or
 Dask, at the `scheduler_address` of a cluster). `open_sweep` returns the result: one Dataset with a

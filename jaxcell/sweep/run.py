@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .failures import Failure, write_failures
+from .failures import Failure
 from .results import SweepStatus, sweep_status
 from .spec import Spec
 from .storage.digests import made_with
-from .storage.export import export
+from .storage.export import update_result
 from .storage.lock import locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
@@ -113,19 +113,9 @@ def run_sweep(
                 if not parts.open:
                     count.add(parts.members)
                 report(failures)
-        finish(store, whole=chunks is None)
+        if chunks is None:
+            update_result(store)
     return sweep_status(folder)
-
-
-def finish(store: SweepStore, whole: bool = True) -> None:
-    """Write the members that failed and, for a whole sweep, the result, unless it is current."""
-    write_failures(store.folder / "failures.json", [*store.failures()])
-    if (
-        whole
-        and store.frame is not None
-        and (store.contents.exported is None or store.lost_files())
-    ):
-        export(store)
 
 
 def _ended(

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from .results import SweepStatus, sweep_status
-from .run import finish, no_room_reported
+from .run import no_room_reported
 from .storage.digests import made_with
+from .storage.export import update_result
 from .storage.lock import holder, locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
@@ -123,7 +124,7 @@ def merge_sweep(
             count.add(math.prod(spec.chunk(number).shape))
             if progress is not None:
                 progress(count.progress(tuple(failures)))
-        finish(whole)
+        update_result(whole)
     return sweep_status(folder)
 
 

@@ -25,7 +25,7 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether rounding may explain the difference; it never explains NaN."""
+        """True if rounding may explain the difference; it never explains NaN."""
         return self.difference <= self.limit
 
     def as_json(self) -> dict[str, Any]:

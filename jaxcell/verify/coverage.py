@@ -42,7 +42,7 @@ def compare_coverage(
                 chance[transient] = solve_transient(P, transient, P[transient] @ chance)
             ends.append(float(chance.mean()))
             shares.append(float(value[group == 0].sum()))
-    what = "what a step changes of limiting distributions, by a sparse matrix made anew"
+    what = "what a step changes of limiting distributions, by a sparse matrix of its own"
     found = [images, Comparison.close(what, moved, np.zeros(len(moved)), _CLOSE)]
     if ends:
         what = "the share of the first group, by a sparse direct solve"

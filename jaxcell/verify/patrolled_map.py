@@ -26,7 +26,7 @@ def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
     runs = "capture of the target, by simulation, in standard deviations"
     return [
         _compare_sight(patrol),
-        Comparison.close(seen, patrol.capture.probability[:, targets].T, caught, _CLOSE),
+        Comparison.close(seen, patrol.captures.probability[:, targets].T, caught, _CLOSE),
         Comparison.close(runs, deviation, np.zeros(times.size), _DEVIATIONS),
         _compare_walks(patrol),
     ]
@@ -52,11 +52,11 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
     for policy in patrol.policies:
         unseen = np.isin(np.arange(view.size), policy.cells) & ~view
         forward = policy.chain.to_scipy().T.tocsr()
-        if patrol.capture.attack.start == "worst":
+        if patrol.captures.attack.start == "worst":
             each = np.diag(unseen.astype(float))[:, unseen]
         else:
             share = unseen.astype(float)
-            if patrol.capture.attack.start == "stationary":
+            if patrol.captures.attack.start == "stationary":
                 share *= policy.share_of_time(patrol.graph)
             each = (share / share.sum())[:, None] if share.any() else np.zeros((view.size, 0))
         for t in range(survive.size):

@@ -61,7 +61,7 @@ def test_errors_are_those_of_multinomial_shares(pair):
 
 
 def test_a_cell_is_persistent_in_draws_without_its_only_exit():
-    """One of 20 leaves a cell, and is not drawn with a chance of (1 - 1/20)^20."""
+    """Only 1 of 20 drifters leaves the cell; no draw has it with probability (1 - 1/20)^20."""
     seen, moves = moves_of(np.zeros(20, int), np.array([-1] + [0] * 19))
     found = drift.ObservedDrift.of(seen, moves, samples=80)
     assert found.persistent_groups == 0

@@ -75,10 +75,10 @@ def test_answers_for_cells_are_of_release_at_the_first_record(both):
     assert all(value <= limit for value, limit in layer.checks().values())
 
 
-@pytest.fixture(scope="module")
-def shifting():
-    """Maps of 14 cells that few drifters leave at a time, and what each visits from phase 0."""
-    random = np.random.default_rng(4)
+@pytest.fixture(scope="module", params=[4, 6, 10])
+def shifting(request):
+    """Maps of 14 cells that few drifters leave at a time, and the cells visited from phase 0."""
+    random = np.random.default_rng(request.param)
     matrices = []
     for _ in range(3):
         matrix = np.eye(14)

@@ -98,7 +98,7 @@ def test_decoded_times_of_an_open_dataset_are_read():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.drop_vars("longitude"), "lon: expected trajectories with a longitude; there"),
+        (lambda d: d.drop_vars("longitude"), "lon: expected trajectories with a longitude, got"),
         (lambda d: d.assign(rowsize=d.rowsize + 1), "rowsize: expected 9 observations of all drif"),
         (lambda d: d.assign(rowsize=("traj", [14, -2, -3])), "rowsize: .* that are none of obs"),
         (lambda d: d.assign(rowsize=("traj", [4.5, 2.5, 2])), "rowsize: .* that are none of obs"),
@@ -188,7 +188,7 @@ def walks(random, matrix, drifters, steps):
         draw = random.random(here.sum())[:, None]
         place[here, n + 1] = (draw > rows[place[here, n]]).sum(axis=1)
     gone = place == cells
-    # What is gone is seen once more, far away.
+    # A drifter that left is observed once more, far away.
     seen = ~gone | (np.cumsum(gone, axis=1) == 1)
     number, time = np.nonzero(seen)
     lon = np.where(gone, 50.0, 170 + place)[seen] + random.uniform(0.1, 0.9, seen.sum())

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import matrices
+from random_chains import complete, matrices
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.hitting import hitting_times
@@ -42,7 +42,7 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
 
 def test_law_on_a_complete_graph_is_geometric():
     n = 10
-    chain = Chain.from_scipy((1 - np.eye(n)) / (n - 1))
+    chain = Chain.from_scipy(complete(n))
     time = np.arange(1, 31)
     expected = (1 - 1 / (n - 1)) ** (time - 1) / (n - 1)
     np.testing.assert_allclose(first_passage(chain, 3, 0, 30), [0, *expected], rtol=1e-13)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.special
 from hypothesis import assume, given, strategies as st
+from random_chains import complete
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import dense
@@ -42,10 +43,6 @@ def walk(edges, weights):
 
 def circle(n, stay=0.0):
     return stay * np.eye(n) + (1 - stay) * np.roll(np.eye(n), 1, axis=1)
-
-
-def complete(n):
-    return (1 - np.eye(n)) / (n - 1)
 
 
 @st.composite

@@ -67,7 +67,7 @@ def make(robots, *, base=False, lost=None):
         visible=visible,
         policies=found,
         attack=attack,
-        capture=capture,
+        captures=capture,
         regions=regions,
         reassignment=after,
         shares=np.array([0.0, 0.8]),
@@ -121,7 +121,7 @@ def test_the_dataset_holds_the_patrol(alone, tmp_path):
         np.testing.assert_array_equal(found.visible, alone.visible)
         np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), alone.xy)
         assert found.attack_time.values.tolist() == TIMES
-        np.testing.assert_array_equal(found.capture_probability, alone.capture.probability)
+        np.testing.assert_array_equal(found.captures_probability, alone.captures.probability)
         for robot, policy in enumerate(alone.policies):
             cover = found.cover.values[robot]
             np.testing.assert_array_equal(cover[cover >= 0], policy.cover)
@@ -144,8 +144,8 @@ def test_the_dataset_holds_the_patrol(alone, tmp_path):
         assert json.loads(found.attrs["spec"]) == {"robots": 2}
         assert found.attack_target == attack.target
         assert "regions_region" not in found
-        picture = found.capture_probability.set_index(position=("y", "x")).unstack()
-        assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.capture.probability[0, 0]
+        picture = found.captures_probability.set_index(position=("y", "x")).unstack()
+        assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.captures.probability[0, 0]
 
 
 def test_the_dataset_holds_the_regions(based, tmp_path):
@@ -167,15 +167,15 @@ def changed(patrol, **changes):
 
 
 def caught(patrol, probability):
-    capture = dataclasses.replace(patrol.capture, probability=probability)
-    return dataclasses.replace(patrol, capture=capture)
+    capture = dataclasses.replace(patrol.captures, probability=probability)
+    return dataclasses.replace(patrol, captures=capture)
 
 
 @pytest.mark.parametrize(
     ("wrong", "check"),
     [
-        (lambda p: caught(p, p.capture.probability[::-1]), "capture_falls_with_time"),
-        (lambda p: caught(p, p.capture.probability + 0.9), "capture_probability_out_of_0_to_1"),
+        (lambda p: caught(p, p.captures.probability[::-1]), "captures_falls_with_time"),
+        (lambda p: caught(p, p.captures.probability + 0.9), "captures_probability_out_of_0_to_1"),
         (lambda p: changed(p, exact=p.attack.exact / 2), "attack_exact_is_of_law"),
         (lambda p: changed(p, law=p.attack.law + 0.5), "attack_law_beyond_1|exact_is_of_law"),
     ],
@@ -185,7 +185,7 @@ def test_a_patrol_that_contradicts_itself_is_refused(alone, wrong, check):
         dataset(wrong(alone))
 
 
-def test_nobody_cheats(alone):
+def test_attacks_keep_to_their_rules(alone):
     """The rules of the attacks, from the places of the robots."""
     attacks = simulate_attacks(alone, 3)
     edges = {frozenset(edge) for edge in alone.graph.edges.tolist()}
@@ -340,7 +340,7 @@ def test_the_recording_shows_the_law(alone, recorded, read):
 
 
 def test_the_recording_shows_the_vulnerability(alone, recorded, read):
-    found, caught = read(recorded), alone.capture.probability[0]
+    found, caught = read(recorded), alone.captures.probability[0]
     kind = still(alone, found, "/map/grid/capture").astype(int)
     assert kind.min() >= 3
     assert kind.max() <= 34
@@ -350,8 +350,8 @@ def test_the_recording_shows_the_vulnerability(alone, recorded, read):
     (label,) = found.static("/map/worst_capture/label", "Points2D:labels")
     assert label == f"most vulnerable: {caught.min():.3f}"
     classes = found.classes("/map/grid/capture")
-    low = classes[still(alone, found, "/map/grid/capture")[alone.capture.probability[0].argmin()]]
-    assert low.startswith(f"caught with probability {alone.capture.probability[0].min():.3f}"[:-1])
+    low = classes[still(alone, found, "/map/grid/capture")[alone.captures.probability[0].argmin()]]
+    assert low.startswith(f"caught with probability {alone.captures.probability[0].min():.3f}"[:-1])
     text = found.static("/vulnerability/text", "TextDocument:text")[0]
     assert f"{100 * caught.min():.4g} %" in text
 
@@ -418,7 +418,7 @@ def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
     problem = alone.graph, everything, alone.policies
     attack = vulnerability(jax.random.key(0), *problem, 3, Attack(TIMES), runs=10)
     capture = Capture.of(*problem, Attack(TIMES))
-    patrol = dataclasses.replace(alone, visible=everything, attack=attack, capture=capture)
+    patrol = dataclasses.replace(alone, visible=everything, attack=attack, captures=capture)
     save_recording(patrol, tmp_path / "all.rrd")
     found = read(tmp_path / "all.rrd")
     assert "/target/times/fitted" not in found.entities
@@ -432,12 +432,12 @@ def test_parts_of_different_patrols_are_refused(alone, based):
     for change, message in (
         ({"graph": Graph([[0, 1]])}, "graph: expected 46 cells, got 2"),
         (
-            {"capture": dataclasses.replace(alone.capture, probability=np.ones((3, 5)))},
-            "capture: expected 46 cells, got 5",
+            {"captures": dataclasses.replace(alone.captures, probability=np.ones((3, 5)))},
+            "captures: expected 46 cells, got 5",
         ),
         (
-            {"capture": dataclasses.replace(alone.capture, attack=alone.capture.attack.first)},
-            r"capture: expected the attack times \[.*\], got \[.\]",
+            {"captures": dataclasses.replace(alone.captures, attack=alone.captures.attack.first)},
+            r"captures: expected the attack times \[.*\], got \[.\]",
         ),
         ({"reassignment": based.reassignment}, "reassignment: expected regions with it"),
         (

@@ -1,4 +1,4 @@
-"""What is right agrees with the other route, and what was altered does not."""
+"""Right results agree with the other computation, and altered results do not."""
 
 import dataclasses
 import math
@@ -234,7 +234,7 @@ def test_patrols_of_a_map():
 
     assert compare() == []
     fewer = dataclasses.replace(caught, probability=0.999 * capture)
-    assert compare(capture=fewer) == ["capture of some cells"]
+    assert compare(captures=fewer) == ["capture of some cells"]
     hidden = np.argwhere(~visible)[0]
     assert "cells that are seen" in compare(visible=changed(visible, tuple(hidden), True))
     slow = tuple(dataclasses.replace(one, commute_time=one.commute_time + 1) for one in policies)
@@ -274,7 +274,7 @@ def test_drifters(edge):
     assert what.startswith("probability of arriving")
 
 
-def test_what_is_no_number_does_not_agree():
+def test_a_difference_that_is_no_number_does_not_agree():
     assert not verify.Comparison.close("x", [np.nan], [1.0], 1.0).agrees
     assert not verify.Comparison.close("x", [np.inf], [1.0], 1.0, relative=True).agrees
     assert verify.Comparison.close("x", [np.inf, 0.0], [np.inf, 0.0], 0.0, relative=True).agrees

@@ -152,7 +152,7 @@ class RunOnMap(Candidates):
 
     run: Localization
     may_lose: ClassVar[bool] = False
-    "Whether the robot may be in none of the possible cells, which is reported without a limit."
+    "True if the robot may be in none of the possible cells, which is reported without a limit."
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:

@@ -28,7 +28,7 @@ class SlipPolicy:
 
     @property
     def sure(self) -> bool:
-        """Whether the policy surely arrives."""
+        """True if the policy surely arrives."""
         return self.certificate.residual <= self.certificate.tolerance
 
 

@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,6 +12,10 @@ from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, s
 from ...space.slip import ERRORS
 from ..dynamics import bounce_shift
 from ..localization.result import Candidates
+
+
+_Times: TypeAlias = Int[np.ndarray, "times"]
+_Shares: TypeAlias = Float[np.ndarray, "times positions"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +38,7 @@ class Slipped(Candidates):
         quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
     ]
     turned_by: Annotated[
-        Int[np.ndarray, "times"],
+        _Times,
         quantity("time", "number of the angle that the robot has just turned by", kind="index"),
     ]
     pose: Annotated[
@@ -42,32 +46,26 @@ class Slipped(Candidates):
         quantity("time axis", "where the robot is: x and y in m, heading in rad"),
     ]
     belief: Annotated[
-        Float[np.ndarray, "times positions"],
-        quantity("time position", "how probable each position is", kind="share"),
+        _Shares, quantity("time position", "how probable each position is", kind="share")
     ]
     nowhere: Annotated[
         Float[np.ndarray, "times"],
         quantity("time", "how probable it is that the robot is nowhere on the map", kind="share"),
     ]
     credible: Annotated[
-        Int[np.ndarray, "times"],
-        quantity("time", "cells of the credible set, 95 %", "cells", kind="count"),
+        _Times, quantity("time", "cells of the credible set, 95 %", "cells", kind="count")
     ]
-    likeliest: Annotated[Int[np.ndarray, "times"], quantity("time", "likeliest cell", kind="index")]
+    likeliest: Annotated[_Times, quantity("time", "likeliest cell", kind="index")]
     smoothed: Annotated[
-        Float[np.ndarray, "times positions"],
-        quantity("time position", "how probable each was, by the whole run", kind="share"),
+        _Shares, quantity("time position", "how probable each was, by the whole run", kind="share")
     ]
-    path: Annotated[
-        Int[np.ndarray, "times"], quantity("time", "cells of the likeliest path", kind="index")
-    ]
+    path: Annotated[_Times, quantity("time", "cells of the likeliest path", kind="index")]
     candidates: Annotated[
         Int[np.ndarray, "candidates"],
         quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
     ]
     candidate_probability: Annotated[
-        Float[np.ndarray, "candidates"],
-        quantity("candidate", "how probable", kind="share"),
+        Float[np.ndarray, "candidates"], quantity("candidate", "how probable", kind="share")
     ]
 
     @property

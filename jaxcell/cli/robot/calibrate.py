@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ...base.documents import checked_number
 from ..output import Printing
-from ..terminal import note, say
+from ..terminal import note, say, status
 
 
 if TYPE_CHECKING:
@@ -22,18 +22,51 @@ class RobotCalibrate(Printing):
 
     example: ClassVar[str] = "--port /dev/ttyUSB0"
 
-    port: str
+    port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
+    log: Path | None = None
+    """The run.jsonl of a run of an anywhere.json: estimate from its runs the turn by a bump at 45
+    degrees, which `jaxcell localize --bump-turn` takes."""
+    file: Path | None = None
+    """The anywhere.json of that run, by default where the log says that it was."""
     calibration: Path | None = None
     """File of the calibration; by default calibration.json in ~/.config/jaxcell."""
 
     def run(self) -> int:
+        if (self.port is None) == (self.log is None):
+            raise ValueError("expected one of --port and --log")
+        return self._estimate() if self.port is None else self._measure(self.port)
+
+    def _estimate(self) -> int:
+        """Estimate the turn by a bump from a log."""
+        from ...robot.bump_turn import estimate_bump_turn
+        from ...robot.run_log import read_log
+        from ...robot.tasks.anywhere_task import AnywhereTask
+        from ...robot.tasks.files import load_task
+
+        assert self.log is not None
+        run = read_log(self.log)
+        task = load_task(self.file or str(run.header.get("file")))
+        if not isinstance(task, AnywhereTask) or run.header.get("kind") != "anywhere":
+            raise ValueError(f"--log {self.log}: expected the run of an anywhere.json")
+        with status("following the robot of the log"):
+            degrees = round(math.degrees(estimate_bump_turn(run, task.settings)), 2)
+        if self.json:
+            say(json.dumps({"log": str(self.log), "bump_turn_deg": degrees}))
+        else:
+            say(
+                f"A bump at 45 degrees turns it by {degrees:g} degrees toward the wall, which its "
+                f"encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
+            )
+        return 0
+
+    def _measure(self, port: str) -> int:
         from ...robot import Create, RobotStopped
         from ...robot.calibration import Calibration, calibration_file
 
         path = self.calibration or calibration_file()
         try:
-            with Create.open(self.port) as robot:
+            with Create.open(port) as robot:
                 robot.arm()
                 went = robot.forward(1.0, tolerance=0.002)
                 if went.bumped:
@@ -47,19 +80,19 @@ class RobotCalibrate(Printing):
         except RobotStopped as error:
             note(f"jaxcell robot calibrate: the robot was stopped: {error}")
             return 1
-        found = Calibration.measured(distance, math.radians(degrees) / turned)
-        found.save(path)
-        self._say(found, path)
+        calibration = Calibration.measured(distance, math.radians(degrees) / turned)
+        calibration.save(path)
+        self._say(calibration, path)
         return 0
 
-    def _say(self, found: "Calibration", path: Path) -> None:
-        summary = {"calibration": str(path), **dataclasses.asdict(found)}
+    def _say(self, calibration: "Calibration", path: Path) -> None:
+        summary = {"calibration": str(path), **dataclasses.asdict(calibration)}
         if self.json:
             say(json.dumps(summary))
         else:
             say(
-                f"For 1 m of the encoders the robot drives {found.distance:g} m, and for 360 "
-                f"degrees it turns by {360 * found.angle:g} degrees. This is kept in {path}."
+                f"For 1 m of the encoders the robot drives {calibration.distance:g} m, and for 360 "
+                f"degrees it turns by {360 * calibration.angle:g} degrees. This is kept in {path}."
             )
 
 

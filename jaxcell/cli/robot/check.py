@@ -23,13 +23,13 @@ class RobotCheck(Printing):
     def run(self) -> int:
         from ...robot import Create, RobotStopped
 
-        found: dict[str, Any] = {"port": self.port}
+        state: dict[str, Any] = {"port": self.port}
         if self.firmware:
-            found["firmware"] = self._firmware()
+            state["firmware"] = self._firmware()
         try:
             with Create.open(self.port) as robot:
                 now = robot.sensors()
-                found |= {
+                state |= {
                     "mode": now.mode.name.lower(),
                     "battery_percent": round(100 * now.battery, 1),
                     "voltage_V": now.voltage,
@@ -44,15 +44,15 @@ class RobotCheck(Printing):
                     robot.arm()
                     for name, distance in ("forward_m", 0.1), ("back_m", -0.1):
                         moved = robot.forward(distance)
-                        found[name] = round(moved.distance, 4)
-                        found["bumped"] = moved.bumped
+                        state[name] = round(moved.distance, 4)
+                        state["bumped"] = moved.bumped
         except RobotStopped as error:
-            found["danger"] = str(error)
+            state["danger"] = str(error)
         if self.json:
-            say(json.dumps(found))
+            say(json.dumps(state))
         else:
-            table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in found.items()])
-        return 0 if found["danger"] is None else 1
+            table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in state.items()])
+        return 0 if state["danger"] is None else 1
 
     def _firmware(self) -> str:
         from ...robot.create.firmware import firmware

@@ -42,7 +42,7 @@ class Emulation:
 
     @property
     def end(self) -> int | None:
-        """The cell that the robot is in, if any."""
+        """The cell of the robot, or `None`."""
         with contextlib.suppress(ValueError):
             return int(self.cells.index(*self.robot.pose))
         return None
@@ -96,7 +96,7 @@ def emulate(map: Path, task: "AnyTask", options: "RobotOptions", rng: Any) -> Em
 def _anywhere(
     workspace: "Workspace", task: "AnywhereTask", start: str | None, rng: Any
 ) -> tuple[float, float, float]:
-    """Put a robot down anywhere, with a heading that its task allows."""
+    """Draw a start pose with a heading that the task allows."""
     from ...study.anywhere import pose_at
     from ...walls import places_anywhere
 

@@ -98,9 +98,9 @@ def cells_of(task: "AnyTask") -> "CellSpace | None":
 def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
     """Return whether cells agree with the map that a filter describes."""
     assert cells.workspace is not None
-    found = {
+    expected = {
         "name": cells.workspace.name,
         "positions": cells.positions,
         "robot_radius_m": cells.workspace.robot_radius,
     }
-    return all(about.get(key, value) == value for key, value in found.items())
+    return all(about.get(key, value) == value for key, value in expected.items())

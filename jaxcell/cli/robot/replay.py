@@ -102,14 +102,12 @@ def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
 
 
 def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
-    from ...automata import Belief, Filter, HiddenMap, Policy
     from ...robot.anywhere import replay_anywhere
-    from ...robot.believer import replay_belief
+    from ...robot.followers import replay_follower
     from ...robot.patrol import replay_patrol
-    from ...robot.policy import replay_policy
-    from ...robot.runner import plan_outcome, replay_filter
+    from ...robot.plan import plan_outcome
     from ...robot.tasks.anywhere_task import AnywhereTask
-    from ...robot.tasks.files import load_task
+    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.tasks.task import digest
     from ...robot.team import replay_member
@@ -121,20 +119,14 @@ def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
         return replay_member(run)
     path = Path(run.header["file"]) if file is None else file
     if digest(path) != run.header["sha256"]:
-        raise ValueError(f"it is the log of another {kind} than {path} is now")
-    if kind == "filter":
-        return replay_filter(run, Filter.load(path))
-    if kind == "policy":
-        return replay_policy(run, Policy.load(path))
-    if kind == "belief":
-        return replay_belief(run, Belief(HiddenMap.load(path)))
-    if kind == "anywhere":
-        task = load_task(path)
-        assert isinstance(task, AnywhereTask)
-        return replay_anywhere(run, task.settings)
-    task = load_task(path, run.header["robot"])
-    if not isinstance(task, PatrolTask):
-        raise ValueError(
-            f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}"
-        )
-    return replay_patrol(run, task)
+        raise ValueError(f"it is of another {kind} than {path} is now")
+    match load_task(path, run.header["robot"] if kind == "patrol" else None):
+        case FilterTask() as task:
+            return replay_follower(run, task.follower(run.header.get("until", "known")))
+        case PolicyTask() | BeliefTask() as task:
+            return replay_follower(run, task.follower())
+        case AnywhereTask() as task:
+            return replay_anywhere(run, task.settings)
+        case PatrolTask() as task:
+            return replay_patrol(run, task)
+    raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")

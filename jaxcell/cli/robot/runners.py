@@ -36,10 +36,9 @@ def runner_of(
     - `before`: the run to resume, or `None`.
     """
     from ...robot.anywhere import run_anywhere
-    from ...robot.believer import run_belief
+    from ...robot.followers import run_follower
     from ...robot.patrol import Patrol, run_patrol
-    from ...robot.policy import run_policy
-    from ...robot.runner import run_filter, run_plan
+    from ...robot.plan import run_plan
     from ...robot.tasks.anywhere_task import AnywhereTask
     from ...robot.tasks.files import BeliefTask, FilterTask, PlanTask, PolicyTask
     from ...robot.team import MemberTask, run_member
@@ -51,16 +50,12 @@ def runner_of(
     match task:
         case FilterTask():
             until = options.until
-            return header | {"until": until}, lambda walker, log: run_filter(
-                walker, task.filter, task.bounce, log=log, limit=limit, until=until
+            return header | {"until": until}, lambda walker, log: run_follower(
+                walker, task.follower(until), task.bounces, log=log, limit=limit
             )
-        case PolicyTask():
-            return header, lambda walker, log: run_policy(
-                walker, task.policy, task.bounces, log=log, limit=limit
-            )
-        case BeliefTask():
-            return header, lambda walker, log: run_belief(
-                walker, task.belief, task.bounces, log=log, limit=limit
+        case PolicyTask() | BeliefTask():
+            return header, lambda walker, log: run_follower(
+                walker, task.follower(), task.bounces, log=log, limit=limit
             )
         case AnywhereTask():
             if before is not None:

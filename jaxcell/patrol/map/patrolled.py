@@ -33,7 +33,7 @@ class PatrolledMap(Result):
         >>> target = patrol.vulnerability(jax.random.key(0), *problem, 0, attack, runs=5)
         >>> capture = patrol.Capture.of(*problem, attack)
         >>> result = patrol.PatrolledMap(cells, 1.6, *problem, target, capture)
-        >>> result.robots, result.capture.probability.round(3).tolist()
+        >>> result.robots, result.captures.probability.round(3).tolist()
         (1, [[0.889, 1.0, 1.0, 0.889]])
     """
 
@@ -57,7 +57,7 @@ class PatrolledMap(Result):
     "The walk of each robot."
     attack: Vulnerability
     "An attack on one cell."
-    capture: Capture
+    captures: Capture
     "Attacks on all cells."
     regions: Regions | None = None
     "The region of each robot around a base station, or `None` without one."
@@ -100,7 +100,7 @@ class PatrolledMap(Result):
             "graph": self.graph.vertices,
             "visible": len(self.visible),
             "attack": self.attack.view.size,
-            "capture": self.capture.probability.shape[1],
+            "captures": self.captures.probability.shape[1],
             **{f"policies[{i}]": policy.chain.cells for i, policy in enumerate(self.policies)},
         }
         if self.regions is not None:
@@ -110,10 +110,10 @@ class PatrolledMap(Result):
                 raise ValueError(f"{name}: expected {positions} cells, got {size}")
         if self.cells.workspace is None:
             raise ValueError("cells: expected the cells of a map, got a grid")
-        if not np.array_equal(self.capture.attack.times, self.attack.attack_times):
+        if not np.array_equal(self.captures.attack.times, self.attack.attack_times):
             raise ValueError(
-                f"capture: expected the attack times {self.attack.attack_times.tolist()}, got "
-                f"{self.capture.attack.times.tolist()}"
+                f"captures: expected the attack times {self.attack.attack_times.tolist()}, got "
+                f"{self.captures.attack.times.tolist()}"
             )
         if self.reassignment is not None and self.regions is None:
             raise ValueError("reassignment: expected regions with it, got none")

@@ -203,7 +203,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
         plot.axes(ticks(last), ticks(1.0), f"age ({units})", "share of news this old or newer")
         for vertex, age in enumerate(news.mean_age[:_MAX_NAMES].tolist()):
             (color,) = ramp(np.array([max(0.0, 1 - age / most)])).tolist()
-            plot.line(str(vertex), news.age, news.told[:, vertex], tuple(color), 2.0)
+            plot.line(str(vertex), news.age, news.known[:, vertex], tuple(color), 2.0)
         charts.append(plot.view("Age of news of each vertex, in its colour"))
     if charged is not None:
         every, high = float(charged.every), float(charged.interval.max())

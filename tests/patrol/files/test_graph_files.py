@@ -222,7 +222,7 @@ def test_a_file_that_is_cut_short_is_refused_or_is_a_graph(suffix, data, tmp_pat
         assert graph.vertices == len(found)
 
 
-def test_other_files_are_refused(tmp_path, monkeypatch):
+def test_other_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.json: there is no such file"):
         load_graph(tmp_path / "none.json")
     with pytest.raises(ValueError, match="expected a graph file, got a directory"):
@@ -232,9 +232,10 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     (tmp_path / "latin.txt").write_bytes(b"\xe9 0 0\n")
     with pytest.raises(ValueError, match="expected UTF-8 text; byte 0 is not"):
         load_graph(tmp_path / "latin.txt")
-    monkeypatch.setattr("jaxcell.patrol.files.graph_files._MAX_BYTES", 10)
-    with pytest.raises(ValueError, match="expected a graph of at most 10"):
-        load_text(tmp_path, "a 0 0\nb 1 1\na b\n", ".txt")
+    with open(tmp_path / "large.txt", "wb") as file:
+        file.truncate(2**26 + 1)
+    with pytest.raises(ValueError, match="expected a graph of at most 67,108,864"):
+        load_graph(tmp_path / "large.txt")
 
 
 def test_graphs_that_could_not_be_read_are_not_written(tmp_path):

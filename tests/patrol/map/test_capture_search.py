@@ -72,7 +72,7 @@ def lab():
 
 
 def simulate(policy, starts, view, steps, random):
-    """Whether a robot comes into view in time, from each start."""
+    """A mask of the starts from which a robot comes into view in time."""
     here, seen = starts.copy(), view[starts].copy()
     up_to = np.cumsum(np.asarray(policy.chain.probability), axis=0)
     image = np.asarray(policy.chain.image)

@@ -55,7 +55,7 @@ def test_two_robots_against_a_run_of_them(times):
     assert found.mean_since_passed == pytest.approx(2 * aged[:, 4].mean(), rel=0.04)
     for age in (0, 2, 5, 9):
         law = (aged <= age).mean(axis=0)
-        np.testing.assert_allclose(found.told[age], law[:4], atol=0.015)
+        np.testing.assert_allclose(found.known[age], law[:4], atol=0.015)
         assert found.passed[age] == pytest.approx(law[4], abs=0.015)
     assert found.checks()["news_newer_than_the_robot"][0] <= 1e-12
     late = np.quantile(2 * aged[:, :4], 0.95, axis=0)

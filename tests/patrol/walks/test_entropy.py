@@ -112,8 +112,8 @@ def test_gradient_of_the_return_time_entropy_against_differences():
 
 
 def test_independent_draws_have_the_most_return_time_entropy():
-    # Of laws with the mean 1 / pi_i, the geometric one has most entropy, and a patroller that draws
-    # each vertex anew from pi has it at all of them.
+    # Of laws with the mean 1 / pi_i, the geometric law has most entropy, and a patroller that draws
+    # each vertex independently from pi has it at all of them.
     graph = Graph(np.array(nx.complete_graph(3).edges))
     share = np.array([0.25, 0.35, 0.4])
     found = maximum_return_time_entropy(graph, share, stay=True, horizon=80, starts=2)

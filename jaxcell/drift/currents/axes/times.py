@@ -40,7 +40,7 @@ class RecordTimes:
     """In another calendar than the common one: the beginning of the year of the first record, from
     which the days of the records are counted."""
     dated: bool = True
-    "Whether they have a date; otherwise they are counted from 1970-01-01."
+    "True if they have a date; otherwise they are counted from 1970-01-01."
     note: str = ""
     "Peculiarities, in words; may be empty."
 
