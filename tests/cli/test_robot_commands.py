@@ -56,7 +56,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
         simulated(filter_file, start="70", heading=135.0, out=out).run()
     assert (out / "run.rrd").read_bytes() == recorded
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is the log of another filter"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
         RobotReplay(log=out / "run.jsonl").run()
 
 

@@ -85,7 +85,7 @@ def goes_on(log, file, whole, capsys, tmp_path):
 
 
 @pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
-@pytest.mark.parametrize("file", ["filter_file"], indirect=True)
+@pytest.mark.parametrize("file", [save_filter], indirect=True, ids=["filter"])
 def test_a_run_whose_program_was_ended_can_be_resumed(file, whole, tmp_path, capsys, kill):
     out = tmp_path / "out"
     log = out / "run.jsonl"

@@ -74,7 +74,7 @@ def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
     assert header["patrol"]["start"] == int(LAB.index(3.5, 0.5))
     assert header["patrol"]["facing"] == 1
     patrol_file.write_text(patrol_file.read_text() + " ")
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is the log of another patrol"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another patrol"):
         RobotReplay(log=out / "run.jsonl").run()
 
 
