@@ -18,6 +18,7 @@ class CoveragePolicy(Result):
     """How a robot should divide its time among bouncing angles to cover a room as wanted."""
 
     title: ClassVar[str] = "Coverage by a mixture of bouncing policies"
+    picture: ClassVar[str] = "mixture"
     tables: ClassVar[Mapping[str, str]] = {"bounce": "policies"}
 
     cells: CellSpace

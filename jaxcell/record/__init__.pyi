@@ -3,7 +3,8 @@ from .data.described import dataset as dataset
 from .data.files import save_dataset as save_dataset
 from .data.summary import summary as summary
 from .drift.files import save_deployment as save_deployment
-from .recordings import save_recording as save_recording
+from .figures.plot import plot as plot
+from .recordings import save_recording as save_recording, show as show
 from .robot.recording import RobotRecording as RobotRecording
 from .robot.track import RecordedRobot as RecordedRobot
 from .sweep.overview import log_sweep as log_sweep
