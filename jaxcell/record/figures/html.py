@@ -83,7 +83,7 @@ def _image(result: Result) -> str:
         return ""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=_INCHES, layout="constrained")
+    figure = Figure(figsize=_INCHES, layout="compressed")
     plot(result, name, ax=figure.add_subplot())
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110, facecolor="white")

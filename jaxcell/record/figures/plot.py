@@ -73,7 +73,7 @@ def plot(
         array = array.take(entry, dims.index(dim))
         dims.remove(dim)
     if ax is None:
-        ax = pyplot.figure(layout="constrained").add_subplot()
+        ax = pyplot.figure(layout="compressed").add_subplot()
     drawn = Drawn(about, tuple(dims), array)
     if base and tuple(dims) == base.dims:
         base.draw(ax, drawn, options)
