@@ -1,4 +1,4 @@
-"""What the site has besides its pages: references of packages, pictures, and formulas as MathML."""
+"""Add to the pages of the site: references of packages, pictures, and formulas as MathML."""
 
 import re
 from html import escape, unescape
@@ -18,38 +18,23 @@ MODULES = (
     "dynamics/systems.py",
     "examples.py",
     "markov/dense.py",
+    *(f"patrol/{part}" for part in ("files", "law", "map", "perimeter", "team", "walks")),
     "robot/physics",
     "robot/ros",
 )
-# By the theme's names of colours for light and dark pages.
+# Styles of Pygments, by the colour mode of the page.
 STYLES = {"light": "default", "dark": "github-dark"}
 IMAGE = re.compile(r'<img [^>]*src="([^"]+)"[^>]*>')
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([([])(.*?)\\[)\]]</\1>', re.DOTALL)
 
-# Of a page of the reference: the text on its package, the blocks in it, and code in its sentences.
+# Parts of a page of the reference: the text on its package, blocks of code, code in sentences.
 ABOUT = re.compile(
     r'(?<=<div class="doc doc-contents first">).*?(?=<div class="doc doc-children">)', re.DOTALL
 )
 BLOCK = re.compile(r'<div class="highlight"><pre><span></span><code>([^<]*)</code></pre></div>')
 CODE = re.compile(r"(?<!\">)<code>([^<]*)</code>")
-NAMES = (
-    *("alpha", "beta", "delta", "epsilon", "gamma", "lambda", "mu", "phi", "pi", "rho", "sigma"),
-    *(
-        "theta",
-        "exp",
-        "inf",
-        "lim",
-        "log",
-        "max",
-        "min",
-        "prod",
-        "sqrt",
-        "sum",
-        "diag",
-        "det",
-        "in",
-    ),
-)
+GREEK = "alpha beta delta epsilon gamma lambda mu phi pi rho sigma theta"
+NAMES = set(re.findall("[a-z]+", GREEK + " exp inf lim log max min prod sqrt sum diag det in"))
 UPRIGHT = {"diag": r"\mathrm{diag}", "in": r"\in ", "inf": r"\infty "}
 SIGNS = {
     ">=": r"\ge ",
@@ -64,6 +49,7 @@ TOKEN = re.compile(
     r"|, |>=|<=|->|\.\.\.|[*{}%&#]"
 )
 WORD = re.compile(r"[(]?[A-Za-z][a-z'-]+[),.;:]*$")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -87,7 +73,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def is_formula(code: str) -> bool:
-    """Return whether code in a sentence is mathematics: its names are letters, or known ones."""
+    """Return whether code in a sentence is mathematics: its names are letters or in `NAMES`."""
     names = re.findall(r"[A-Za-z]+(?=_|\b)", re.sub(r"_(?:\{[^{}]*\}|[A-Za-z0-9]+)", "", code))
     known = all(len(name) == 1 or name in NAMES for name in names)
     return bool(names) and known and not re.search(r"[\"'`\[\]@:]|--|\w\.\w", code)
@@ -96,14 +82,14 @@ def is_formula(code: str) -> bool:
 def to_latex(formula: str) -> str:
     """Write a formula of a docstring, such as `p_ij >= 0`, in LaTeX."""
 
-    def token(found: re.Match[str]) -> str:
-        power, short, name, braced, index = found.groups()
+    def token(match: re.Match[str]) -> str:
+        power, short, name, braced, index = match.groups()
         power = short if power is None else power
         index = index if braced is None else to_latex(braced)
         if power is not None:
             return f"^{{{to_latex(power)}}}"
         if name is None:
-            return SIGNS.get(found[0], f"\\{found[0]}")
+            return SIGNS.get(match[0], f"\\{match[0]}")
         shown = UPRIGHT.get(name) or (f"\\{name} " if name in NAMES else name)
         shown = f"\\mathrm{{{name}}}" if shown == name and len(name) > 1 else shown
         return shown if index is None else f"{shown}_{{{index}}}"
@@ -119,40 +105,45 @@ def mathematics(text: str) -> str:
         bare = word.strip("(),.;:")
         prose = (bool(WORD.match(word)) and bare not in NAMES) or word[0] == "`"
         prose = prose or (bare in ("a", "in") and bool(WORD.match(after)))
+        # "stays in E" is a sentence, "x in E" a formula.
+        prose = prose or (bare == "in" and bool(parts) and parts[-1][0])
         if parts and parts[-1][0] == prose:
             parts[-1][1].append(word)
         else:
             parts.append((prose, [word]))
-    shown = [(prose, " ".join(some)) for prose, some in parts]
-    html = (escape(one) if prose else convert(to_latex(one)) for prose, one in shown)
+    texts = [(prose, " ".join(run)) for prose, run in parts]
+    html = (escape(text) if prose else convert(to_latex(text)) for prose, text in texts)
     return re.sub(r"`(.*?)`", r"<code>\1</code>", " ".join(html))
 
 
-def formulas(found: re.Match[str]) -> str:
-    """Write a block of formulas as a table, whose columns are apart by several spaces."""
-    if ">>>" in unescape(found[1]):
-        return found[0]
-    lines = [re.split(r" {2,}", line.strip()) for line in unescape(found[1]).splitlines()]
+def formulas(match: re.Match[str]) -> str:
+    """Write a block of formulas as a table; several spaces separate its columns."""
+    if ">>>" in unescape(match[1]):
+        return match[0]
+    lines = [re.split(r" {2,}", line.strip()) for line in unescape(match[1]).splitlines()]
     rows = "".join(
-        "<tr>" + "".join(f"<td>{mathematics(one)}</td>" for one in line) + "</tr>" for line in lines
+        "<tr>" + "".join(f"<td>{mathematics(cell)}</td>" for cell in line) + "</tr>"
+        for line in lines
     )
     return f'<table class="formulas">{rows}</table>'
 
 
-def inline(found: re.Match[str]) -> str:
+def inline(match: re.Match[str]) -> str:
     """Write code in a sentence as MathML if it is a formula."""
-    code = unescape(found[1])
-    return convert(to_latex(code)) if is_formula(code) else found[0]
+    code = unescape(match[1])
+    return convert(to_latex(code)) if is_formula(code) else match[0]
 
 
 def on_page_content(html: str, **_: object) -> str:
     """Write formulas as MathML, which browsers show without a script or a network.
 
-    Pictures are links to themselves: their labels are read in full size only.
+    Pictures are links to themselves: their labels are read in full size only. An option is never
+    broken at its hyphens.
     """
-    html = ABOUT.sub(lambda found: CODE.sub(inline, BLOCK.sub(formulas, found[0])), html, count=1)
+    html = ABOUT.sub(lambda match: CODE.sub(inline, BLOCK.sub(formulas, match[0])), html, count=1)
+    html = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), html)
     html = IMAGE.sub(r'<a href="\1">\g<0></a>', html)
     return FORMULA.sub(
-        lambda found: convert(unescape(found[3]), display="inline" if found[2] == "(" else "block"),
+        lambda match: convert(unescape(match[3]), display="inline" if match[2] == "(" else "block"),
         html,
     )

@@ -33,7 +33,7 @@ from straight_runs import Rays, anywhere
 
 from jaxcell.bounce import bounce_map, localization_filter
 from jaxcell.bounce.localization.off_centre import filter_shares
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import CELL_BY_CELL, CellSpace, Workspace
 from jaxcell.walls import Errors, WallFilter, WallSet, contains
 
 
@@ -129,7 +129,7 @@ class Robots:
 
 def cell_filter(cells: CellSpace, bounce: float, runs: int, bumps: int) -> dict[str, float]:
     """The shares of robots that a filter of cells does not hold."""
-    motion = {"step": None, "collision": "swept"}
+    motion = CELL_BY_CELL
     shift = round(bounce * cells.directions / math.tau)
     filter = localization_filter(bounce_map(cells, bounce)).with_trap()
     robots = Robots(room_of(cells), runs, cells.directions, Errors(), np.random.default_rng(2))

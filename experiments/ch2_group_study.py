@@ -25,6 +25,7 @@ from rich.table import Table
 
 import jaxcell
 from jaxcell import bounce
+from jaxcell.space import ENDPOINT
 from jaxcell.space.maps.random_rooms import DIRECTIONS, ENVIRONMENTS, place
 
 
@@ -38,7 +39,7 @@ BATCH = 10
 
 def groups_and_transients(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Number of periodic groups, and length of the longest transient trajectory, of each room."""
-    found = bounce.grid_groups(free, math.radians(BOUNCE_DEG), DIRECTIONS, collision="endpoint")
+    found = bounce.grid_groups(free, math.radians(BOUNCE_DEG), DIRECTIONS, motion=ENDPOINT)
     return found.count, found.longest_transient
 
 

@@ -26,7 +26,7 @@ from rich.table import Table
 from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import bounce_groups, bounce_map, localization_filter
 from jaxcell.mapping import PeriodicGroups
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Workspace
 
 
 MAPS = Path(__file__).parent.parent / "data" / "maps"
@@ -82,8 +82,8 @@ def compute(name: str, source: Row) -> Case:
         raise ValueError(f"{name}.json: expected the side of a cell and a number of directions")
     cells = CellSpace.of(workspace, workspace.cell, workspace.directions)
     bounce = math.radians(source.bounce_deg)
-    simple_map = bounce_map(cells, bounce, collision="endpoint")
-    groups = bounce_groups(cells, bounce, collision="endpoint")
+    simple_map = bounce_map(cells, bounce, motion=ENDPOINT)
+    groups = bounce_groups(cells, bounce, motion=ENDPOINT)
     began = time.perf_counter()
     filter = localization_filter(simple_map)
     uncertainties = sorted(cycle.uncertainty for cycle in filter.cycles)

@@ -58,7 +58,7 @@ def problem(name: str, bounce_deg: float) -> tuple[CellSpace, Filter]:
     assert workspace.cell is not None
     assert workspace.directions is not None
     cells = CellSpace.of(workspace, workspace.cell, workspace.directions)
-    target = free_steps(cells, cells.cell, "swept")
+    target = free_steps(cells)
     direction = np.arange(cells.directions)[:, None]
     turned = (direction + round(bounce_deg * cells.directions / 360)) % cells.directions
     bumped = target == np.arange(cells.positions)

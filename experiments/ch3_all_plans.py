@@ -33,7 +33,7 @@ from rich.table import Table
 import jaxcell
 from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import AllPlans, Plan, all_plans, plan, replay
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import CellSpace, Motion, Workspace
 
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def study() -> tuple["xr.Dataset", dict[str, AllPlans]]:
     seconds = np.zeros(len(spaces))
     kept = {}
     for i, (name, cells) in enumerate(spaces.items()):
-        options = {**WEIGHTS, "collision": COLLISION}
+        options = {**WEIGHTS, "motion": Motion(collision=COLLISION)}
         all_plans(cells, bounces, **options)  # compiles
         began = time.perf_counter()
         exact = all_plans(cells, bounces, **options)
@@ -247,7 +247,7 @@ def search() -> None:
             tried += 1
             shown.update(f"searching: {tried} maps, {both} with both plans ...")
             cells = of_grid(free)
-            options = {**WEIGHTS, "collision": COLLISION}
+            options = {**WEIGHTS, "motion": Motion(collision=COLLISION)}
             answers = [plan(cells, bounces, q.start, q.goal, **options) for q in QUERIES]
             if any(turns(a) != q.turns for a, q in zip(answers, QUERIES, strict=True)):
                 continue
@@ -308,7 +308,10 @@ def _draw_map(axes, cells: CellSpace) -> None:
 
 def _draw_plan(axes, cells: CellSpace, found: Plan) -> None:
     _draw_map(axes, cells)
-    assert (replay(cells, found.start, found.actions, collision=COLLISION) == found.visited).all()
+    assert (
+        replay(cells, found.start, found.actions, motion=Motion(collision=COLLISION))
+        == found.visited
+    ).all()
     x, y, _ = cells.centre(found.visited)
     corners = np.flatnonzero(np.append(found.actions != 0, True))
     for a, b in zip(np.append(0, corners[:-1]), corners, strict=True):
@@ -334,7 +337,7 @@ def main() -> int:
     report(data, plans["lab"])
     data.to_netcdf(options.out / "all_plans.nc")
     for name, one in plans.items():
-        one.save(options.out / f"plans_{name}.nc")
+        one.save(options.out / f"plans_{name}.zarr")
     draw(data, plans["lab"], options.out / "all_plans.png")
     print(f"Data and figure in {options.out}")
     return 0

@@ -40,7 +40,7 @@ from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import coverage_policy, noisy_bounce_map
 from jaxcell.bounce.dynamics import Collision
 from jaxcell.mapping.generalized import Chain
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import CellSpace, Motion, Workspace
 
 
 if TYPE_CHECKING:
@@ -63,7 +63,9 @@ CHUNK = 1 << 14
 def chains(cells: CellSpace, collision: Collision) -> list[Chain]:
     error = math.radians(ERROR_DEG)
     return [
-        noisy_bounce_map(cells, math.radians(angle), error, RELIABILITY, collision=collision)
+        noisy_bounce_map(
+            cells, math.radians(angle), error, RELIABILITY, motion=Motion(collision=collision)
+        )
         for angle in BOUNCES_DEG
     ]
 
@@ -185,7 +187,11 @@ def study(steps: int, robots: int, seed: int) -> tuple["xr.Dataset", float]:
         for _ in range(2):
             began = time.perf_counter()
             policies[collision] = coverage_policy(
-                cells, angles, math.radians(ERROR_DEG), RELIABILITY, collision=collision
+                cells,
+                angles,
+                math.radians(ERROR_DEG),
+                RELIABILITY,
+                motion=Motion(collision=collision),
             )
             seconds = min(seconds, time.perf_counter() - began)
     swept = policies["swept"]

@@ -38,16 +38,14 @@ from jaxcell.base.runtime import configure_jax
 from jaxcell.mapping import Chain
 from jaxcell.markov import Distinct, mean_first_arrival, simulate_arrival
 from jaxcell.optimize import minimum_commute
-from jaxcell.patrol import (
-    Graph,
+from jaxcell.patrol import Graph, load_graph, random_walk
+from jaxcell.patrol.perimeter import (
     Movement,
     Perimeter,
     detection_polynomials,
     hitting_law,
-    load_graph,
     maximin,
     mean_hitting_times,
-    random_walk,
     simulate,
 )
 

@@ -29,14 +29,8 @@ from rich.table import Table
 
 from jaxcell.base.runtime import configure_jax
 from jaxcell.optimize import payoffs, stackelberg
-from jaxcell.patrol import (
-    Graph,
-    StrategyGame,
-    load_graph,
-    measure,
-    strategy_game,
-    toward,
-)
+from jaxcell.patrol import Graph, load_graph, strategy_game, toward
+from jaxcell.patrol.walks import StrategyGame, measure
 
 
 GRAPH = Path(__file__).parents[1] / "data" / "graphs" / "eight.json"

@@ -55,7 +55,7 @@ from visibility_tables import (
 
 from jaxcell.base.runtime import configure_jax
 from jaxcell.optimize import Commitment
-from jaxcell.patrol import Reassignment, Vulnerability
+from jaxcell.patrol.map import Reassignment, Vulnerability
 from jaxcell.space import visible_cells
 
 

@@ -11,6 +11,7 @@ from drifters_sea import Layer, Ocean, double_gyre
 from jaxcell.drift import (
     Comparison,
     Drifters,
+    DriftStep,
     Flow,
     Sea,
     Voyage,
@@ -59,9 +60,11 @@ def replays(ocean: Ocean, record: int, seed: int) -> tuple[Rows, list[Check]]:
     surface = ocean.layer(record)
     water, still, step = surface.water, surface.flow, surface.duration
     steps = int(np.ceil((HOURS[-1] + 1) * 3600 / step))
-    points = drift_map(water, still, step, spread="sampled", edge="exit")
+    points = drift_map(water, still, DriftStep(step, spread="sampled", edge="exit"))
     finer = drift_map(
-        water, still, step, spread="sampled", edge="exit", samples=15, method="rk4", steps=4
+        water,
+        still,
+        DriftStep(step, spread="sampled", edge="exit", samples=15, method="rk4", substeps=4),
     )
     cases = (
         ("as in the source", surface.chain, still, ocean.rho),
@@ -116,7 +119,7 @@ class Ridges:
 def ridge_rows(ocean: Ocean, record: int) -> tuple[Rows, list[Ridges]]:
     points = ocean.layer(record, spread="sampled", edge="exit")
     water, flow = double_gyre()
-    gyre = Layer.of(water, flow, None, spread="sampled", edge="exit", method="rk4", steps=4)
+    gyre = Layer.of(water, flow, None, spread="sampled", edge="exit", method="rk4", substeps=4)
     found, rows = [], []
     for name, layer in (("this sea", points), ("double gyre", gyre)):
         # How far water comes apart on its way to the groups.

@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from jaxcell.drift import (
+    DriftStep,
     Flow,
     VisibleDeployment,
     Water,
@@ -175,7 +176,7 @@ def flow(layer: Layer, path: Path) -> None:
         axes.set_xlabel("km", fontsize=8)
     draw_arrows(left, water, layer.flow)
     left.set_title("a) current (Figure 5.6(a))")
-    shift = np.asarray(flow_map(water, layer.flow, layer.duration))
+    shift = np.asarray(flow_map(water, layer.flow, DriftStep(layer.duration)))
     dx, dy = side(water)
     x, y = xy(water, slice(None))
     middle.plot([x, x + shift[0] * dx], [y, y + shift[1] * dy], color=ARROW, lw=0.8)

@@ -12,6 +12,7 @@ import xarray as xr
 from jaxcell.base.certificate import Outcome
 from jaxcell.drift import (
     Diagnosis,
+    DriftStep,
     Flow,
     LongTermBehaviour,
     Sea,
@@ -46,8 +47,16 @@ class Layer:
     @classmethod
     def of(cls, water: Water, flow: Flow, duration: float | None, **options) -> "Layer":
         length = crossing_time(water, flow) if duration is None else duration
-        behaviour = long_term_behaviour(drift_map(water, flow, length, **options), length)
-        return cls(water, flow, length, behaviour, diagnose(water, flow, behaviour.groups, length))
+        behaviour = long_term_behaviour(
+            drift_map(water, flow, DriftStep(length, **options)), length
+        )
+        return cls(
+            water,
+            flow,
+            length,
+            behaviour,
+            diagnose(water, flow, behaviour.groups, DriftStep(length)),
+        )
 
     @property
     def chain(self) -> Chain:
@@ -142,7 +151,7 @@ class Ocean:
         own = [crossing_time(water, flow) for water, flow in zip(waters, flows, strict=True)]
         step = float(np.mean(own)) if self.step is None else self.step
         chains = [
-            drift_map(water, flow, step, **(self.mapping | options))
+            drift_map(water, flow, DriftStep(step, **(self.mapping | options)))
             for water, flow in zip(waters, flows, strict=True)
         ]
         return Sea.of(waters, chains), step

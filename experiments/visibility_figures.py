@@ -12,7 +12,8 @@ from edge_weights import draw_weights
 from matplotlib.collections import PolyCollection
 from visibility_site import REACH, Site
 
-from jaxcell.patrol import Graph, Policy, Reassignment, Regions, Vulnerability
+from jaxcell.patrol import Graph
+from jaxcell.patrol.map import Policy, Reassignment, Regions, Vulnerability
 from jaxcell.space import visibility_polygon
 
 

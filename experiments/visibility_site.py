@@ -10,18 +10,14 @@ import scipy.sparse
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute, minimum_cover
 from jaxcell.patrol import (
-    Policy,
-    Regions,
-    angular_regions,
-    base_station,
     capture_probabilities,
     cell_graph,
-    centralized_policies,
     distributed_policies,
-    edge_shares,
     random_walk,
     toward,
 )
+from jaxcell.patrol.map import Policy, Regions, angular_regions, base_station, centralized_policies
+from jaxcell.patrol.walks import edge_shares
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 

@@ -16,14 +16,8 @@ from jaxcell.optimize import (
     minimum_cover,
     stackelberg,
 )
-from jaxcell.patrol import (
-    Policy,
-    Reassignment,
-    Vulnerability,
-    distributed_policies,
-    reassign,
-    vulnerability,
-)
+from jaxcell.patrol import distributed_policies, vulnerability
+from jaxcell.patrol.map import Policy, Reassignment, Vulnerability, reassign
 
 
 REPEATS = 10

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .drift import Flow, Sea, Water
     from .dynamics import Basins
     from .mapping import Chain
+    from .markov import DecisionModel
     from .patrol import Graph
     from .robot import Walker
     from .space import CellSpace
@@ -72,6 +73,14 @@ def ruin() -> "Chain":
 def stream() -> "Chain":
     """Four cells of water: the first flows into the second, which flows into the others."""
     return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def line_model() -> "DecisionModel":
+    """A robot on three cells in a row that goes right or left, and gains 1 at the right end."""
+    from .markov import DecisionModel
+
+    right, left = [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [1, 0, 0], [0, 1, 0]]
+    return DecisionModel.of([_chain(right), _chain(left)], [[0, 0, 1], [0, 0, 1]])
 
 
 def _chain(matrix: Any) -> "Chain":

@@ -58,8 +58,10 @@ def commands_of_tests():
 @pytest.fixture(scope="module")
 def few_drifters():
     """Maps are compared with 4 drifters from each cell, in place of 36."""
+    from jaxcell.drift.validation import distance
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.drift.truth.distance._POINTS", 2)
+        patch.setattr(distance, "SAMPLING", distance.Sampling(most=2))
         yield
 
 

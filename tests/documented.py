@@ -1,6 +1,6 @@
-"""Documented commands that cannot run in a test as they are written, and the form in which they do.
+"""Substitutes for documented commands that cannot run in a test as written.
 
-There is no other way out: a line of a page that is in neither list is run as it is.
+A test runs every other line of a page as written.
 """
 
 import os
@@ -28,7 +28,7 @@ LAB, START = map_cells("lab_a.json"), (0.5, 3.5, 0.0)
 
 
 def in_a_browser(line):
-    """A page for a browser in place of a window, read once and then closed."""
+    """Serve a page for a browser in place of a window; read it once, and close it."""
     words = shlex.split(line)
     words += ["--web"] * ("view" in words and "--web" not in words)
     words += ["--speedup", "1000"] * ("--simulate" in words)
@@ -50,17 +50,17 @@ def in_a_browser(line):
 
 
 def awaited(process, wanted):
-    """The place in what a process says on standard error where it says what is wanted."""
-    told = []
+    """The first match of a pattern in the lines of a process on standard error."""
+    lines = []
     for line in process.stderr:
-        told.append(line)
-        if found := re.search(wanted, line):
-            return found
-    raise AssertionError(f"{process.args} ended without {wanted}:\n{''.join(told)}")
+        lines.append(line)
+        if match := re.search(wanted, line):
+            return match
+    raise AssertionError(f"{process.args} ended without {wanted}:\n{''.join(lines)}")
 
 
 def on_an_emulated_line(line):
-    """An emulated robot on a pseudo-terminal; who is asked answers what it did."""
+    """Drive an emulated robot on a pseudo-terminal; the answers to questions are 1 m and 360."""
     body = body_in(LAB, int(LAB.index(*START)))
     with (
         Emulator(body, line=Line(speedup=20.0)) as robot,
@@ -70,7 +70,7 @@ def on_an_emulated_line(line):
 
 
 def on_a_cluster_of_this_machine(line):
-    """A scheduler in this process."""
+    """Use a scheduler in this process."""
     options = {"processes": False, "protocol": "tcp://", "dashboard_address": ":0"}
     with LocalCluster(n_workers=1, threads_per_worker=1, **options) as cluster:
         address = cluster.scheduler_address.replace("tcp://", "dask://")
@@ -78,23 +78,23 @@ def on_a_cluster_of_this_machine(line):
 
 
 def with_known_extras(line):
-    """The requirement is read, and its extras are those of the project, without an installation."""
+    """Check the requirement and its extras against the project, without an installation."""
     (wanted,) = shlex.split(line.removeprefix("pip install "))
-    found = Requirement(re.sub(r"^\.", "jaxcell", wanted))
+    requirement = Requirement(re.sub(r"^\.", "jaxcell", wanted))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert found.name == project["name"]
-    assert found.extras <= set(project["optional-dependencies"])
+    assert requirement.name == project["name"]
+    assert requirement.extras <= set(project["optional-dependencies"])
 
 
 def of_a_recipe(line):
-    """A target of the Makefile, which runs the tests, or what a test has of its own."""
+    """Check that CI or a test runs the recipe of a target of the Makefile."""
     target = line.removeprefix("make ")
     recipes = {"demo": ("tests/cli/test_demo.py", 'main(["demo"'), "test": (".ci/run", "make test")}
     place, text = recipes[target]
     assert text in (ROOT / place).read_text()
 
 
-# What a line contains, and how it runs instead.
+# Substitutes, by a part of the line.
 SUBSTITUTES = {
     "jaxcell view ": in_a_browser,
     "--live here": in_a_browser,
@@ -106,5 +106,5 @@ SUBSTITUTES = {
 
 
 def substitute(line):
-    """The form in which a line runs; `None` for a line that runs as it is."""
+    """The substitute for a line, or `None` if the line runs as written."""
     return next((run for text, run in SUBSTITUTES.items() if text in line), None)

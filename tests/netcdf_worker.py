@@ -78,7 +78,6 @@ def _main():
     import netCDF4  # noqa: F401
     import numpy as np
 
-    from jaxcell.bounce.plans.files import read_roadmap
     from jaxcell.cli.info import describe
     from jaxcell.drift import open_currents
     from jaxcell.space import CellSpace
@@ -88,7 +87,6 @@ def _main():
     readers = {
         "currents": open_currents,
         "info": describe,
-        "plans": read_roadmap,
         "target": lambda path: read_target(cells, f"{path}:worth"),
     }
     # Of what the libraries import.

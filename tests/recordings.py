@@ -7,7 +7,7 @@ from rerun.chunk import RrdReader
 
 
 class Recording:
-    """What is in a recording, read back from its file."""
+    """The content of a recording, read back from its file."""
 
     def __init__(self, path):
         reader = RrdReader(path)
@@ -47,6 +47,21 @@ class Recording:
         assert [one["class_id"] for one in context] == list(range(len(context)))
         return [one["class_description"]["info"]["label"] for one in context]
 
+    def text(self, entity="/text"):
+        """The whole text of a tab, with its sections."""
+        return self.static(entity, "TextDocument:text")[0]
+
+    def poses(self, entity):
+        """The origins and the unit headings of arrows by step, side by side."""
+        origins = self.over("step", entity, "Arrows2D:origins")
+        vectors = self.over("step", entity, "Arrows2D:vectors")
+        poses = {}
+        for time, origin in origins.items():
+            vector = np.array(vectors[time]).reshape(-1, 2)
+            vector /= np.linalg.norm(vector, axis=1, keepdims=True)
+            poses[time] = np.concatenate([np.array(origin).reshape(-1, 2), vector], axis=1)
+        return poses
+
     def _columns(self, entity, column, timeline):
         for chunk in self.chunks:
             batch = chunk.to_record_batch()
@@ -61,3 +76,8 @@ class Recording:
 def _picture(buffer, layout):
     (layout,) = layout
     return np.array(buffer[0], np.uint8).reshape(layout["height"], layout["width"])
+
+
+def packed(color):
+    """A colour as Rerun stores it."""
+    return int.from_bytes(bytes(color if len(color) == 4 else (*color, 255)))

@@ -1,4 +1,4 @@
-"""Kills sweeps, goes on with them, and compares what is in the stores. Run by tests.
+"""Kills and resumes sweeps, and compares their results. Run by tests.
 
 It imports once what a sweep needs and forks a process for each run, so that many fit in seconds.
 """
@@ -19,14 +19,14 @@ from typing import Any
 
 from waiting import wait_until
 
-import jaxcell.sweep.boxes
-import jaxcell.sweep.pending
-import jaxcell.sweep.storage.store
+import jaxcell.sweep.storage.digests
 from jaxcell.sweep import Spec, run_sweep
+from jaxcell.sweep.storage.journal import Journal, Kind
+from jaxcell.sweep.storage.store import DONE, SweepStore
 
 
 # The source may change while tests run.
-jaxcell.sweep.storage.store.git_revision = lambda: "a revision"
+jaxcell.sweep.storage.digests.git_revision = lambda: "a revision"
 
 _EVENTS = ("open", "os.rename", "os.mkdir", "os.remove", "os.truncate")
 
@@ -39,6 +39,26 @@ def tree(folder: Path) -> dict[str, str]:
         for path in root.rglob("*")
         if path.is_file()
     }
+
+
+def flip(path, place):
+    """Flips a bit of a file."""
+    content = bytearray(path.read_bytes())
+    content[place // 8] ^= 1 << place % 8
+    path.write_bytes(content)
+
+
+def records(out):
+    """The records of a journal, by kind and number."""
+    journal = Journal(out / "sweep.journal")
+    found = {(record.kind, record.number): record for record in journal.records()}
+    journal.close()
+    return found
+
+
+def damage_chunk(out, number):
+    """Flips a bit of the content of a chunk."""
+    flip(out / "sweep.journal", records(out)[Kind.CHUNK, number].start * 8 + 77)
 
 
 def forked(spec: Spec, folder: Path, engine: str, events: int | None = None) -> int:
@@ -59,17 +79,26 @@ def forked(spec: Spec, folder: Path, engine: str, events: int | None = None) -> 
 def _kill_after(events: int, folder: Path) -> None:
     left = [events]
     lock = threading.Lock()
-    start = str(folder)
+    start, write = str(folder), os.write
 
-    def hook(event, arguments):
-        if event not in _EVENTS or not str(arguments[0]).startswith(start):
-            return
+    def is_last():
         with lock:
             left[0] -= 1
-            if left[0] < 0:
-                os.kill(os.getpid(), signal.SIGKILL)
+            return left[0] < 0
+
+    def hook(event, arguments):
+        if event in _EVENTS and str(arguments[0]).startswith(start) and is_last():
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def write_or_die(descriptor, content):
+        if is_last():
+            # Half a record is on the disk.
+            write(descriptor, content[: len(content) // 2])
+            os.kill(os.getpid(), signal.SIGKILL)
+        return write(descriptor, content)
 
     sys.addaudithook(hook)
+    os.write = write_or_die
 
 
 def ended(process: int) -> int:
@@ -80,12 +109,15 @@ def ended(process: int) -> int:
 
 
 def chunks_done(folder: Path) -> int:
-    """The number of chunks done, by the files of `status`: this process must not start threads."""
-    return sum(path.is_file() for path in (folder / "sweep.zarr" / "status" / "c").rglob("*"))
+    """The number of chunks done, in a process that must not start threads."""
+    if not (folder / "sweep.journal").exists():
+        return 0
+    with SweepStore(folder) as store:
+        return int((store.states == DONE).sum())
 
 
 def await_chunks(folder: Path, count: int) -> None:
-    """Waits until so many chunks are done."""
+    """Waits until at least `count` chunks are done."""
     wait_until(lambda: chunks_done(folder) >= count)
 
 
@@ -95,16 +127,11 @@ def kill(
     kills: int,
     engine: str = "local",
     begun: str | None = None,
-    file_bytes: int = 1,
-    seconds: float = 0.0,
 ) -> dict[str, int]:
-    """Kills a sweep so often, and gives how often, and in how many rounds it was done.
+    """Kills runs of a sweep, and counts the kills and the rounds in which it was done.
 
-    `begun` is a smaller sweep to grow. Files hold `file_bytes`, and chunks wait for `seconds` to be
-    written, which is more than the sweep takes or nothing.
+    `begun` is a smaller sweep to grow.
     """
-    jaxcell.sweep.boxes._FILE_BYTES = file_bytes
-    jaxcell.sweep.pending._SECONDS = jaxcell.sweep.pending._TIMES = seconds
     spec, rng = Spec.load(file), random.Random(1)
     base = Path(base)
     base.mkdir(exist_ok=True)
@@ -114,8 +141,7 @@ def kill(
     lasts = time.monotonic() - began
     expected = tree(whole)
     done, rounds, partial = 0, 0, 0
-    # Nothing is done in part where chunks wait to be written.
-    while done < kills or not (partial or seconds):
+    while done < kills or not partial:
         if begun and not folder.exists():
             shutil.copytree(begun, folder)
         # Half of the kills at a moment, half at an operation on a file.
@@ -127,7 +153,7 @@ def kill(
             if engine == "local":
                 time.sleep(rng.uniform(0, lasts))
             else:
-                # Its workers take long to start, and nobody knows how long.
+                # Its workers take a long and unknown time to start.
                 await_chunks(folder, rng.randrange(spec.chunk_count))
                 time.sleep(rng.uniform(0, 0.05))
             os.kill(process, signal.SIGKILL)
@@ -135,12 +161,12 @@ def kill(
         done += killed == signal.SIGKILL
         partial += 0 < chunks_done(folder) < spec.chunk_count
         if not killed:
-            assert tree(folder) == expected, "another result"
+            assert tree(folder) == expected, "a different result"
             rounds += 1
             shutil.rmtree(folder)
     # Whatever engine a sweep was begun on, another goes on with it.
     assert ended(forked(spec, folder, "local")) == 0
-    assert tree(folder) == expected, "another result"
+    assert tree(folder) == expected, "a different result"
     return {"kills": done, "rounds": rounds + 1, "partial": partial}
 
 

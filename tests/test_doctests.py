@@ -1,4 +1,4 @@
-"""Every example in a docstring of jaxcell gives what it says."""
+"""Run every example in a docstring of jaxcell."""
 
 import doctest
 import importlib
@@ -18,7 +18,7 @@ FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 def modules_with_examples() -> list[str]:
-    """The modules with a prompt in them, found without importing any."""
+    """The modules with an example, without importing them."""
     names = []
     for path in sorted(ROOT.rglob("*.py")):
         if ">>> " in path.read_text(encoding="utf-8"):
@@ -28,10 +28,10 @@ def modules_with_examples() -> list[str]:
 
 
 def examples(module: ModuleType) -> Iterator[doctest.DocTest]:
-    """The examples of a module's docstring, and of the functions and classes it defines.
+    """The examples of the docstring of a module, and of its functions and classes.
 
-    Each begins with no names at all, so that whoever reads it can paste it into a prompt. The
-    finder is not given the module: it would pass over whatever the run-time type checks wrap.
+    Each begins without names, so that a reader can paste it into a prompt. The finder does not get
+    the module, because it would skip functions that the run-time type checks wrap.
     """
     finder = doctest.DocTestFinder(exclude_empty=True)
     own = doctest.DocTestParser().get_doctest(
@@ -42,7 +42,7 @@ def examples(module: ModuleType) -> Iterator[doctest.DocTest]:
     for name, value in vars(module).items():
         if getattr(value, "__module__", None) != module.__name__:
             continue
-        # A transformation of a function has the examples of the function.
+        # A transformed function has the examples of the function.
         inner = inspect.unwrap(value)
         if inner not in seen and (inspect.isclass(inner) or inspect.isroutine(inner)):
             seen.add(inner)
@@ -63,4 +63,4 @@ def test_examples(name):
         runner.run(test, out=report.append)
     assert not runner.failures, "".join(report)
     prompts = re.findall(r"^\s*>>> ", Path(module.__file__).read_text(encoding="utf-8"), re.M)
-    assert runner.tries == len(prompts), "an example that no run comes to"
+    assert runner.tries == len(prompts), "an example did not run"

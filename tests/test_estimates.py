@@ -19,7 +19,7 @@ from jaxcell.bounce import (
     group_summary,
     moves,
 )
-from jaxcell.space import CellSpace, Workspace, estimates, visible_cells, visible_centres
+from jaxcell.space import CellSpace, Motion, Workspace, estimates, visible_cells, visible_centres
 from jaxcell.space.extent import Extent
 
 
@@ -41,7 +41,7 @@ def test_the_extent_is_known_before_cells_are_cut(workspace, cell):
 @pytest.mark.parametrize(("directions", "step"), [(8, None), (360, None), (72, 0.3), (8, 1e9)])
 def test_ways_of_a_grid_are_counted(directions, step):
     cells = CellSpace.of(LAB, 0.1, directions)
-    assert Extent.of(cells).ways(step, "swept") == moves(cells, step=step).target.shape[0]
+    assert Extent.of(cells).ways(Motion(step)) == moves(cells, motion=Motion(step)).target.shape[0]
 
 
 def test_what_cannot_be_is_left_to_the_cells():
@@ -65,7 +65,7 @@ MEASURED = [
 @pytest.mark.parametrize(("name", "cell", "directions", "step", "collision", "peak"), MEASURED)
 def test_groups_take_what_was_measured(name, cell, directions, step, collision, peak):
     extent = Extent.about(Workspace.load(bundled(name)), cell, directions)
-    needed = memory.LIBRARIES + estimates.section(extent, step, collision)
+    needed = memory.LIBRARIES + estimates.section(extent, Motion(step, collision))
     assert needed == pytest.approx(peak, rel=0.3)
 
 

@@ -1,4 +1,4 @@
-"""Every public name says what it is, takes and gives, and every function shows it."""
+"""Every public name has a docstring, and functions have arguments, returns and an example."""
 
 import ast
 import functools
@@ -18,21 +18,23 @@ PACKAGES = [
     "markov",
     "optimize",
     "patrol",
+    "patrol.map",
+    "patrol.walks",
     "record",
     "robot",
     "space",
     "sweep",
 ]
-# Lines of a package's own docstring: less is no definition of its mathematics.
+# The least number of lines in the docstring of a package, which defines its mathematics.
 A_PAGE = 25
 
 
 @functools.cache
 def public(package: str) -> dict[str, object]:
-    """What a package exports that has a docstring of its own."""
+    """The exports of a package that can have a docstring."""
     module = importlib.import_module(f"jaxcell.{package}")
     path = Path(module.__file__)
-    # Packages that import a module when a name of it is asked for list their names in a stub.
+    # Packages that import their modules lazily list their names in a stub.
     stub = path.with_suffix(".pyi")
     source = ast.parse((stub if stub.exists() else path).read_text(encoding="utf-8"))
     names = [
@@ -46,17 +48,17 @@ def public(package: str) -> dict[str, object]:
 
 
 def is_documented(value: object) -> bool:
-    """Whether a value can have a docstring: constants and aliases of types cannot."""
+    """Return whether a value can have a docstring: constants and aliases of types cannot."""
     return inspect.isclass(value) or inspect.ismodule(value) or is_function(value)
 
 
 def is_function(value: object) -> bool:
-    """Whether a value is a function, transformed by JAX or not."""
+    """Return whether a value is a function, also one transformed by JAX."""
     return inspect.isfunction(inspect.unwrap(value))
 
 
 def docstring(value: object) -> str:
-    """The docstring of a value, without the signature that a dataclass gets for want of one."""
+    """The docstring of a value, empty where a dataclass has only its signature."""
     text = inspect.getdoc(value) or ""
     if inspect.isclass(value) and text.startswith(f"{value.__name__}("):
         return ""
@@ -64,7 +66,7 @@ def docstring(value: object) -> str:
 
 
 def lacks(value: object) -> list[str]:
-    """What a docstring does not say that it should."""
+    """The parts that a docstring lacks."""
     text = docstring(value)
     if not text:
         return ["a docstring"]
@@ -81,7 +83,7 @@ def lacks(value: object) -> list[str]:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_public_names_are_documented(package):
-    missing = {name: found for name, value in public(package).items() if (found := lacks(value))}
+    missing = {name: parts for name, value in public(package).items() if (parts := lacks(value))}
     assert not missing
 
 
@@ -100,4 +102,4 @@ def test_a_package_begins_with_its_mathematics(package):
     assert len(text.splitlines()) >= A_PAGE
     functions = [name for name, value in public(package).items() if is_function(value)]
     unnamed = [name for name in functions if f"`{name}`" not in text]
-    assert not unnamed, "the docstring of a package says what each of its functions gives"
+    assert not unnamed, "the docstring of a package names each of its functions"

@@ -28,7 +28,7 @@ from jaxcell.markov import (
     limiting_distribution,
 )
 from jaxcell.optimize import mixture
-from jaxcell.space import CellSpace
+from jaxcell.space import CellSpace, Motion
 
 
 CIRCLE = scipy.sparse.csr_array(np.roll(np.eye(3), 1, axis=1))
@@ -51,12 +51,12 @@ def room():
 def test_maps_and_groups_are_the_same(collision):
     def results():
         cells, angles = room(), np.radians([45, 75, 90])
-        maps = bounce_map(cells, angles, collision=collision)
+        maps = bounce_map(cells, angles, motion=Motion(collision=collision))
         return jax.tree.leaves(
             (
                 maps,
-                bounce_groups(cells, angles, collision=collision),
-                group_summary(cells, angles, collision=collision),
+                bounce_groups(cells, angles, motion=Motion(collision=collision)),
+                group_summary(cells, angles, motion=Motion(collision=collision)),
                 jax.vmap(periodic_groups)(maps.image),
             )
         )

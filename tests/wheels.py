@@ -23,7 +23,7 @@ def map_cells(name: str, **sizes: float) -> CellSpace:
 
 def bounce_tables(cells: CellSpace, bounce_deg: float) -> tuple[np.ndarray, np.ndarray]:
     """The image of every cell, and whether the robot bumps there (Alam 2018, Eq. 2.4)."""
-    target = free_steps(cells, 1.0, "swept")
+    target = free_steps(cells)
     here = np.arange(cells.positions)
     direction = np.arange(cells.directions)[:, None]
     turned = (direction + round(bounce_deg * cells.directions / 360)) % cells.directions

@@ -31,13 +31,13 @@ from jaxcell.patrol import (
     capture_policies,
     capture_probabilities,
     cell_graph,
-    charged_capture,
     distributed_policies,
     load_graph,
     maximin_capture,
     random_walk,
 )
 from jaxcell.patrol.map.capture import entropy_rate
+from jaxcell.patrol.walks import charged_capture
 from jaxcell.patrol.walks.optimal import capture
 from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
 from jaxcell.patrol.walks.optimal.polytope import ChainPolytope

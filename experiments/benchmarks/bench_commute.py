@@ -10,11 +10,8 @@ The emphasis is on 6 vertices, with share 0.8. Ours stops at a relative duality 
 others, at their own tolerances. What counts is how far their weights are from the optimum, which
 ours, at a gap of 1e-9, gives. They solve the semidefinite program as it is usually written, and its
 dual with second-order cones, of which the weights are the multipliers.
-
-A second table has many small problems: one after the other, and in one batch of arrays.
 """
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +23,6 @@ from rows import Row, options, rows_of, write_rows
 from timing import Timing, begin, line, take_turns, timed
 
 from jaxcell.optimize import conic
-from jaxcell.optimize.commute_sweep import minimum_commute_sweep
 from jaxcell.optimize.conductance import minimum_commute
 from jaxcell.optimize.constraints import Linear
 from jaxcell.optimize.graph import Graph
@@ -189,60 +185,6 @@ def alone(graph: Graph) -> Row:
     return Row("commute", "walk with the least commute time", size_of(graph), seconds)
 
 
-def emphases() -> tuple[Graph, dict[str, Any]]:
-    """All pairs and triples of the vertices of the small example of Boyd et al. (2006)."""
-    tails = [0, 1, 2, 0, 1, 1, 5, 4, 6, 7, 5, 6, 1]
-    heads = [1, 2, 3, 4, 7, 3, 4, 6, 2, 3, 6, 7, 6]
-    xy = [[1, 3], [2, 2.5], [3, 3], [3, 2], [1, 2], [1, 1], [2, 1.5], [3, 1]]
-    some = [list(c) for k in (2, 3) for c in itertools.combinations(range(8), k)]
-    return Graph(np.array([tails, heads]).T, xy=xy), {"emphasis": some}
-
-
-def subsets() -> tuple[Graph, dict[str, Any]]:
-    """Random subsets of the edges of a grid."""
-    graph = grid(5, 5)
-    allowed = np.random.default_rng(0).random((200, len(graph.edges))) < 0.85
-    return graph, {"allowed": allowed}
-
-
-def one_by_one(graph: Graph, problems: dict[str, Any]) -> np.ndarray:
-    times = [minimum_commute(graph, some).commute_time for some in problems.get("emphasis", [])]
-    for allowed in problems.get("allowed", []):
-        part = Graph(graph.edges[allowed], graph.vertices)
-        times.append(minimum_commute(part).commute_time if connected(part) else np.inf)
-    return np.array(times)
-
-
-def in_one_batch(graph: Graph, problems: dict[str, Any]) -> np.ndarray:
-    return np.asarray(minimum_commute_sweep(graph, **problems).commute_time)
-
-
-def sweep(name: str, graph: Graph, problems: dict[str, Any], repeats: int) -> Row:
-    (count,) = (len(value) for value in problems.values())
-    differ = {}
-
-    def check(results: dict[str, np.ndarray]) -> None:
-        other = results["one by one"]
-        solved = np.isfinite(other)
-        for program, found in results.items():
-            if (solved != np.isfinite(found)).any():
-                raise RuntimeError(f"{name}: {program} differs on which have an answer")
-            differ[program] = np.abs(found[solved] / other[solved] - 1).max()
-
-    programs = {
-        "in one batch": lambda: in_one_batch(graph, problems),
-        "one by one": lambda: one_by_one(graph, problems),
-    }
-    timings = take_turns(programs, repeats, check)
-    for program, timing in timings.items():
-        seconds = (f"{second:.3f}" for second in timing)
-        size = (f"{count} {name}", graph.vertices, len(graph.edges))
-        line(*size, program, *seconds, f"{differ[program]:.1e}")
-    batch, single = (timing.median for timing in timings.values())
-    what = f"least commute times of {count} {name}, in one batch"
-    return Row("commute", what, size_of(graph), batch, "ours, one by one", single)
-
-
 def main() -> None:
     full = "what takes a solver a minute, 2,000 vertices with 8,000 edges, and 2,800 by first order"
     arguments = options(__doc__, repeats=5, full=full).parse_args()
@@ -257,12 +199,6 @@ def main() -> None:
     if arguments.full:
         rows.append(alone(neighbours(2000, 8000)))
         rows.append(alone(neighbours(2800, 10_400)))
-    print()
-    line("problems", "vertices", "edges", "program", "first, s", "min, s", "median, s", "differ by")
-    line("---", "--:", "--:", "---", *["--:"] * 4)
-    if arguments.full:
-        rows.append(sweep("pairs and triples emphasised", *emphases(), arguments.repeats))
-    rows.append(sweep("subsets of edges", *subsets(), arguments.repeats))
     write_rows(arguments.rows, rows)
 
 

@@ -24,8 +24,9 @@ from scipy.sparse import linalg
 from timing import begin, line, take_turns
 
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.chains import drift_map
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.maps import drift_map
+from jaxcell.drift.step import DriftStep
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 
@@ -66,7 +67,9 @@ def ours(currents: xr.Dataset, spread: str) -> tuple[Chain, float]:
     """The drift map, and what one of its steps takes."""
     water, flow = Water.of(currents), Flow.of(currents)
     duration = 2 * crossing_time(water, flow)
-    return drift_map(water, flow, duration, spread=spread, samples=3, edge="exit"), duration
+    return drift_map(
+        water, flow, DriftStep(duration, spread=spread, samples=3, edge="exit")
+    ), duration
 
 
 def scipy_times(matrix: scipy.sparse.csr_array) -> np.ndarray:

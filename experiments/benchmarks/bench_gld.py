@@ -71,7 +71,7 @@ def by_gldpy(name: str, samples: np.ndarray) -> float | None:
         return None
     law = Gld(*(float(parameter) for parameter in parameters))
     timing = Timing.of(seconds, [seconds])
-    row(name, samples, "gldpy", "", timing, float(law.log_pdf(samples).sum()))
+    row(name, samples, "gldpy", "", timing, float(np.log(law.pdf(samples)).sum()))
     return seconds
 
 

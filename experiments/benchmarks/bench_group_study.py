@@ -20,11 +20,11 @@ from pathlib import Path
 
 import numba
 import numpy as np
-from bench_groups import tabulate, walk_on_table
+from bench_groups import flat, tabulate, walk_on_table
 from rows import Row, options, write_rows
 from timing import begin, line
 
-from jaxcell.space import CellSpace, stencil
+from jaxcell.space import ENDPOINT, CellSpace, stencil
 from jaxcell.space.maps.random_rooms import DIRECTIONS, ENVIRONMENTS, place
 
 
@@ -53,10 +53,9 @@ def peer(free: np.ndarray) -> tuple[int, int]:
     # A margin of blocked squares makes every look-up of a neighbour safe.
     position = np.pad(cells.position_of_square, 1, constant_values=-1)
     square = np.flatnonzero(position.ravel() >= 0)
-    shape = stencil(DIRECTIONS, 1.0, "endpoint", cells.free.shape)
-    weights = np.array([position.shape[1], 1])
-    offset, look = shape.offset @ weights, shape.square @ weights
-    none = look[shape.crossed][:, :0], look[shape.beside][:, :0]
+    shape = stencil(DIRECTIONS, ENDPOINT, cells.free.shape)
+    offset, crossed, beside = flat(shape, position.shape[1])
+    none = crossed[:, :0], beside[:, :0]
     arrays = [x[: cells.size] for x in peer_arrays(threading.get_ident(), free.size * DIRECTIONS)]
     count, longest = peer_room(position.ravel(), square, offset, *none, shape.way, SHIFT, *arrays)
     return int(count), int(longest)

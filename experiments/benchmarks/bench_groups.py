@@ -24,7 +24,7 @@ from timing import Timing, begin, line, take_turns
 
 from jaxcell import bounce
 from jaxcell.mapping import GroupSummary
-from jaxcell.space import CellSpace, Workspace, stencil
+from jaxcell.space import CellSpace, Motion, Stencil, Workspace, stencil
 
 
 # Here, since the processes that tell of memory import this module only.
@@ -167,14 +167,22 @@ def summary_of_arrays(group, step, count):
     return count, period[order], basin[order], transient[order]
 
 
+def flat(shape: Stencil, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Number the squares of a stencil, and fill up its lists with the end square."""
+    weights = np.array([columns, 1])
+    most = max(map(len, shape.crossed)), max(1, *map(len, shape.beside))
+    rows = list(zip(map(tuple, shape.offset), shape.crossed, shape.beside, strict=True))
+    crossed = np.array([(*c, *[o] * (most[0] - len(c))) for o, c, _ in rows]) @ weights
+    beside = np.array([(*b, *[(o, o)] * (most[1] - len(b))) for o, _, b in rows]) @ weights
+    return shape.offset @ weights, crossed, beside
+
+
 def peer_groups(cells: CellSpace, collision: str, tabulated: bool) -> Groups:
     # A margin of blocked squares makes every look-up of a neighbour safe.
     position = np.pad(cells.position_of_square, 1, constant_values=-1)
     square = np.flatnonzero(position.ravel() >= 0)
-    shape = stencil(cells.directions, 1.0, collision, cells.free.shape)
-    weights = np.array([position.shape[1], 1])
-    offset, look = shape.offset @ weights, shape.square @ weights
-    crossed, beside = look[shape.crossed], look[shape.beside]
+    shape = stencil(cells.directions, Motion(collision=collision), cells.free.shape)
+    offset, crossed, beside = flat(shape, position.shape[1])
     if collision == "endpoint":
         crossed, beside = crossed[:, :0], beside[:, :0]
     shift = bounce.bounce_shift(BOUNCE, cells.directions)
@@ -198,13 +206,15 @@ def peer_summary(cells: CellSpace, collision: str, tabulated: bool) -> GroupSumm
 
 
 def two_calls(cells: CellSpace, collision: str) -> Groups:
-    image = bounce.bounce_map(cells, BOUNCE, collision=collision).image
-    groups = bounce.bounce_groups(cells, BOUNCE, collision=collision)
+    image = bounce.bounce_map(cells, BOUNCE, motion=Motion(collision=collision)).image
+    groups = bounce.bounce_groups(cells, BOUNCE, motion=Motion(collision=collision))
     return jax.block_until_ready(Groups(image, groups.group, groups.step, groups.count))
 
 
 def summary_only(cells: CellSpace, collision: str) -> GroupSummary:
-    return jax.block_until_ready(bounce.group_summary(cells, BOUNCE, collision=collision))
+    return jax.block_until_ready(
+        bounce.group_summary(cells, BOUNCE, motion=Motion(collision=collision))
+    )
 
 
 def check(results: dict[str, Groups | GroupSummary]) -> None:

@@ -103,24 +103,24 @@ def side_by_side(repeats: int) -> list[Row]:
 
 
 def large() -> list[Row]:
-    """Rooms whose costs, cells x cells, would fill the memory: the plans go to a file."""
+    """Rooms whose costs, cells x cells, would fill the memory: the plans go to a store."""
     print()
-    line("room", "cells", "pairs", "seconds", "file, MB", "one plan, ms")
+    line("room", "cells", "pairs", "seconds", "store, MB", "one plan, ms")
     line("---", *["--:"] * 5)
     room = Workspace.load(MAPS / "room_200x125.json")
     for side in (4, 2, 1):
         cells = CellSpace.of(room, side, 8)
         with tempfile.TemporaryDirectory() as folder, Console(stderr=True).status("") as shown:
-            file = Path(folder) / "plans.nc"
+            store = Path(folder) / "plans.zarr"
             seconds, plans = timed(
-                lambda cells=cells, file=file, shown=shown: all_plans(
+                lambda cells=cells, store=store, shown=shown: all_plans(
                     cells,
                     BOUNCES,
-                    file=file,
+                    store=store,
                     progress=lambda done, total: shown.update(f"{done:,} of {total:,} entries"),
                 )
             )
-            size = file.stat().st_size / 1e6
+            size = sum(file.stat().st_size for file in store.rglob("*") if file.is_file()) / 1e6
             one, _ = timed(lambda plans=plans, cells=cells: plans.plan(0, cells.size - 1))
         squares = f"{cells.free.shape[1]} x {cells.free.shape[0]}"
         pairs = f"{cells.size**2:.1e}"

@@ -27,7 +27,8 @@ from rows import Row, options, write_rows
 from timing import begin, line
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import maximin_capture, walk_capture_probabilities
+from jaxcell.patrol import maximin_capture
+from jaxcell.patrol.walks import walk_capture_probabilities
 
 
 # Steps between crossings of San Francisco, RoSSO's `SF_problem_spec.json`.

@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxcell.base.files import replacing
+from jaxcell.base.paths import replacing
 
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from rich.markup import escape
 from rich.table import Table
 from rows import Row, read_rows
 
-from jaxcell.base.files import replacing
+from jaxcell.base.paths import replacing
 
 
 HERE = Path(__file__).parent

@@ -48,8 +48,7 @@ Functions and classes:
     `policy_to_c_header`.
 - `fastest_localization`: the shortest string that localizes a robot.
 - `minimize`: the smallest filter with the same colours.
-- `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other formats;
-    `nondeterministic_to_jflap` is the automaton before it is made deterministic.
+- `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other formats.
 """
 
 from ..base.hosted import attach_all as _attach_all
@@ -72,7 +71,6 @@ from .formats.c_header import to_c_header as to_c_header
 from .formats.c_policy import policy_to_c_header as policy_to_c_header
 from .formats.export import to_dot as to_dot, to_json as to_json
 from .formats.jflap import (
-    nondeterministic_to_jflap as nondeterministic_to_jflap,
     to_jflap as to_jflap,
 )
 from .hidden import Estimate as Estimate, HiddenMap as HiddenMap, credible as credible

@@ -80,7 +80,7 @@ def adaptive_choice(
 
     **Raises:** `ValueError` if two states have the same image and observation.
 
-    A ring of three states whose bell rings in state 2; the second input goes the other way round.
+    A ring of three states whose bell rings in state 2; the second input goes backwards.
     Two inputs identify the state in the worst case:
 
         >>> import numpy as np

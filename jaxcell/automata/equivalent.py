@@ -191,7 +191,7 @@ class _Blocks:
     def split(
         self, states: Int[np.ndarray, "some"], kind: Int[np.ndarray, "some"]
     ) -> Int[np.ndarray, "changed"]:
-        """Split blocks by the kinds of given states; all other states have another kind.
+        """Split blocks by the kinds of `states`; all other states have another kind.
 
         **Returns:** the states whose block has a new number: all but those of the largest parts.
         """
@@ -206,7 +206,7 @@ class _Blocks:
         rest = self.size[touched] - moved
         self._move_to_end(states, touched, moved)
 
-        # The parts of a block: states that were not given, if any, and then each kind.
+        # The parts of a block: its other states, and then each kind.
         owner = np.concatenate([touched[rest > 0], owner])
         length = np.concatenate([rest[rest > 0], length])
         begin = np.concatenate([self.begin[touched[rest > 0]], self.place[states[parts]]])

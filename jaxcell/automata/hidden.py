@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..base.documents import Fields
-from ..base.extras import import_module
+from ..base.optional_modules import import_module
 from .formats.storage import read_arrays, write_arrays
 
 

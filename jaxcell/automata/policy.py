@@ -162,26 +162,22 @@ class Policy:
 _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class PolicyState:
     """An immutable state of a policy; an observation returns another object.
 
     An impossible observation refutes the map; a refuted or localized state is final.
     """
 
-    __slots__ = ("index", "policy", "refuted_at", "steps", "time")
-
-    def __init__(
-        self, policy: Policy, index: int, steps: int, time: int, refuted_at: int | None
-    ) -> None:
-        self.policy = policy
-        self.index = index
-        "The state of the last bump, or the trap."
-        self.steps = steps
-        "The number of steps since the last bump."
-        self.time = time
-        "The number of observations so far."
-        self.refuted_at = refuted_at
-        "The index of the first impossible observation, or `None`."
+    policy: Policy
+    index: int
+    "The state of the last bump, or the trap."
+    steps: int
+    "The number of steps since the last bump."
+    time: int
+    "The number of observations so far."
+    refuted_at: int | None
+    "The index of the first impossible observation, or `None`."
 
     def observe(self, observation: int) -> "PolicyState":
         """Return the policy after one more observation: 0 for a step, 1 for a bump.

@@ -9,7 +9,7 @@ from ..base.memory import check
 
 # Number of cells of a level below which plain Python is faster than the overhead of twenty NumPy
 # calls.
-_NARROW = 48
+NARROW = 48
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def subset_construction(
     seed = 0
     while True:
         try:
-            return _construct(graph, _random_words(image.size, seed), limit)
+            return _construct(graph, random_words(image.size, seed), limit)
         except _HashCollisionError:
             seed += 1
 
@@ -144,7 +144,7 @@ def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) ->
     sets = _Subsets(words, limit)
     low, high = 0, 1
     while low < high:
-        narrow = sets.offsets[high] - sets.offsets[low] <= _NARROW
+        narrow = sets.offsets[high] - sets.offsets[low] <= NARROW
         (_narrow_level if narrow else _wide_level)(graph, sets, low, high)
         low, high = high, len(sets)
     sets.members.resize(sets.offsets[-1], refcheck=False)
@@ -251,5 +251,5 @@ def _check_equal(
         raise _HashCollisionError
 
 
-def _random_words(cells: int, seed: int) -> UInt64[np.ndarray, "cells"]:
+def random_words(cells: int, seed: int) -> UInt64[np.ndarray, "cells"]:
     return np.random.default_rng(seed).integers(0, 2**64, cells, dtype=np.uint64)

@@ -116,6 +116,25 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
         return self
 
 
+def from_part(path: str, *description: Any, **more: Any) -> Any:
+    """Describe a quantity that is an attribute of a part, such as `deployment.cells`.
+
+    Without the part the result does not have the quantity.
+
+    **Arguments:**
+
+    - `path`: the names of the part and its attribute, with a dot between them.
+    - further arguments: those of [`quantity`][jaxcell.base.quantities.quantity].
+    """
+
+    def value(result: Any) -> Any:
+        for name in path.split("."):
+            result = None if result is None else getattr(result, name)
+        return result
+
+    return derived(*description, **more)(value)
+
+
 class Result:
     """What a study gives: a base for dataclasses with described quantities.
 
@@ -144,7 +163,7 @@ class Result:
 
     def __repr__(self) -> str:
         """List the numbers that are known without computing any, and the names of arrays."""
-        from .written import written
+        from .formatting import format_value
 
         described = quantities(type(self))
         known = {
@@ -155,7 +174,7 @@ class Result:
         lines = [f"<{type(self).__name__}: {self.title or 'a part of a result'}>"]
         for name, value in known.items():
             if is_single(described[name]):
-                lines.append(f"    {name}: {written(value, described[name])}")
+                lines.append(f"    {name}: {format_value(value, described[name])}")
         arrays = [name for name, about in described.items() if about.dims and name in known]
         return "\n".join([*lines, *([f"    arrays: {', '.join(arrays)}"] if arrays else [])])
 

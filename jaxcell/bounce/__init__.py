@@ -1,40 +1,38 @@
 """Bouncing robots: straight until a wall, then a turn by the bouncing angle.
 
 A robot with a bump sensor and a clock goes straight, one step at a time, until a step is not
-possible; then it turns in place, counter-clockwise by its *bouncing angle*, and goes on. From the
+possible. Then it turns in place, counter-clockwise by its *bouncing angle*, and goes on. From the
 centre of a cell `z` in direction `theta` (Alam 2018, Eq. 2.4), with `E` the free space and `phi`
 the bouncing angle,
 
     C(z) = the cell that holds the end of the step, direction theta         if the step stays in E,
     C(z) = the same position, direction theta + phi                         otherwise.
 
-It senses 0 on a step and 1 on a bump. Angles are radians, whole numbers of directions; what depends
-on the walls alone is in `Moves`, and what a bouncing angle adds is a turn by `shift` directions.
-`moves`, `grid_moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
+It senses 0 on a step and 1 on a bump. Angles are radians, whole numbers of directions. `Moves`
+holds what depends on the walls alone; a bouncing angle adds a turn by `shift` directions. `Motion`
+says how long a step is and which part of it walls block. `moves`, `bounce_shift`, `bounce_image`,
+`bounce_map`.
 
 **Groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes through the
-bumps: the first-return map from bump to bump is a section with tens of times fewer cells, and the
+bumps. The first-return map from bump to bump is a section with tens of times fewer cells, and the
 groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; for many
-grids and angles `grid_groups`, or in two parts `walls` and `wall_groups`, the first of which is
-`cell_walls` for a map of any shape. These four run on the host; the others wherever JAX does.
-`BounceGroups` holds what is known of them for some angles, `RoomGroups` for those in a room.
+grids and angles `grid_groups`, or in two parts `walls` and `wall_groups`. These run on the host.
+Their results are `BounceGroups`, and `RoomGroups` for random rooms.
 
 **Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
 fewer cells possible, until its filter is in a knowledge cycle. `localization_filter`, `localize`;
-their results `LocalizationFilter`, `Localized`; `heading_filter_sizes` counts the states where the
+their results `LocalizationFilter`, `Localized`; `heading_filter_sizes` counts the states if the
 heading is known. A robot that chooses among several angles at each bump is localized to one cell on
 most maps, in the fewest bumps by the policy of `localization_policy`; `LocalizationPolicy`,
 `AdaptivelyLocalized`.
 
-**A robot that slips** is followed among finer cells, `FineCells`: a square, the direction that it
-takes itself to look in, and by how much it is wrong. Errors drawn inside each cell make the map a
-hidden Markov model, and errors that are only bounded a nondeterministic map. `slip_map`,
-`bounded_map`; `particle_run` is the run of a cloud of such
-robots. `slipping_run` drives one until its belief knows where it is; its result is `Slipped`. Of
+**A robot that slips** is followed among finer cells, `FineCells`: a square, the direction that the
+robot believes, and the error of its heading. Errors drawn inside each cell make the map a hidden
+Markov model, and errors that are only bounded a nondeterministic map. `slip_map`, `bounded_map`.
+`slipping_run` drives such a robot until its belief knows where it is; its result is `Slipped`. Of
 several angles it takes the one that leaves the least expected entropy. `plan_runs` simulates a plan
-of such a robot, and `plan_probability` follows it among fine cells, which blur where it is;
-`slip_policy` chooses an angle by the fine cell instead, and has arrived with `arrival_by`; their
-result is `SlippedPlan`.
+of such a robot. `slip_policy` chooses an angle for each fine cell instead, and has arrived with
+`arrival_by`; their result is `SlippedPlan`.
 
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
 and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
@@ -55,8 +53,8 @@ A joint trajectory follows the joint map until it repeats itself, and then goes 
 the `2 m` states in which one robot is turned by one direction. `team_trajectory`,
 `team_trajectories`.
 
-Of these, `bounce_image` and `grid_moves` work under `jit` and `vmap`. The coverage needs 64-bit
-numbers: `jax.config.update("jax_enable_x64", True)`.
+Of these, `bounce_image` works under `jit` and `vmap`. The coverage needs 64-bit numbers:
+`jax.config.update("jax_enable_x64", True)`.
 """
 
 from ..base.hosted import attach

@@ -1,24 +1,160 @@
+import dataclasses
+import functools
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Float
+from jaxtyping import Array, Float, Int
 
+from ..base.certificate import Certificate
 from ..base.precision import require_x64
-from ..mapping import persistent_groups
-from ..markov import limiting_distribution
+from ..base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ..mapping import PersistentGroups, persistent_groups
+from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
-from ..space import CellSpace, estimates
-from ..space.extent import Extent
-from .covered import CoveragePolicy
-from .dynamics import Collision, moves as moves_of
-from .imprecise import noisy_chain, noisy_turns
+from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
+from .dynamics import moves as moves_of
+from .noisy_map import noisy_chain, noisy_turns
 
 
 Target: TypeAlias = npt.ArrayLike | Callable[[Any, Any], Any] | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CoveragePolicy(Result):
+    """The shares of time of bouncing angles with which a robot covers a room as wanted."""
+
+    title: ClassVar[str] = "Coverage by a mixture of bouncing policies"
+    picture: ClassVar[str] = "mixture"
+    tables: ClassVar[Mapping[str, str]] = {"bounce": "policies"}
+
+    cells: CellSpace
+    bounce: Annotated[
+        Float[np.ndarray, "angles"],
+        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
+    ]
+    alpha: Annotated[
+        Float[Array, "angles"],
+        quantity("bounce", "share of time", "1", kind="distribution", source="Alam 2018, Eq. 3.7"),
+    ]
+    coverage: Annotated[
+        Float[Array, "angles positions"],
+        quantity("bounce position", "share of time in the long run", "1", kind="distribution"),
+    ]
+    mixture: Annotated[
+        Float[Array, "positions"],
+        quantity("position", "share of time of the mixture", "1", kind="distribution"),
+    ]
+    target: Annotated[
+        Float[Array, "positions"],
+        quantity("position", "share of time that is wanted", "1", kind="distribution"),
+    ]
+    distance: Annotated[float, quantity("", "Euclidean distance of the mixture from the target")]
+    certificate: Certificate
+    "The certificate of the mixture; see [`jaxcell.optimize.mixture`][]."
+    groups: tuple[PersistentGroups, ...]
+    "The persistent groups of each angle."
+    limiting: tuple[LimitingDistribution, ...]
+    "The limiting distribution of each angle over all cells, with its certificate."
+
+    @derived("", "time spent elsewhere than wanted", kind="share")
+    def total_variation(self) -> float:
+        return float(jnp.abs(self.mixture - self.target).sum() / 2)
+
+    @derived("", "positions visited in the long run", kind="count")
+    def positions_visited(self) -> int:
+        return int((np.asarray(self.mixture) > 0).sum())
+
+    @derived("", "bouncing angles with a share of time", kind="count")
+    def angles_used(self) -> int:
+        return int((np.asarray(self.alpha) > 0).sum())
+
+    @derived("", "persistent groups of all angles", kind="count")
+    def groups_in_all(self) -> int:
+        return sum(int(one.count) for one in self.groups)
+
+    @derived("", "duality gap, relative", kind="residual")
+    def duality_gap(self) -> float:
+        return float(self.certificate.residual)
+
+    @derived("bounce", "bouncing angle", "degree", kind="coordinate")
+    def bounce_deg(self) -> Float[np.ndarray, "angles"]:
+        return np.rad2deg(self.bounce)
+
+    @derived("bounce", "persistent groups", kind="count")
+    def persistent_groups(self) -> Int[np.ndarray, "angles"]:
+        return np.array([one.count for one in self.groups])
+
+    @derived("bounce", "cells of persistent groups", kind="count")
+    def persistent_cells(self) -> Int[np.ndarray, "angles"]:
+        return np.array([int(one.size.sum()) for one in self.groups])
+
+    @derived("bounce", "positions visited by one angle alone", kind="count")
+    def positions_alone(self) -> Int[np.ndarray, "angles"]:
+        return (np.asarray(self.coverage) > 0).sum(axis=1)
+
+    @derived("bounce", "what a step changes of the limiting distribution", kind="residual")
+    def stationarity_residual(self) -> Float[np.ndarray, "angles"]:
+        return np.array([one.certificate.residual for one in self.limiting])
+
+    @derived(
+        "bounce direction position",
+        "share of time in the long run",
+        "1",
+        kind="distribution",
+        over="direction position",
+    )
+    def share(self) -> Float[np.ndarray, "angles directions positions"]:
+        return self._by_direction([one.value for one in self.limiting])
+
+    @derived("bounce direction position", "persistent group, -1 if transient", kind="index")
+    def group(self) -> Int[np.ndarray, "angles directions positions"]:
+        return self._by_direction([one.group for one in self.groups])
+
+    @derived("bounce group_index", "probability of ending in the group", kind="distribution")
+    def group_weight(self) -> Float[np.ndarray, "angles groups"]:
+        return _padded([one.weights for one in self.limiting])
+
+    @derived("bounce group_index", "cells of the group, 0 where an angle has fewer", kind="count")
+    def group_size(self) -> Int[np.ndarray, "angles groups"]:
+        return _padded([one.size for one in self.groups])
+
+    def checks(self) -> Checks:
+        alpha, coverage = np.asarray(self.alpha), np.asarray(self.coverage)
+        transient = np.where(self.group < 0, self.share, 0).sum(axis=(1, 2))
+        counted = [
+            np.bincount(one[one >= 0], minlength=self.group_size.shape[1])
+            for one in self.group.reshape(len(alpha), -1)
+        ]
+        return {
+            "stationarity_residual": (float(self.stationarity_residual.max()), PROBABILITY),
+            "group_sizes": (int(np.abs(counted - self.group_size).max()), 0),
+            "share_of_transient_cells": (float(transient.max()), PROBABILITY),
+            "coverage_is_of_share": (
+                float(np.abs(self.share.sum(axis=1) - coverage).max()),
+                PROBABILITY,
+            ),
+            "mixture_is_of_coverage": (
+                float(np.abs(alpha @ coverage - np.asarray(self.mixture)).max()),
+                PROBABILITY,
+            ),
+        }
+
+    def _by_direction(self, values: list[Any]) -> np.ndarray:
+        shape = (len(values), self.cells.directions, self.cells.positions)
+        return np.stack(values).reshape(shape)
+
+
+def _padded(rows: list[Any]) -> np.ndarray:
+    """Make a matrix of rows of different lengths, filled up with 0."""
+    padded = np.zeros((len(rows), max(map(len, rows))), np.asarray(rows[0]).dtype)
+    for line, row in zip(padded, rows, strict=True):
+        line[: len(row)] = row
+    return padded
 
 
 def coverage_policy(
@@ -29,31 +165,29 @@ def coverage_policy(
     target: Target = None,
     *,
     weights: Literal["basin", "size"] = "basin",
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     progress: Callable[[int], None] | None = None,
 ) -> CoveragePolicy:
-    """The mixture of bouncing policies whose coverage is nearest to a target (Alam 2018, Alg. 3.3).
+    """Find the mixture of bouncing policies whose coverage is nearest to a target (Alg. 3.3).
 
-    For each angle: the noisy map, its persistent groups, its limiting distribution, and the
-    coverage of the positions, summed over the directions. Then the least squares of Eq. 3.8.
+    Each angle has a noisy map, persistent groups, a limiting distribution, and a coverage of the
+    positions, summed over the directions. The mixture solves the least squares of Eq. 3.8.
 
     **Arguments:**
 
     - `cells`: the cell space.
-    - `bounces`: bouncing angles in radians, counter-clockwise, no two the same.
+    - `bounces`: different bouncing angles in radians, counter-clockwise.
     - `error`, `reliability`: as for [`noisy_bounce_map`][].
     - `target`: as for [`coverage_target`][].
-    - `weights`: what the persistent groups of one angle weigh, as for
+    - `weights`: the weights of the persistent groups of one angle, as for
         [`jaxcell.markov.limiting_distribution`][].
-    - `step`, `collision`: as for [`jaxcell.bounce.bounce_map`][].
-    - `progress`: called with the number of angles that are done.
+    - `motion`: how the robot moves.
+    - `progress`: called with the number of finished angles.
 
     **Returns:** [`CoveragePolicy`][].
 
-    **Raises:** `ValueError` for no angles, two that are the same, a bad target, or as
-    [`noisy_bounce_map`][]; `RuntimeError` if a solve stalls, or where JAX is set to 32 bits;
-    `MemoryError` where the noisy maps would not fit the free memory.
+    **Raises:** `ValueError` for bad angles or a bad target; `RuntimeError` if a solve stalls, or if
+    JAX is set to 32 bits; `MemoryError` if the noisy maps do not fit the free memory.
 
     A room of two by two squares is covered evenly by any policy:
 
@@ -77,15 +211,9 @@ def coverage_policy(
                 f"{shifts.index(shift)}"
             )
     wanted = coverage_target(cells, target)
-    estimates.check(
-        Extent.of(cells),
-        lambda e: estimates.coverage(
-            e, step, collision, angles=len(turns), branches=len(turns[0][0])
-        ),
-        "coverage",
-        step,
-    )
-    possible = moves_of(cells, step=step, collision=collision)
+    needed = functools.partial(estimates.coverage, angles=len(turns), branches=len(turns[0][0]))
+    estimates.check_cells(cells, motion, needed, "coverage")
+    possible = moves_of(cells, motion=motion)
     groups, limiting, coverage = [], [], []
     for turn, probability in turns:
         chain = noisy_chain(possible, turn, probability)
@@ -95,36 +223,33 @@ def coverage_policy(
         coverage.append(value.reshape(cells.directions, cells.positions).sum(axis=0))
         if progress is not None:
             progress(len(coverage))
-    found = mixture(np.stack(coverage, axis=1), wanted)
+    best = mixture(np.stack(coverage, axis=1), wanted)
     return CoveragePolicy(
         cells=cells,
         bounce=np.asarray(bounces, float),
-        alpha=found.weights,
+        alpha=best.weights,
         coverage=jax.device_put(np.stack(coverage)),
-        mixture=found.value,
+        mixture=best.value,
         target=jax.device_put(wanted),
-        distance=found.distance,
-        certificate=found.certificate,
+        distance=best.distance,
+        certificate=best.certificate,
         groups=tuple(groups),
         limiting=tuple(limiting),
     )
 
 
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
-    """A target for coverage, as a distribution over the positions.
+    """Make a target for coverage, as a distribution over the positions.
 
     **Arguments:**
 
     - `cells`: the cell space.
-    - `target`: how much each position is worth, in any unit: `None` for all the same; a function
-        of arrays `x, y` of centres in metres; an array over the positions; or an image `[rows,
+    - `target`: the worth of each position, in any unit: `None` for equal worth; a function of
+        arrays `x, y` of centres in metres; an array over the positions; or an image `[rows,
         columns]`, its first row at the top, which is stretched over all squares of the map and read
         at the centres.
 
     **Returns:** the shares, which sum to 1.
-
-    **Raises:** `ValueError` for a target of another shape, one that is negative or not finite
-    at some position, or that is 0 at all of them.
 
     The last of three squares is worth twice as much as the others:
 
@@ -152,7 +277,7 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
         worth = worth[rows - 1 - row, column]
     if worth.shape != (cells.positions,):
         raise ValueError(
-            f"target: expected {cells.positions} numbers, one a position, or an image, got shape "
+            f"target: expected {cells.positions} numbers, one per position, or an image, got shape "
             f"{worth.shape}"
         )
     wrong = np.flatnonzero(~(np.isfinite(worth) & (worth >= 0)))

@@ -1,20 +1,16 @@
 import dataclasses
 import functools
 import math
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import SimpleMap
-from ..space import CellSpace, estimates, stencil
-from ..space.extent import Extent
+from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates
 from ..space.steps import Steps
 
-
-Collision: TypeAlias = Literal["swept", "endpoint"]
 
 _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 
@@ -22,36 +18,31 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Moves:
-    """Where one step leads from every position in every direction, whatever the bouncing angle.
+    """The end of one step from every position in every direction, whatever the bouncing angle.
 
     Directions in which all positions have the same target share a *way*: on a grid, 360 directions
-    make 16 ways, and what depends on the walls alone is computed once for a way.
+    make 16 ways. So everything that depends on the walls alone is computed once per way.
     """
 
     target: Int[Array, "ways positions"]
     "The position that holds the end of the step, or the same position where the robot bumps."
     way: Int[Array, "directions"]
     "The way of each direction."
-    free: Bool[Array, "positions"]
-    "Which positions are free: all, unless the positions are the squares of a grid with obstacles."
 
 
 @functools.lru_cache(maxsize=4)
-def moves(cells: CellSpace, *, step: float | None = None, collision: Collision = "swept") -> Moves:
-    """Where one step leads from the centre of every cell. The last few answers are kept.
+def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
+    """Find the end of one step from the centre of every cell. The last few answers are kept.
 
     **Arguments:**
 
     - `cells`: the cell space.
-    - `step`: length of a step in metres, by default one cell; it must cross a cell, so no less.
-    - `collision`: `"swept"` keeps the whole step in the closed free space (it may graze a corner,
-        but not slip between two obstacles that meet in a point); `"endpoint"` asks that of its end
-        only, as the dissertation does. The end must lie in a free cell in either case.
+    - `motion`: how the robot moves.
 
     **Returns:** [`Moves`][].
 
-    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown collision
-    rule; `MemoryError` where the moves would not fit the free memory.
+    **Raises:** `ValueError` for a step that is too short or not finite; `MemoryError` where the
+    moves would not fit the free memory.
 
     A corridor of three squares, with the directions East and West:
 
@@ -61,97 +52,17 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         >>> moves.target[moves.way].tolist()
         [[1, 2, 2], [0, 0, 1]]
     """
-    length = step_in_cells(cells, step, collision)
-    estimates.check(
-        Extent.of(cells), lambda e: estimates.moves(e, step, collision), "moves of all cells", step
-    )
-    steps = Steps.of(cells, length, collision)
+    estimates.check_cells(cells, motion, estimates.moves, "moves of all cells")
+    steps = Steps.of(cells, motion)
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
-        free = np.ones(cells.positions, bool)
-        return Moves(*jax.device_put((steps.targets(cells), steps.way, free)))
-
-
-def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
-    """The length of a step in cells, for a rule of [`moves`][] that there is.
-
-    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown rule.
-    """
-    length = 1.0 if step is None else step / cells.cell
-    if not (math.isfinite(length) and length >= 1 - 1e-9):
-        raise ValueError(f"step: expected at least one cell, {cells.cell:g} m, got {step} m")
-    if collision not in ("swept", "endpoint"):
-        raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
-    return length
-
-
-def grid_moves(
-    free: Bool[Array, "rows columns"],
-    directions: int,
-    *,
-    step: float = 1.0,
-    collision: Collision = "swept",
-) -> Moves:
-    """Where one step leads on a grid whose blocked squares are the obstacles.
-
-    Works under `jit` and `vmap` over `free`.
-
-    All squares are positions here, row by row from the lowest, so that grids of one shape with
-    different obstacles are arrays of one shape; `Moves.free` marks the free ones.
-
-    **Arguments:**
-
-    - `free`: which squares are free; row 0 is the lowest.
-    - `directions`: number of directions.
-    - `step`: length of a step in squares, at least 1.
-    - `collision`: as for [`moves`][].
-
-    **Returns:** [`Moves`][].
-
-    A corridor of three squares whose last is blocked, with the directions East and West:
-
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import bounce
-        >>> moves = bounce.grid_moves(jnp.array([[True, True, False]]), directions=2)
-        >>> moves.target[moves.way].tolist()
-        [[1, 1, 2], [0, 0, 2]]
-    """
-    if step < 1 - 1e-9:
-        raise ValueError(f"step: expected at least one square, got {step}")
-    shape = stencil(directions, float(step), collision, free.shape)
-    return _grid_moves(free, shape.way, *shape.looks)
-
-
-@jax.jit
-def _grid_moves(
-    free: Bool[Array, "rows columns"],
-    way: Int[Array, "directions"],
-    relative: Int[Array, "looks 2"],
-    crossed: Int[Array, "ways crossings"],
-    beside: Int[Array, "ways corners 2"],
-    offset: Int[Array, "ways 2"],
-) -> Moves:
-    rows, columns = free.shape
-    square = jnp.arange(rows * columns, dtype=jnp.int32)
-    row = square[None] // columns + relative[:, :1]
-    column = square[None] % columns + relative[:, 1:]
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    is_free = inside & free.ravel()[row * columns + column]
-    passes = free.ravel()[None]
-    # One after the other: together they would not fit the memory where steps are long.
-    for on_the_way in crossed.T:
-        passes = passes & is_free[on_the_way]
-    for left, right in beside.transpose(1, 2, 0):
-        passes = passes & (is_free[left] | is_free[right])
-    hop = offset[:, :1] * columns + offset[:, 1:]
-    target = square[None] + jnp.where(passes, hop, 0)
-    return Moves(target, way, free.ravel())
+        return Moves(*jax.device_put((steps.targets(cells), steps.way)))
 
 
 def bounce_shift(
     bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int
 ) -> Int[np.ndarray, "..."]:
-    """A bouncing angle as a number of directions.
+    """Express bouncing angles as numbers of directions.
 
     **Arguments:**
 
@@ -187,22 +98,21 @@ def bounce_map(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> SimpleMap:
-    """The image of every cell, for a robot that goes straight and turns at a wall.
+    """Compute the image of every cell, for a robot that goes straight and turns at a wall.
 
-    From the centre of a cell the robot makes one step along its direction. Where it can, the image
-    is the cell that holds the end, in the same direction (observation 0); where it cannot, the
+    From the centre of a cell the robot makes one step along its direction. If the step is possible,
+    the image is the cell that holds its end, in the same direction (observation 0). Otherwise the
     robot turns in place: the image is the same position in the direction `bounce` farther
-    (observation 1). Eq. 2.4 of Alam 2018.
+    (observation 1). This is Eq. 2.4 of Alam 2018.
 
     **Arguments:**
 
     - `cells`: the cell space.
     - `bounce`: bouncing angle in radians, counter-clockwise; an array of angles makes a batch of
         maps.
-    - `step`, `collision`: as for [`moves`][].
+    - `motion`: how the robot moves.
 
     **Returns:** [`jaxcell.mapping.SimpleMap`][] with arrays over the cells.
 
@@ -219,27 +129,24 @@ def bounce_map(
         ([1, 2, 5, 0, 3, 4], [0, 0, 1, 1, 0, 0])
     """
     shift = bounce_shift(bounce, cells.directions)
-    possible = moves(cells, step=step, collision=collision)
-    estimates.check(
-        Extent.of(cells),
-        lambda e: estimates.IMAGE * e.size * shift.size,
-        "images of all cells",
-        step,
+    possible = moves(cells, motion=motion)
+    estimates.check_cells(
+        cells, motion, lambda e, _: estimates.IMAGE * e.size * shift.size, "images of all cells"
     )
     target, way = np.asarray(possible.target), np.asarray(possible.way)
     maps = zip(*(_images(target, way, one) for one in shift.ravel().tolist()), strict=True)
-    # One alone is not copied.
+    # The arrays of a single map are not copied.
     both = (each[0] if len(each) == 1 else np.concatenate(each) for each in maps)
     return SimpleMap(*jax.device_put([each.reshape(*shift.shape, -1) for each in both]))
 
 
 @jax.jit
 def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
-    """The bounce map of known moves; works under `jit` and `vmap` over both arguments.
+    """Compute the bounce map of known moves, under `jit` and under `vmap` over both arguments.
 
     **Arguments:**
 
-    - `moves`: where a step leads.
+    - `moves`: the moves.
     - `shift`: directions that the robot turns by at a bump.
 
     **Returns:** [`jaxcell.mapping.SimpleMap`][].
@@ -256,13 +163,13 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
 
 def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
-    """The images of all cells, and where the robot bumps; of NumPy, or traced."""
+    """Compute the images of all cells and the bumps, with the arrays of NumPy or of JAX."""
     xp = target.__array_namespace__()
     directions, positions = way.shape[0], target.shape[1]
     direction = xp.arange(directions, dtype=xp.int32)
     turned = (direction + shift) % directions
     bumped = target == xp.arange(positions, dtype=xp.int32)[None]
-    # A bump adds as much to the cells of all directions, but of those that turn past the last one.
+    # A bump adds the same number to the cells of all directions, unless they turn past the last.
     bump = bumped.astype(xp.int32)
     turns = xp.stack([target + bump * (by * positions) for by in (shift, shift - directions)])
     image = turns[(turned < direction).astype(xp.int32), way]
@@ -276,14 +183,14 @@ def motion_violations(
     bumped: Bool[np.ndarray, "times-1 robots"],
     turn: Int[np.ndarray, "times-1"] | None = None,
 ) -> Bool[np.ndarray, "times-1 robots"]:
-    """Whether a robot does not keep its direction in a move, or its position where it bumps.
+    """Find the moves in which a robot does not keep its direction, or its position at a bump.
 
     **Arguments:**
 
     - `cells`: the cell space.
     - `path`: the cells of each robot over time.
     - `bumped`: whether the robot turned in place.
-    - `turn`: by how many directions; `None` if that is not known.
+    - `turn`: the number of directions that it turned by, or `None` if that is not known.
     """
     direction, position = np.divmod(path, cells.positions)
     stays = position[1:] == position[:-1]

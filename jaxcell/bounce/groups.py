@@ -11,12 +11,11 @@ from jaxtyping import Array, Float, Int, Int32
 
 from ..mapping import GroupSummary, PeriodicGroups
 from ..mapping.section import bucket
-from ..space import CellSpace, estimates
-from ..space.extent import Extent
+from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.steps import Steps
-from .dynamics import Collision, bounce_shift, step_in_cells
-from .runs import Runs
+from .dynamics import bounce_shift
 from .section import AngleGroups, angle_groups
+from .straight_runs import Runs
 
 
 @jax.tree_util.register_dataclass
@@ -26,14 +25,14 @@ class _ToWalls:
 
     way: Int[Array | np.ndarray, "directions"]
     wall: Int[Array | np.ndarray, "ways positions"]
-    "The wall that it ends at, counted from the first one of the way."
+    "The wall at the end of the run, counted from the first wall of the way."
     length: Int[Array | np.ndarray, "ways positions"]
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _AtWalls:
-    """What [`AngleGroups`][] say of the slots of the sections, for a batch of angles.
+    """The fields of [`AngleGroups`][] for a batch of angles, filled up to equal lengths.
 
     The number of the group of a slot is `number[begin + place]`.
     """
@@ -49,29 +48,28 @@ class _AtWalls:
 
 
 def _over_angles(function: Callable[[Any], Any], angles: tuple[int, ...]) -> Callable[[Any], Any]:
-    """Batch a function over angles, but for one alone, which is faster without."""
+    """Batch a function over angles; a single angle is computed without `vmap`, which is faster."""
     if math.prod(angles) != 1:
         for _ in angles:
             function = jax.vmap(function)
         return function
 
     def alone(batch: Any) -> Any:
-        one = jax.tree.map(lambda x: x.reshape(x.shape[len(angles) :]), batch)
-        return jax.tree.map(lambda x: x.reshape(angles + x.shape), function(one))
+        single = jax.tree.map(lambda x: x.reshape(x.shape[len(angles) :]), batch)
+        return jax.tree.map(lambda x: x.reshape(angles + x.shape), function(single))
 
     return alone
 
 
 @functools.partial(jax.jit, static_argnames="walls")
 def _expand(to: _ToWalls, at: _AtWalls, *, walls: int) -> PeriodicGroups:
-    """Expand the groups to all cells, `walls` being as many as any direction has, or more."""
+    """Expand the groups to all cells; no direction has more than `walls` walls."""
 
     def expand(groups):  # type: ignore[no-untyped-def]
         slot = groups.first[:, None] + jnp.arange(walls, dtype=jnp.int32)[None]
         number = groups.number[groups.begin[:, None] + groups.place[slot]]
 
-        # One direction at a time: what is gathered from is then a few hundred walls, which fit the
-        # nearest cache.
+        # One direction at a time, because its few hundred walls fit the nearest cache.
         def along(direction):  # type: ignore[no-untyped-def]
             way, group, lead = direction
             wall = to.wall[way]
@@ -84,16 +82,14 @@ def _expand(to: _ToWalls, at: _AtWalls, *, walls: int) -> PeriodicGroups:
 
 
 @functools.lru_cache(maxsize=4)
-def _runs(cells: CellSpace, step: float | None, collision: Collision) -> Runs:
-    estimates.check(
-        Extent.of(cells), lambda e: estimates.section(e, step, collision), "groups of cells", step
-    )
-    return Runs.of(Steps.of(cells, step_in_cells(cells, step, collision), collision))
+def _runs(cells: CellSpace, motion: Motion) -> Runs:
+    estimates.check_cells(cells, motion, estimates.section, "groups of cells")
+    return Runs.of(Steps.of(cells, motion))
 
 
 @functools.lru_cache(maxsize=4)
-def _to_walls(cells: CellSpace, step: float | None, collision: Collision) -> _ToWalls:
-    runs = _runs(cells, step, collision)
+def _to_walls(cells: CellSpace, motion: Motion) -> _ToWalls:
+    runs = _runs(cells, motion)
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
         return jax.device_put(_ToWalls(runs.steps.way, *runs.of_cells(cells)))
@@ -102,34 +98,30 @@ def _to_walls(cells: CellSpace, step: float | None, collision: Collision) -> _To
 def _stacked(
     rows: Sequence[Int[np.ndarray, "_"]], angles: tuple[int, ...], size: int
 ) -> Int32[np.ndarray, "*angles size"]:
-    """Rows that are filled up with zeros to one length."""
+    """Stack rows that are filled up with zeros to one length."""
     table = np.zeros((len(rows), size), np.int32)
-    for row, one in zip(table, rows, strict=True):
-        row[: one.size] = one
+    for line, row in zip(table, rows, strict=True):
+        line[: row.size] = row
     return table.reshape(*angles, size)
 
 
-def _found(
-    cells: CellSpace,
-    bounce: Float[np.ndarray, "*angles"] | Array | float | int,
-    step: float | None,
-    collision: Collision,
+def _of_angles(
+    cells: CellSpace, bounce: Float[np.ndarray, "*angles"] | Array | float | int, motion: Motion
 ) -> tuple[list[AngleGroups], tuple[int, ...]]:
-    """The groups of each angle, and the shape of the batch."""
+    """Find the groups of each angle, and the shape of the batch."""
     shift = bounce_shift(bounce, cells.directions)
-    return angle_groups(cells, _runs(cells, step, collision), shift.ravel().tolist()), shift.shape
+    return angle_groups(cells, _runs(cells, motion), shift.ravel().tolist()), shift.shape
 
 
 def bounce_groups(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> PeriodicGroups:
     """Find the periodic groups of a bounce map, by way of the section of its bumps.
 
-    Gives what [`jaxcell.mapping.periodic_groups`][] gives for the image of
+    The result is that of [`jaxcell.mapping.periodic_groups`][] for the image of
     [`jaxcell.bounce.bounce_map`][], many times faster: the rows `groups` of the benchmarks.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
@@ -147,37 +139,34 @@ def bounce_groups(
         >>> int(groups.count), groups.period.tolist()
         (1, [6, 6, 6, 6, 6, 6])
     """
-    found, angles = _found(cells, bounce, step, collision)
-    estimates.check(
-        Extent.of(cells),
-        lambda e: estimates.IMAGE * e.size * len(found),
+    groups, angles = _of_angles(cells, bounce, motion)
+    estimates.check_cells(
+        cells,
+        motion,
+        lambda e, _: estimates.IMAGE * e.size * len(groups),
         "groups of all cells",
-        step,
         "`record.save_cells` writes them a direction at a time, or ",
     )
-    most, slots = (
-        bucket(max(row.size for row in rows))
-        for rows in ([one.period for one in found], [one.lead for one in found])
-    )
+    most = bucket(max(one.period.size for one in groups))
+    slots = bucket(max(one.lead.size for one in groups))
     at = _AtWalls(
-        _stacked([one.groups.begin for one in found], angles, cells.directions),
-        _stacked([one.first for one in found], angles, cells.directions),
-        _stacked([one.groups.place[one.leader] for one in found], angles, slots),
-        _stacked([one.lead for one in found], angles, slots),
-        _stacked([one.groups.number for one in found], angles, most),
-        _stacked([one.period for one in found], angles, most),
-        np.array([one.period.size for one in found], np.int32).reshape(angles),
+        _stacked([one.groups.begin for one in groups], angles, cells.directions),
+        _stacked([one.first for one in groups], angles, cells.directions),
+        _stacked([one.groups.place[one.leader] for one in groups], angles, slots),
+        _stacked([one.lead for one in groups], angles, slots),
+        _stacked([one.groups.number for one in groups], angles, most),
+        _stacked([one.period for one in groups], angles, most),
+        np.array([one.period.size for one in groups], np.int32).reshape(angles),
     )
-    walls = bucket(int(np.diff(found[0].runs.begin).max()))
-    return _expand(_to_walls(cells, step, collision), at, walls=walls)
+    walls = bucket(int(np.diff(groups[0].runs.begin).max()))
+    return _expand(_to_walls(cells, motion), at, walls=walls)
 
 
 def group_summary(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> GroupSummary:
     """Count the periodic groups of a bounce map, with their periods, basins and transients.
 
@@ -185,21 +174,21 @@ def group_summary(
 
     **Returns:** [`jaxcell.mapping.GroupSummary`][].
 
-    A corridor of three squares, in which a robot goes there and back:
+    A corridor of three squares, whose six cells are one periodic group:
 
         >>> import math
         >>> from jaxcell import bounce, examples
         >>> cells = examples.corridor()
-        >>> found = bounce.group_summary(cells, math.pi)
-        >>> int(found.count), found.period[:1].tolist(), found.basin[:1].tolist()
+        >>> summary = bounce.group_summary(cells, math.pi)
+        >>> int(summary.count), summary.period[:1].tolist(), summary.basin[:1].tolist()
         (1, [6], [6])
     """
-    found, angles = _found(cells, bounce, step, collision)
-    each = [one.summary() for one in found]
+    groups, angles = _of_angles(cells, bounce, motion)
+    each = [one.summary() for one in groups]
     most = bucket(max(one.period.size for one in each))
     count = np.array([one.period.size for one in each], np.int32).reshape(angles)
-    period, basin, transient = (
+    tables = (
         _stacked([getattr(one, name) for one in each], angles, most)
         for name in ("period", "basin", "transient")
     )
-    return GroupSummary(count, period, basin, transient)
+    return GroupSummary(count, *tables)

@@ -8,11 +8,11 @@ from jaxtyping import Bool, Int
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Headings:
-    """The directions that a robot takes at its bumps one after the other, in independent cycles.
+    """The directions that a robot takes at successive bumps, in independent cycles.
 
-    Directions that differ by a multiple of `cycles` are those of one cycle. Walls matter to it by
-    the ways of its directions only, so that cycles of the same ways, one after the other, have the
-    same groups: it is enough to follow the first of them, whose directions are *leading*.
+    The directions of one cycle differ by multiples of `cycles`. The walls that a robot meets depend
+    on the ways of its directions only. So cycles that have the same ways in the same order have the
+    same groups. It is enough to follow the first of such cycles, whose directions are *leading*.
     """
 
     shift: int
@@ -20,18 +20,18 @@ class Headings:
     cycles: int
     "Number of cycles."
     like: Int[np.ndarray, "cycles"]
-    "The first cycle that has the same ways as each."
+    "The first cycle that has the same ways as each cycle."
     alike: Int[np.ndarray, "directions"]
-    "The leading direction that stands for each direction; itself where it is one."
+    "The leading direction that represents each direction; a leading one represents itself."
 
     @property
     def leading(self) -> Bool[np.ndarray, "directions"]:
-        """Which directions lead."""
+        """A mask of the leading directions."""
         return self.alike == np.arange(self.alike.size)
 
     @classmethod
     def of(cls, way: Int[np.ndarray, "directions"], shift: int) -> "Headings":
-        """The cycles of a robot that turns by so many directions.
+        """Find the cycles.
 
         **Arguments:**
 
@@ -47,11 +47,9 @@ class Headings:
 
         **Arguments:**
 
-        - `leads`: whether a slot of the section of the leading directions stands for a group.
-        - `lowest`: the smallest cell of that group.
-        - `positions`: how many cells a direction has.
-
-        **Returns:** [`SpreadGroups`][].
+        - `leads`: a mask of the slots of the section that represent a group.
+        - `lowest`: the smallest cell of the group of each of these slots.
+        - `positions`: number of cells of a direction.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]
@@ -73,12 +71,12 @@ class Headings:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SpreadGroups:
-    """The groups of all cycles of headings, when those of the leading directions are known."""
+    """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    "The slot that stands for each group or the one that it is like, in the order of numbers."
+    "The slot that represents each group, or the group that it equals, in the order of numbers."
     number: Int[np.ndarray, "groups"]
-    "That of what slot `s` stands for, for direction `d`, is `number[begin[d] + place[s]]`."
+    "For direction `d`, the group that slot `s` represents is `number[begin[d] + place[s]]`."
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
 
@@ -88,7 +86,7 @@ def _headings(ways: bytes, kind: str, shift: int) -> Headings:
     way = np.frombuffer(ways, kind)
     cycles = math.gcd(shift, way.size)
     first: dict[bytes, int] = {}
-    # The directions of two cycles differ by the same number throughout.
+    # Corresponding directions of two cycles differ by the same number.
     rows = map(bytes, np.ascontiguousarray(way.reshape(-1, cycles).T))
     like = np.array([first.setdefault(row, cycle) for cycle, row in enumerate(rows)])
     cycle = np.arange(way.size) % cycles

@@ -77,7 +77,7 @@ def joint_image(
 
     **Returns:** [`JointImage`][].
     """
-    directions, positions = moves.way.shape[0], moves.free.shape[0]
+    directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction, position = state // positions, state % positions
     target = moves.target[moves.way[direction], position]
 

@@ -7,8 +7,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..space import CellSpace
-from .dynamics import Collision, bounce_shift, moves as moves_of
+from ..space import CELL_BY_CELL, CellSpace, Motion
+from .dynamics import bounce_shift, moves as moves_of
 from .joint import JointImage, joint_orbits, squares_of
 from .trajectory import TeamOutcome, TeamTrajectory
 
@@ -26,8 +26,7 @@ def team_trajectory(
     starts: Int[np.ndarray, "robots"] | Sequence[int],
     bounces: Float[np.ndarray, "*angles"] | Sequence[float] | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     max_parts: int = 1000,
     part_steps: int | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -48,7 +47,7 @@ def team_trajectory(
     - `cells`: the cell space.
     - `starts`: the cell of each robot, no two in one position.
     - `bounces`: bouncing angles in radians, one for all robots or one for each.
-    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+    - `motion`: how the robots move.
     - `max_parts`: how many parts the trajectory may have.
     - `part_steps`: after how many steps a part ends in any case, since several robots may take
         millions until they repeat themselves; by default the number of cells, which no robot alone
@@ -76,8 +75,7 @@ def team_trajectory(
         cells,
         np.array([operator.index(cell) for cell in starts], np.int64)[None],
         bounces,
-        step=step,
-        collision=collision,
+        motion=motion,
         max_parts=max_parts,
         part_steps=part_steps,
         progress=progress,
@@ -89,8 +87,7 @@ def team_trajectories(
     starts: Int[np.ndarray, "runs robots"],
     bounces: Float[np.ndarray, "*angles"] | Sequence[float] | float | int,
     *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    motion: Motion = CELL_BY_CELL,
     max_parts: int = 1000,
     part_steps: int | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -122,7 +119,7 @@ def team_trajectories(
     for name, value in (("max_parts", max_parts), ("part_steps", limit)):
         if value < 1:
             raise ValueError(f"{name}: expected at least 1, got {value}")
-    moves = moves_of(cells, step=step, collision=collision)
+    moves = moves_of(cells, motion=motion)
     squares, shift = jax.device_put((squares_of(cells), shift))
     orbits = functools.partial(joint_orbits, moves, squares, shift, steps=_CHUNK)
 

@@ -160,7 +160,7 @@ def _contents(
 
 
 def _recording(path: Path) -> dict[str, Any]:
-    from ..base.extras import import_module
+    from ..base.optional_modules import import_module
     from .view import recordings_in
 
     recordings_in(path)

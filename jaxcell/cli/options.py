@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ..base.files import replacing
+from ..base.paths import replacing
 from .terminal import status
 
 

@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..base.extras import has_module, missing_module
 from ..base.memory import gigabytes
+from ..base.optional_modules import has_module, missing_module
 from ..study import Study
 from ..study.study import Say, silent
 from .options import Printing, starting, write_text

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.formatting import format_value
 from ..base.quantities import Quantity, Result, columns, is_single, parts, summarized
-from ..base.written import written
 from .terminal import say, table
 
 
@@ -41,7 +41,7 @@ def show(
     cells = getattr(result, "cells", None) if cells is None else cells
     # Those along the dimension of a table are columns of it.
     single = [
-        (about.meaning, written(value, about, cells))
+        (about.meaning, format_value(value, about, cells))
         for about, value in described.values()
         if is_single(about) and not set(about.dims) & set(result.tables)
     ]
@@ -81,7 +81,7 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
         short = _MAX_LONG < len(several) <= length
         shown = {
             name.replace("_", " ") if short else about.meaning: [
-                written(one, about, cells) for one in np.asarray(value).tolist()
+                format_value(one, about, cells) for one in np.asarray(value).tolist()
             ]
             for name, (about, value) in several.items()
         }
@@ -106,7 +106,7 @@ def _side_by_side(several: tuple[Result, ...], title: str) -> None:
         for name, (about, value) in _brief(one).items():
             if is_single(about) and len(several) > 1:
                 key = about.meaning if across else name.replace("_", " ")
-                rows.setdefault(key, [""] * len(several))[column] = written(value, about)
+                rows.setdefault(key, [""] * len(several))[column] = format_value(value, about)
     numbers = [*map(str, range(len(several)))]
     if across and rows:
         table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])

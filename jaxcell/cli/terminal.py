@@ -15,7 +15,7 @@ from typing import Any, cast
 from rich.console import Console
 from rich.table import Table
 
-from ..base.extras import has_module
+from ..base.optional_modules import has_module
 from .encoding import encodable
 
 

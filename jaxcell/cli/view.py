@@ -14,7 +14,7 @@ from pathlib import Path
 import tyro
 
 from ..base.display import has_display
-from ..base.extras import has_module, missing_module
+from ..base.optional_modules import has_module, missing_module
 from ..base.signals import end_by_signals, leave_signals
 from .terminal import note, own_command
 

@@ -1,20 +1,15 @@
-from .advection import advect as advect, flow_map as flow_map
+from .advection import advect as advect
 from .beaches import Stranded as Stranded, beaching as beaching, coast as coast
 from .behaviour import (
     LongTermBehaviour as LongTermBehaviour,
     long_term_behaviour as long_term_behaviour,
-)
-from .chains import (
-    METHODS as METHODS,
-    drift_map as drift_map,
-    drift_maps as drift_maps,
 )
 from .closed_sets import (
     ClosedSets as ClosedSets,
     nearly_closed_sets as nearly_closed_sets,
 )
 from .currents.ocean import open_currents as open_currents
-from .deploy import (
+from .deployment import (
     CoverageCurve as CoverageCurve,
     Deployment as Deployment,
     VisibleDeployment as VisibleDeployment,
@@ -24,14 +19,19 @@ from .deploy import (
     visible_deployment as visible_deployment,
 )
 from .flow import Flow as Flow, crossing_time as crossing_time
-from .observed.counted import (
+from .maps import (
+    drift_map as drift_map,
+    drift_maps as drift_maps,
+    flow_map as flow_map,
+)
+from .observed.moves import (
     CountedMoves as CountedMoves,
     Spread as Spread,
     bootstrap as bootstrap,
     boxes as boxes,
     count_moves as count_moves,
 )
-from .observed.observed import ObservedDrift as ObservedDrift
+from .observed.observed_drift import ObservedDrift as ObservedDrift
 from .observed.trajectories import (
     Trajectories as Trajectories,
     open_trajectories as open_trajectories,
@@ -46,23 +46,24 @@ from .results.layer import Layer as Layer
 from .results.sea_drift import SeaDrift as SeaDrift
 from .results.sea_voyage import SeaVoyage as SeaVoyage
 from .sea import Sea as Sea
-from .truth.coherent import (
+from .step import METHODS as METHODS, DriftStep as DriftStep
+from .validation.coherent import (
     Agreement as Agreement,
     agreement as agreement,
     ftle as ftle,
     ridges as ridges,
 )
-from .truth.diagnosis import (
+from .validation.diagnosis import (
     Diagnosis as Diagnosis,
     diagnose as diagnose,
     group_counts as group_counts,
 )
-from .truth.distance import (
+from .validation.distance import (
     Distance as Distance,
     distances as distances,
     nearest_step as nearest_step,
 )
-from .truth.drifters import (
+from .validation.drifters import (
     Comparison as Comparison,
     Drifters as Drifters,
     compare as compare,

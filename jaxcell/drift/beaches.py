@@ -1,4 +1,4 @@
-"""Drifters that strand at a coast, and come afloat again."""
+"""Beaching: drifters that strand at a coast, and come afloat again."""
 
 import dataclasses
 import functools
@@ -15,13 +15,13 @@ from .water import NEIGHBORS, Water
 
 
 def coast(water: Water) -> Bool[np.ndarray, "cells"]:
-    """Give the cells at a coast: those beside land, but not those at the edge of the grid alone.
+    """Mark the cells at a coast: those beside land, not those at the edge of the grid alone.
 
     **Arguments:**
 
     - `water`: the cells of a layer.
 
-    **Returns:** whether each is at a coast.
+    **Returns:** a mask over the cells.
 
     A sea of two cells with land at one end:
 
@@ -44,23 +44,22 @@ def beaching(
     afloat: float | int,
     stranded: float | int = np.inf,
 ) -> tuple[Chain | ChainSequence, Int[np.ndarray, "coast"]]:
-    """Give the map of drifters that may strand at a coast.
+    """Add a beach to the map for each cell at a coast.
 
-    Each cell at a coast has a beach, which is one more state. In a step, a drifter in the cell
-    strands with probability `1 - 2^(-duration / afloat)`, and else drifts on; one on the beach is
-    back in the cell with `1 - 2^(-duration / stranded)`.
+    A beach is one more state. In a step, a drifter in the cell strands with probability
+    `1 - 2^(-duration / afloat)`, and else drifts on; a drifter on the beach returns to the cell
+    with probability `1 - 2^(-duration / stranded)`.
 
     **Arguments:**
 
-    - `chain`: the map of a layer, as from [`jaxcell.drift.drift_map`][], or maps that follow on one
-        another, as from [`jaxcell.drift.drift_maps`][].
+    - `chain`: the map of a layer, from [`jaxcell.drift.drift_maps`][].
     - `at_coast`: the cells with a beach, as from [`coast`][].
     - `duration`: of a step, in seconds.
     - `afloat`: the time in seconds in which half of the drifters in a cell at a coast strand.
-    - `stranded`: the time in which half of those on a beach are afloat again; infinite by default,
-        so that beaches are persistent groups.
+    - `stranded`: the time in which half of the drifters on a beach come afloat; infinite by
+        default, so that beaches are persistent groups.
 
-    **Returns:** the map, over the cells and after them the beaches; and the cell of each beach.
+    **Returns:** the map over the cells and then the beaches; and the cell of each beach.
 
     **Raises:** `ValueError` for times that are not positive, or a mask of other cells.
 
@@ -91,8 +90,8 @@ def _with_beaches(
 ) -> Chain:
     beach = chain.cells + np.arange(cell.size, dtype=np.int32)
     image, probability = (
-        np.pad(np.asarray(one), ((0, 1), (0, cell.size)))
-        for one in (chain.image, chain.probability)
+        np.pad(np.asarray(slots), ((0, 1), (0, cell.size)))
+        for slots in (chain.image, chain.probability)
     )
     probability[:, cell] *= 1 - strands
     image[-1], image[-1, cell], probability[-1, cell] = np.arange(image.shape[1]), beach, strands
@@ -103,7 +102,7 @@ def _with_beaches(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stranded(Result):
-    """What becomes of drifters that may strand, released in all cells of a layer alike.
+    """The fate of drifters that may strand, released uniformly in all cells of a layer.
 
     Still water beside land, from which half strand in an hour and come back in another:
 
@@ -112,8 +111,8 @@ class Stranded(Result):
         >>> number, side = np.int32([[-1, 0]]), np.full((1, 2), 1000.0)
         >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
         >>> still = drift.long_term_behaviour(mapping.Chain.from_scipy(np.eye(1)), 3600)
-        >>> found = drift.Stranded.of(water, still, 2 * 3600, afloat=3600, stranded=3600)
-        >>> found.beaches, found.share_by_step.tolist(), found.share
+        >>> stranded = drift.Stranded.of(water, still, 2 * 3600, afloat=3600, stranded=3600)
+        >>> stranded.beaches, stranded.share_by_step.tolist(), stranded.share
         (1, [0.0, 0.5, 0.5], 0.5)
     """
 
@@ -123,9 +122,9 @@ class Stranded(Result):
     cell: Int[np.ndarray, "beaches"]
     "The cell of each beach."
     hours: float | int
-    "Of a step."
+    "The duration of a step."
     steps: int
-    "After which it is asked where they are."
+    "The number of steps between release and the answer."
 
     @classmethod
     def of(
@@ -137,16 +136,7 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Drifters that strand by the map of a layer.
-
-        **Arguments:**
-
-        - `water`, `behaviour`: of the layer.
-        - `seconds`: after which it is asked where they are; the nearest whole step is taken.
-        - `afloat`, `stranded`: as for [`beaching`][].
-
-        **Raises:** `ValueError` as [`beaching`][].
-        """
+        """Follow drifters by the map of a layer, for a time that is rounded to whole steps."""
         step = behaviour.duration
         both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)
         return cls(water, *both, step / 3600, steps_in(seconds, step))
@@ -167,15 +157,15 @@ class Stranded(Result):
     def beaches(self) -> int:
         return self.cell.size
 
-    @derived("beaching_step", "drifters on a beach after so many steps", "1", kind="share")
+    @derived("beaching_step", "drifters on a beach after each step", "1", kind="share")
     def share_by_step(self) -> Float[np.ndarray, "steps"]:
         return self._shares[:, self.water.cells :].sum(axis=1)
 
     @derived("y x", "share of all drifters on the beach then", "1", padding="NaN: no beach")
     def on_beach(self) -> Float[np.ndarray, "rows columns"]:
-        found = np.full(self.water.cells, np.nan)
-        found[self.cell] = self._shares[-1, self.water.cells :]
-        return self.water.on_grid(found)
+        share = np.full(self.water.cells, np.nan)
+        share[self.cell] = self._shares[-1, self.water.cells :]
+        return self.water.on_grid(share)
 
     @derived(
         "y x", "probability to be on a beach then, by the cell of release", "1", padding="NaN: land"
@@ -187,7 +177,7 @@ class Stranded(Result):
 
     @functools.cached_property
     def _shares(self) -> Float[np.ndarray, "steps states"]:
-        """Of the drifters in each cell and on each beach after each step, from the release on."""
+        """The share of the drifters in each cell and on each beach after each step."""
         cells = self.water.cells
         share = np.where(np.arange(self.chain.cells) < cells, 1 / cells, 0.0)
         return np.stack([*as_sequence(self.chain).pushed(share, self.steps)])

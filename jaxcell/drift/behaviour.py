@@ -26,34 +26,34 @@ from ..markov import (
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LongTermBehaviour:
-    """Where drifters of one layer end up, and when (Alam 2018, Alg. 5.1).
+    """The ends of the drifters of one layer, and the times to reach them (Alam 2018, Alg. 5.1).
 
-    In a current that repeats itself that depends on when they are released. Groups, times and
-    probabilities are then of the `unrolled` map, of the cells at each phase of the current, phase
-    after phase; `begins` has those of phase 0.
+    In a periodic current they depend on the time of release. Groups, times and probabilities are
+    then those of the `unrolled` map over the cells at each phase of the current, phase after phase;
+    `begins` has those of phase 0.
     """
 
     chain: Chain | ChainSequence
-    "The generalized map, or those that follow on one another."
+    "The generalized map, or the maps of the phases of the current."
     duration: float
-    "Seconds that one step of it takes."
+    "Seconds per step."
     groups: PersistentGroups
-    "Where drifters stay for ever."
+    "The sets of cells that drifters never leave."
     transient: TransientGroups
-    "The other cells, by where they may end: the single- and multiple-domicile groups."
+    "The other cells, by their possible ends: the single- and multiple-domicile groups."
     absorption: Solution
     "The expected number of steps until a drifter is in a persistent group or has left the grid."
     throw: bool = False
-    "Whether `probability` and `limiting` raise when they are not good enough."
+    "Whether `probability` and `limiting` raise when they are not accurate enough."
 
     @property
     def unrolled(self) -> Chain:
-        """The map, of the cells at each phase."""
+        """The map over the cells at each phase."""
         return _unrolled(self.chain)
 
     @functools.cached_property
     def begins(self) -> "LongTermBehaviour":
-        """The same with groups and times of drifters that are released at phase 0 only."""
+        """The behaviour of drifters that are released at phase 0."""
         cells = self.chain.cells
         value = jax.device_put(np.asarray(self.absorption.value)[:cells])
         steps = Solution(value, self.absorption.certificate)
@@ -69,7 +69,7 @@ class LongTermBehaviour:
     def probability(self) -> Absorption:
         """The probability of ending in each persistent group, or off the grid.
 
-        It takes a solve and 8 bytes a cell for every group. Its `certificate` says how good it is.
+        It takes a solve and 8 bytes per cell for every group.
 
         **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
@@ -77,20 +77,20 @@ class LongTermBehaviour:
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the grid where no solve is needed for it: 0 or 1.
+        """The probability of ending off the grid where it is 0 or 1, and NaN in other cells.
 
-        It is NaN in cells from which a drifter may leave or be in a persistent group in the end.
+        It needs no solve.
         """
         chance = [
             0.0 if SINK not in homes else 1.0 if len(homes) == 1 else np.nan
             for homes in self.transient.domiciles
         ]
-        # The last one stands for what is persistent, whose transient group is -1.
+        # Persistent cells have the transient group -1, which is the last one here.
         return np.array([*chance, 0.0])[np.asarray(self.transient.group)]
 
     @functools.cached_property
     def limiting(self) -> LimitingDistribution:
-        """Where drifters that were released in all cells alike are in the long run.
+        """The distribution in the long run of drifters that were released uniformly in all cells.
 
         **Raises:** `RuntimeError` if a solve stalls and `throw` is set.
         """
@@ -98,7 +98,8 @@ class LongTermBehaviour:
 
     @property
     def basin(self) -> Int[Array, "cells"]:
-        """The one persistent group in which a drifter ends up for sure; -1 if there is none such.
+        """The only persistent group in which a drifter from each cell may end; -1 if there are
+        several, or if it may leave.
 
         These are the domains of attraction, with the groups themselves.
         """
@@ -112,20 +113,18 @@ class LongTermBehaviour:
 def long_term_behaviour(
     chain: Chain | ChainSequence, duration: float | int, *, throw: bool = False
 ) -> LongTermBehaviour:
-    """The long-term behaviour of the water of one layer (Alam 2018, Alg. 5.1).
+    """Compute the long-term behaviour of the water of one layer (Alam 2018, Alg. 5.1).
 
     **Arguments:**
 
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or maps that follow on one another,
-        from [`jaxcell.drift.drift_maps`][].
-    - `duration`: seconds that one step of it takes.
-    - `throw`: whether to raise when the absorption times are not good enough, and the probabilities
-        and the limiting distribution once they are asked for.
-        Not so by default: times from some 10^9 steps on, where an eddy that is no group holds
-        drifters almost for ever, are beyond 64-bit numbers. The `certificate` of each says so.
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][] or [`jaxcell.drift.drift_maps`][].
+    - `duration`: seconds per step.
+    - `throw`: whether to raise when absorption times, probabilities or the limiting distribution
+        are not accurate enough. Times above some 10^9 steps, in an eddy that almost traps drifters,
+        are beyond 64-bit numbers; the `certificate` says so.
 
-    **Returns:** [`LongTermBehaviour`][]; probabilities and the limiting distribution are computed
-    when they are asked for.
+    **Returns:** [`LongTermBehaviour`][], which computes probabilities and the limiting distribution
+    when they are first read.
 
     **Raises:** `ValueError` for a duration that is not positive; `RuntimeError` if the solve
     stalls and `throw` is set.

@@ -15,7 +15,7 @@ from .water import Water
 
 
 _WINDOW = 24.0
-# Smaller pieces of the water are closed sets of their own that nobody asks for.
+# A piece of water with a smaller share of the cells is a closed set by itself, and is left out.
 _LEAST_PIECE = 0.01
 
 
@@ -28,24 +28,22 @@ def nearly_closed_sets(
     hours: float | int = _WINDOW,
     moving: bool = False,
 ) -> NearlyClosedSets:
-    """Find parts of the water that drifters hardly leave, whether or not any is closed.
+    """Find sets of cells that drifters hardly leave, closed or not.
 
-    Whether a part is a persistent group hangs on single drifters, and so on the step; what leaves
-    it in a day does not. Drifters are released everywhere alike, as many a square metre. Pieces of
-    water with less than a hundredth of the cells are left out. While parts are looked for drifters
-    are spread over the cells around them at the end of the window, without which single cells in
-    the middles of eddies would be parts.
+    Whether a set is a persistent group depends on single drifters, and so on the step; the share
+    that leaves it in a day does not. Drifters are released with one density per square metre.
+    Pieces of water with less than a hundredth of the cells are left out. The search spreads
+    drifters over the neighbouring cells at the end of the window, because otherwise it would find
+    single cells in the middles of eddies.
 
     **Arguments:**
 
     - `water`: the cells.
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or maps that follow on one another,
-        from [`jaxcell.drift.drift_maps`][].
-    - `duration`: seconds that one step of it takes.
-    - `count`: how many parts; there may be fewer in the end.
-    - `hours`: the window, to which the nearest number of steps is taken; of whole periods, if maps
-        follow on one another.
-    - `moving`: whether parts may move meanwhile, as coherent sets; else they are almost invariant.
+    - `chain`: the map, from [`jaxcell.drift.drift_maps`][].
+    - `duration`: seconds per step.
+    - `count`: the number of sets to find; fewer may be returned.
+    - `hours`: the window, rounded to whole steps, or to whole periods of a periodic current.
+    - `moving`: whether to find coherent sets, which may move; by default almost-invariant sets.
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][] of drifters that are released at phase 0.
 
@@ -56,7 +54,7 @@ def nearly_closed_sets(
         >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-        >>> chain = drift.drift_map(water, flow, 3600.0, **drift.METHODS["drifters"])
+        >>> chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(3600.0))
         >>> sets = drift.nearly_closed_sets(water, chain, 3600.0, 2)
         >>> sets.count, sets.steps
         (2, 24)
@@ -74,17 +72,17 @@ def nearly_closed_sets(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ClosedSets(Result):
-    """Parts of the water that drifters hardly leave, layer after layer.
+    """Nearly closed sets: sets of cells that drifters hardly leave, layer after layer.
 
-    Two cells of which drifters leave one for the other seldom, in steps of an hour:
+    Two cells that drifters seldom exchange, in steps of an hour:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
         >>> number, side = np.arange(2, dtype=np.int32).reshape(1, 2), np.full((1, 2), 1000.0)
         >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
         >>> chain = mapping.Chain.from_scipy(np.array([[0.999, 0.001], [0.001, 0.999]]))
-        >>> found = drift.ClosedSets.of([water], [chain], 3600.0, 2)
-        >>> found.number.tolist(), found.leakage.round(3).tolist(), found.hours.round().tolist()
+        >>> sets = drift.ClosedSets.of([water], [chain], 3600.0, 2)
+        >>> sets.number.tolist(), sets.leakage.round(3).tolist(), sets.hours.round().tolist()
         ([[[0, 1]]], [0.023, 0.023], [1011.0, 1011.0])
     """
 
@@ -93,9 +91,9 @@ class ClosedSets(Result):
     waters: tuple[Water, ...]
     "The cells of each layer."
     layers: tuple[NearlyClosedSets, ...]
-    "The parts of each."
+    "The sets of each layer."
     duration: float | int
-    "Seconds that a step takes."
+    "Seconds per step."
 
     @classmethod
     def of(
@@ -105,18 +103,10 @@ class ClosedSets(Result):
         duration: float | int,
         count: int,
     ) -> "ClosedSets":
-        """Find those of each layer.
-
-        **Arguments:**
-
-        - `waters`, `chains`: the cells and the map of each layer.
-        - `duration`, `count`: as for [`nearly_closed_sets`][].
-
-        **Raises:** `ValueError` as [`nearly_closed_sets`][].
-        """
-        both = zip(waters, chains, strict=True)
-        found = [nearly_closed_sets(water, chain, duration, count) for water, chain in both]
-        return cls(tuple(waters), tuple(found), duration)
+        """Find the sets of each layer, as [`nearly_closed_sets`][] does."""
+        layers = zip(waters, chains, strict=True)
+        sets = [nearly_closed_sets(water, chain, duration, count) for water, chain in layers]
+        return cls(tuple(waters), tuple(sets), duration)
 
     @derived("", "window in which they leak", "h", kind="time")
     def window_hours(self) -> float:
@@ -153,17 +143,17 @@ class ClosedSets(Result):
     @derived("layer y x", "nearly closed set, -1 for none", kind="index", padding="-2: no water")
     def number(self) -> Int[np.ndarray, "layers rows columns"]:
         return np.stack(
-            [w.on_grid(one, -2) for w, one in zip(self.waters, self.labels, strict=True)]
+            [w.on_grid(label, -2) for w, label in zip(self.waters, self.labels, strict=True)]
         )
 
     @functools.cached_property
     def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
-        """The rank of each set of each layer: that of the set which it goes on from above."""
+        """The rank of each set of each layer, as of the matching set in the layer above."""
         return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property
     def labels(self) -> list[Int[np.ndarray, "_cells"]]:
-        """The number of the part of each cell of each layer, -1 for none."""
+        """The number of the set of each cell of each layer, -1 for none."""
         first = np.cumsum([0, *(s.count for s in self.layers)])
         pairs = zip(self.layers, first[:-1].tolist(), strict=True)
         return [np.where(s.begin < 0, -1, s.begin + before) for s, before in pairs]
@@ -174,12 +164,12 @@ class ClosedSets(Result):
 
 
 def _middles(water: Water, sets: NearlyClosedSets) -> Int[np.ndarray, "sets"]:
-    """The cell of each set that is nearest to the mean of its rows and columns."""
+    """Find the cell of each set that is nearest to the mean of its rows and columns."""
     begin, cells = sets.begin, np.flatnonzero(sets.begin >= 0)
     size = np.maximum(np.bincount(begin[cells], minlength=sets.count), 1)
     away = [
-        one[cells] - (np.bincount(begin[cells], one[cells], sets.count) / size)[begin[cells]]
-        for one in (water.row, water.column)
+        place[cells] - (np.bincount(begin[cells], place[cells], sets.count) / size)[begin[cells]]
+        for place in (water.row, water.column)
     ]
     nearest = cells[np.lexsort((np.hypot(*away), begin[cells]))]
     return nearest[np.searchsorted(begin[nearest], np.arange(sets.count))]

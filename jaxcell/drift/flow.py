@@ -10,18 +10,14 @@ from ..base.precision import require_x64
 from .water import Water
 
 
-# The longest step, and one over the shortest, in times to cross a cell.
-_LONGEST = 1000
-
-
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Flow:
-    """How fast the water of one layer goes, in cells per second along the axes of the grid.
+    """The velocity of the water of one layer, in cells per second along the axes of the grid.
 
-    Cells are the unit because everything that follows is asked in places of the grid: the point
-    `(x, y)` lies in column `x` and row `y`, whole numbers are the centres of cells. Without water
-    the flow is 0, so that a drifter slows down towards a coast and does not cross it.
+    The point `(x, y)` lies in column `x` and row `y` of the grid; whole numbers are the centres of
+    cells. Without water the flow is 0, so that a drifter slows down towards a coast and does not
+    cross it.
 
     The surface of the bundled sea at its first record:
 
@@ -38,11 +34,11 @@ class Flow:
     wraps: bool = dataclasses.field(default=False, metadata={"static": True})
     "Whether the last column is beside the first, as in `Water`."
     period: Float[Array, ""] | None = None
-    """Seconds from the first record to the last, which is the first again; `None` for a current
-    that does not repeat."""
+    """Seconds from the first record to the last, which repeats the first; `None` if the current is
+    not periodic."""
     diffusivity: float = dataclasses.field(default=0.0, metadata={"static": True})
-    """In m²/s: what the current does not resolve spreads drifters over a time `t` by
-    `sqrt(2 diffusivity t)` along each axis."""
+    """Of unresolved motion, in m²/s: over a time `t` drifters spread by `sqrt(2 diffusivity t)`
+    along each axis."""
 
     @classmethod
     def of(
@@ -53,17 +49,17 @@ class Flow:
         *,
         diffusivity: float | int = 0.0,
     ) -> "Flow":
-        """The flow of one layer.
+        """Take the flow of one layer.
 
         **Arguments:**
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
-        - `record`: number of the record to take as steady; without it, all of them.
-        - `diffusivity`: in m²/s, of what the current does not resolve.
+        - `record`: number of the record to take as steady; by default all records.
+        - `diffusivity`: of unresolved motion, in m²/s.
 
-        **Raises:** `ValueError` if there is no such layer or record, or for a diffusivity below 0;
-        `RuntimeError` where JAX is set to 32 bits.
+        **Raises:** `ValueError` for a layer, record or diffusivity out of range; `RuntimeError` if
+        JAX is set to 32 bits.
         """
         require_x64("a flow")
         if not (np.isfinite(diffusivity) and diffusivity >= 0):
@@ -73,9 +69,9 @@ class Flow:
         if record is not None and not 0 <= record < records:
             raise ValueError(f"record {record} does not exist; there are {records}")
         taken = slice(None) if record is None else slice(record, record + 1)
-        here = currents.isel(layer=layer, time=taken)
+        fields = currents.isel(layer=layer, time=taken)
         east, north = (
-            np.where(water.number >= 0, np.asarray(here[name], np.float64), 0) for name in "uv"
+            np.where(water.number >= 0, np.asarray(fields[name], np.float64), 0) for name in "uv"
         )
         cos, sin = np.cos(water.angle), np.sin(water.angle)
         along_x = (east * cos + north * sin) / water.dx
@@ -86,34 +82,34 @@ class Flow:
 
     @property
     def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
-        """The rate at each record, once."""
+        """The rate at each record, without the repeated first one."""
         rate = np.asarray(self.rate)
         return rate if self.period is None else rate[:-1]
 
     def mean(self) -> "Flow":
-        """The steady flow that is the mean of the records."""
+        """Average the records into a steady flow."""
         mean = self.recorded.mean(axis=0, keepdims=True)
         rate, time = jax.device_put((mean, np.asarray(self.time)[:1]))
         return dataclasses.replace(self, rate=rate, time=time, period=None)
 
     def reversed(self) -> "Flow":
-        """The flow backward in time, from the last record to the first.
+        """Reverse the flow in time, from the last record to the first.
 
-        Drifters go back along the ways that brought them: where they end is where they came from.
-        What spreads them goes on to spread them, so that in water that is neither compressed nor
-        drawn apart the chance to come from a place is that to go there.
+        Drifters go back along the paths that brought them, so where they end is where they came
+        from. Diffusion still spreads them: in incompressible water, the probability of coming from
+        a place is that of going there.
         """
         rate, time = np.asarray(self.rate), np.asarray(self.time)
-        back = jax.device_put((-rate[::-1], (time[0] + time[-1] - time)[::-1]))
-        return dataclasses.replace(self, rate=back[0], time=back[1])
+        rate, time = jax.device_put((-rate[::-1], (time[0] + time[-1] - time)[::-1]))
+        return dataclasses.replace(self, rate=rate, time=time)
 
     def repeated(self, period: float | int | None = None) -> "Flow":
-        """The flow that begins again after its last record; a steady one is itself.
+        """Repeat the flow periodically after its last record; a steady flow is returned unchanged.
 
         **Arguments:**
 
-        - `period`: in seconds; by default, as if one more record followed the last at the same
-            distance as the last two.
+        - `period`: in seconds; by default one more record would follow the last, at the distance of
+            the last two.
 
         **Raises:** `ValueError` for a period that ends before the last record.
         """
@@ -133,8 +129,10 @@ class Flow:
         return dataclasses.replace(self, rate=rate, time=time, period=end)
 
     def fitted(self, duration: float | int) -> float:
-        """The duration nearest to one of which the period is a whole multiple, or the other way
-        round: by steps of that length all periods are alike."""
+        """Return the nearest duration that divides the period, or is a multiple of it.
+
+        With steps of that length all periods are alike.
+        """
         if self.period is None:
             return float(duration)
         length = float(self.period)
@@ -142,20 +140,24 @@ class Flow:
             return length / steps_in(length, duration)
         return length * steps_in(duration, length)
 
+    def phases(self, duration: float | int) -> int:
+        """Count the steps of a duration in a period; 1 if the flow is not periodic."""
+        return 1 if self.period is None else steps_in(float(self.period), duration)
+
     def at(
         self, x: Float[Array, "*points"], y: Float[Array, "*points"], time: Float[Array, ""]
     ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-        """The flow at points of the grid, bilinear in place and linear in time.
+        """Interpolate the flow at points of the grid, bilinearly in space and linearly in time.
 
-        Off the grid it is that of the nearest point of the grid (columns that go round the Earth
-        have no end), and before the first and after the last record that of these records, if it
-        does not repeat.
+        Points off the grid have the flow of the nearest point of the grid (columns that go round
+        the Earth have no end). Before the first and after the last record, the flow is that of the
+        record, unless it is periodic.
         """
         return between(self, in_squares(self, time), x, y)
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
-    """The flow at a time, in every square."""
+    """Interpolate the flow in every square at a time."""
     records = flow.rate.shape[0]
     if flow.period is not None:
         time = flow.time[0] + (time - flow.time[0]) % flow.period
@@ -176,15 +178,15 @@ def between(
     x: Float[Array, "*points"],
     y: Float[Array, "*points"],
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """The flow at points of the grid, from that in the squares at one time."""
+    """Interpolate the flow at points of the grid from its rate in the squares at one time."""
     rows, columns = flow.rate.shape[2:]
-    left, right, across = (_around if flow.wraps else _between)(x, columns)
-    below, above, up = _between(y, rows)
+    left, right, across = _neighbours(x, columns, flow.wraps)
+    below, above, up = _neighbours(y, rows, False)
 
     low, high = below * columns, above * columns
 
     def value(field):  # type: ignore[no-untyped-def]
-        # By one index into all squares, which is faster than by two.
+        # One index into all squares is faster than an index of rows and one of columns.
         near, far = (
             (1 - across) * field.at[row + left].get(mode="promise_in_bounds")
             + across * field.at[row + right].get(mode="promise_in_bounds")
@@ -196,42 +198,35 @@ def between(
 
 
 def steps_in(seconds: float | int, duration: float | int) -> int:
-    """Number of steps of a duration that is nearest to a time, of one at least."""
+    """Return the number of steps of a duration that is nearest to a time, at least 1."""
     return max(1, round(seconds / duration))
 
 
-def _between(
-    place: Float[Array, "*points"], size: int
+def _neighbours(
+    place: Float[Array, "*points"], size: int, wraps: bool
 ) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"]]:
-    """The cells on both sides of places on one axis, and how far towards the second they are."""
+    """Find the cells on both sides of places on an axis, and the weight of the second cell."""
+    if wraps:
+        first = jnp.floor(place)
+        near = (first % size).astype(jnp.int32)
+        return near, (near + 1) % size, place - first
     place = jnp.clip(place, 0.0, size - 1.0)
     first = jnp.minimum(jnp.floor(place), max(size - 2, 0))
     near = first.astype(jnp.int32)
     return near, jnp.minimum(near + 1, size - 1), place - first
 
 
-def _around(
-    place: Float[Array, "*points"], size: int
-) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"]]:
-    """The same on an axis whose last cell is beside the first."""
-    first = jnp.floor(place)
-    near = (first % size).astype(jnp.int32)
-    return near, (near + 1) % size, place - first
-
-
 def crossing_time(water: Water, flow: Flow) -> float:
-    """The time in seconds in which the mean drift over all cells and records is one cell.
+    """Compute the time in seconds in which the mean drift over all cells and records is one cell.
 
-    The source steps "sufficiently long to cross a cell" without saying which. With the time of the
-    fastest cell nearly all others are their own images, and with that of the slowest the fastest
-    jump over the map; so it is the mean here.
+    The source steps "sufficiently long to cross a cell" without saying which cell. In the time of
+    the fastest cell nearly all others are their own images, and in that of the slowest the fastest
+    jump over the map; so the mean is used here.
 
     **Arguments:**
 
     - `water`: the cells.
     - `flow`: the flow of the same layer.
-
-    **Returns:** the time in seconds, more than 0.
 
     **Raises:** `ValueError` if the water stands still.
 
@@ -242,22 +237,9 @@ def crossing_time(water: Water, flow: Flow) -> float:
         >>> round(drift.crossing_time(water, flow) / 60)
         31
     """
-    rate = np.asarray(flow.recorded)
+    rate = flow.recorded
     speed = np.hypot(rate[:, 0], rate[:, 1])
     mean = float(speed.sum()) / (len(speed) * water.cells)
     if not mean > 0:
         raise ValueError("flow: the water stands still everywhere; expected some current")
     return 1 / mean
-
-
-def check_step(duration: float | int | None, crossing: float) -> None:
-    """Refuse steps in which nothing moves, and those that take for ever to follow.
-
-    **Raises:** `ValueError` for a duration that is not 0.001 to 1000 times that to cross a cell.
-    """
-    least, most = crossing / _LONGEST, crossing * _LONGEST
-    if duration is not None and not least <= duration <= most:
-        raise ValueError(
-            f"duration: expected {least:.3g} to {most:.3g} s, in which drifters go by "
-            f"{1 / _LONGEST:g} to {_LONGEST:g} cells on average, got {duration:g}"
-        )

@@ -1,4 +1,4 @@
-"""Ranks of groups, by which they are numbered and coloured alike in all layers."""
+"""Ranks of groups, which number and colour matching groups of all layers alike."""
 
 from collections.abc import Sequence
 
@@ -7,48 +7,42 @@ from jaxtyping import Int
 from scipy.optimize import linear_sum_assignment
 
 
-# So many groups of a layer are looked for in the next; the others are tiny.
+# Only the largest groups of a layer are matched with groups of the next; the others are tiny.
 _MAX_MATCHED = 200
 
 
 def basin_ranks(
     basins: Sequence[Int[np.ndarray, "rows columns"]],
 ) -> list[Int[np.ndarray, "_groups"]]:
-    """The ranks of groups in layers that lie one over the other.
+    """Rank the groups of layers that lie one over the other, by the group of each square, or -1.
 
-    At the top they are by the size of the basins. Below, a group has the rank of that above it with
-    which its basin has most in common, each rank going to one group; others come after all ranks
-    so far, by size.
-
-    **Arguments:**
-
-    - `basins`: of each layer, the group of each square, or -1.
-
-    Two groups that change places below, where there is a third one:
+    In the first layer ranks are by the size of the basins. Below, a group has the rank of the group
+    above with which its basin overlaps most, each rank going to one group; unmatched groups get new
+    ranks, by size. Two groups that change places below, where there is a third one:
 
         >>> import numpy as np
         >>> from jaxcell.drift.ranks import basin_ranks
         >>> top, below = np.array([[0, 0, 0, 1, 1, -1]]), np.array([[1, 1, 2, 0, 0, -1]])
-        >>> [one.tolist() for one in basin_ranks([top, below])]
+        >>> [rank.tolist() for rank in basin_ranks([top, below])]
         [[0, 1], [1, 0, 2]]
     """
-    found: list[np.ndarray] = []
-    above, given = np.full_like(basins[0], -1), 0
+    ranks: list[np.ndarray] = []
+    above, used = np.full_like(basins[0], -1), 0
     for basin in basins:
         size = np.bincount(basin[basin >= 0])
         rank = np.full(size.size, -1)
-        if found and size.size:
-            colored = np.argsort(found[-1])[:_MAX_MATCHED]
-            place = np.full(found[-1].size + 1, -1)
-            place[colored] = np.arange(colored.size)
+        if ranks and size.size:
+            candidates = np.argsort(ranks[-1])[:_MAX_MATCHED]
+            place = np.full(ranks[-1].size + 1, -1)
+            place[candidates] = np.arange(candidates.size)
             both = (place[above] >= 0) & (basin >= 0)
-            shared = np.zeros((colored.size, size.size))
+            shared = np.zeros((candidates.size, size.size))
             np.add.at(shared, (place[above[both]], basin[both]), 1)
-            one, other = linear_sum_assignment(shared, maximize=True)
-            same = shared[one, other] > 0
-            rank[other[same]] = found[-1][colored[one[same]]]
-        others = np.flatnonzero(rank < 0)
-        rank[others] = given + np.argsort(np.argsort(-size[others], kind="stable"))
-        found.append(rank)
-        above, given = basin, max(given, 1 + rank.max(initial=-1))
-    return found
+            upper, lower = linear_sum_assignment(shared, maximize=True)
+            overlap = shared[upper, lower] > 0
+            rank[lower[overlap]] = ranks[-1][candidates[upper[overlap]]]
+        new = np.flatnonzero(rank < 0)
+        rank[new] = used + np.argsort(np.argsort(-size[new], kind="stable"))
+        ranks.append(rank)
+        above, used = basin, max(used, 1 + rank.max(initial=-1))
+    return ranks

@@ -9,9 +9,7 @@ from .sea import Sea
 
 
 def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cells"]:
-    """The cells that a chain may come to, those that it starts from included.
-
-    On the host, in time proportional to the number of edges.
+    """Find the cells that a chain may visit, including the start.
 
     **Arguments:**
 
@@ -33,10 +31,10 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
 
 
 def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
-    """The cells that drifters may come to in each layer in the long run (Alam 2018, Alg. 5.4).
+    """Find the cells that drifters may visit in each layer in the long run (Alam 2018, Alg. 5.4).
 
-    Drifters go down once, at the start, and stay in their layers after that. Where the sea is not
-    deep enough for a layer, none begins in it.
+    Drifters go down once, at the start, to every layer above the sea bed, and stay in their layers
+    after that.
 
     **Arguments:**
 
@@ -45,7 +43,7 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 
     **Returns:** a mask over the cells of all layers.
 
-    **Raises:** `ValueError` if there is no such cell at the surface.
+    **Raises:** `ValueError` for a start that is not at the surface.
 
     Two layers of three cells; at the surface everything drifts East, below it West:
 
@@ -61,10 +59,10 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 
 
 def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
-    """The cells that a drifter may come to if it goes up and down whenever it likes.
+    """Find the cells that a drifter may visit if it goes up and down at any time.
 
-    This is the question that Alg. 5.4 of Alam 2018 leaves aside. What it finds are the cells to
-    which some policy comes with positive probability.
+    Alg. 5.4 of Alam 2018 does not ask this. To these cells some policy leads with positive
+    probability.
 
     **Arguments:**
 
@@ -73,7 +71,7 @@ def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 
     **Returns:** a mask over the cells of all layers.
 
-    **Raises:** `ValueError` if there is no such cell at the surface.
+    **Raises:** `ValueError` for a start that is not at the surface.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     Drifters that go up and down come anywhere:

@@ -1,4 +1,4 @@
-"""Regions of the sea: how drifters go from one to another, and how long they stay."""
+"""Regions of the sea, and the exchange of drifters between them."""
 
 import dataclasses
 import functools
@@ -24,13 +24,13 @@ from .flow import steps_in
 from .water import Water
 
 
-# Longitudes may be any of these turns off.
+# Longitudes of polygons may differ from those of the cells by a turn.
 _TURNS = (0.0, -360.0, 360.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exchange(Result):
-    """What drifters that are released in regions of the surface do, anywhere in them alike.
+    """The exchange of drifters between regions of the surface, after uniform release in each.
 
     A strait of six cells, in which water goes one cell a step to the East:
 
@@ -39,8 +39,8 @@ class Exchange(Result):
         >>> strait = mapping.Chain.from_scipy(np.eye(6, k=1))
         >>> west = np.array([True, True, True, False, False, False])
         >>> names, halves = np.array(["west", "east"]), np.stack([west, ~west])
-        >>> found = drift.Exchange(names, halves, strait, hours=1, steps=2)
-        >>> found.share.round(2).tolist(), found.residence_hours.tolist()
+        >>> exchange = drift.Exchange(names, halves, strait, hours=1, steps=2)
+        >>> exchange.share.round(2).tolist(), exchange.residence_hours.tolist()
         ([[0.33, 0.67], [0.0, 0.33]], [2.0, 2.0])
     """
 
@@ -52,9 +52,9 @@ class Exchange(Result):
     chain: Chain | ChainSequence
     "The map of the surface."
     hours: float | int
-    "Of a step."
+    "The duration of a step."
     steps: int
-    "After which it is asked where they are."
+    "The number of steps between release and arrival."
 
     @classmethod
     def of(
@@ -64,20 +64,9 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """The exchange by the map of a layer.
-
-        **Arguments:**
-
-        - `behaviour`: of the layer.
-        - `names`, `inside`: as from [`jaxcell.drift.read_regions`][].
-        - `seconds`: after which it is asked where drifters are; the nearest whole step is taken.
-        """
+        """Compute the exchange by the map of a layer, after a time rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
-
-    @property
-    def _begin(self) -> Float[np.ndarray, "regions cells"]:
-        return self.inside / self.inside.sum(axis=1, keepdims=True)
 
     @derived("", "time between release and arrival", "h", kind="time")
     def after_hours(self) -> float:
@@ -90,12 +79,12 @@ class Exchange(Result):
     @derived("region", "mean time until a drifter first leaves it", "h", kind="time")
     def residence_hours(self) -> Float[np.ndarray, "regions"]:
         matrix = self.chain.to_scipy()
-        states = np.tile(self.inside, as_sequence(self.chain).phases)
+        phases = as_sequence(self.chain).phases
         times = [
-            _leaving(matrix, of_region)[: here.size][here]
-            for of_region, here in zip(states, self.inside, strict=True)
+            _leaving_times(matrix, np.tile(region, phases))[: region.size][region].mean()
+            for region in self.inside
         ]
-        return np.array([time.mean() for time in times]) * self.hours
+        return np.array(times) * self.hours
 
     @derived(
         "region to_region", "share of its drifters in each region then", kind="share", listed=True
@@ -109,8 +98,9 @@ class Exchange(Result):
 
     @functools.cached_property
     def after(self) -> Float[np.ndarray, "regions cells"]:
-        """The share of the drifters of each region in each cell then."""
-        return np.stack([push_on_host(self.chain, one, self.steps) for one in self._begin])
+        """The share of the drifters of each region in each cell at the time of arrival."""
+        begin = self.inside / self.inside.sum(axis=1, keepdims=True)
+        return np.stack([push_on_host(self.chain, share, self.steps) for share in begin])
 
 
 def read_regions(
@@ -120,14 +110,14 @@ def read_regions(
 
     **Arguments:**
 
-    - `path`: a collection of features, polygons or several each, in degrees.
-    - `water`: the cells; those whose centre is within a polygon are in the region.
+    - `path`: a collection of features, polygons or multipolygons, in degrees.
+    - `water`: the cells; a region has the cells whose centre is within its polygon.
 
-    **Returns:** the names, which are the property `name` of the features, or else their numbers;
-    and the cells of each region.
+    **Returns:** the names, from the property `name` of the features or else their numbers; and the
+    cells of each region.
 
-    **Raises:** `ValueError` that names the file and the feature, for one that is no polygon or has
-    no water, for two of one name, and for a file that is no GeoJSON; `OSError` if there is none.
+    **Raises:** `ValueError` for a file that is not GeoJSON, a feature that is not a polygon or has
+    no water, or repeated names; `OSError` if the file does not exist.
 
     A square in the middle of the bundled sea:
 
@@ -149,8 +139,8 @@ def read_regions(
     try:
         features = decode_json(read_text(Path(path)), "a GeoJSON file")["features"]
         named = [
-            (_name(one, k), shapely.geometry.shape(one["geometry"]))
-            for k, one in enumerate(features)
+            (_name(feature, k), shapely.geometry.shape(feature["geometry"]))
+            for k, feature in enumerate(features)
         ]
     except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
         raise ValueError(
@@ -161,13 +151,13 @@ def read_regions(
     for name, shape in named:
         if shape.geom_type not in ("Polygon", "MultiPolygon"):
             raise ValueError(f"{path}: feature {name!r}: expected a polygon, got {shape.geom_type}")
-        here = np.any([shapely.contains_xy(shape, lon + turn, lat) for turn in _TURNS], axis=0)
-        if not here.any():
+        cells = np.any([shapely.contains_xy(shape, lon + turn, lat) for turn in _TURNS], axis=0)
+        if not cells.any():
             raise ValueError(f"{path}: feature {name!r}: no centre of a water cell is within it")
-        inside.append(here)
+        inside.append(cells)
     names = [name for name, _ in named]
     if not names or len(set(names)) < len(names):
-        raise ValueError(f"{path}: features: expected some, of different names, got {names}")
+        raise ValueError(f"{path}: features: expected one or more, of different names, got {names}")
     return np.array(names), np.stack(inside)
 
 
@@ -175,15 +165,15 @@ def _name(feature: dict[str, Any], number: int) -> str:
     return str((feature.get("properties") or {}).get("name", number))
 
 
-def _leaving(
+def _leaving_times(
     matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "states"]
 ) -> Float[np.ndarray, "states"]:
-    """The expected steps until a part is left, `inf` where it may never be."""
+    """Compute the expected steps until a set is left; `inf` if a drifter may stay forever."""
     part = np.flatnonzero(inside)
     inner = matrix[part][:, part].tocsr()
     stuck = reaching(inner, ~reaching(inner, leaving_rows(inner) > 0))
     time = np.where(stuck, np.inf, 0.0)
     time[~stuck], _ = leaving_times(inner, ~stuck)
-    found = np.zeros(inside.size)
-    found[part] = time
-    return found
+    times = np.zeros(inside.size)
+    times[part] = time
+    return times

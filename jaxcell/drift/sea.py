@@ -17,7 +17,7 @@ from .water import Water
 class Sea:
     """The cells of several layers of the sea, numbered layer after layer, the surface first.
 
-    A drifter is carried within its layer, and can move to the cell right above or below (Alam 2018,
+    A drifter drifts within its layer, and can move to the cell directly above or below (Alam 2018,
     section 5.3.2).
 
     Two layers of three cells; at the surface everything drifts East, below it West:
@@ -35,31 +35,30 @@ class Sea:
     """
 
     drift: Chain
-    """How drifters are carried, within each layer; in a current that repeats itself over the cells
-    at each phase, phase after phase."""
+    """The drift within each layer; in a periodic current, over the cells at each phase, phase after
+    phase."""
     layer: Int[np.ndarray, "cells"]
     "The layer of each cell, 0 at the surface."
     above: Int[np.ndarray, "cells"]
-    "The cell right above, -1 where there is none."
+    "The cell directly above, or -1."
     below: Int[np.ndarray, "cells"]
-    "The cell right below, -1 where there is none: at the sea bed and in the last layer."
+    "The cell directly below, or -1 at the sea bed and in the last layer."
     number: Int[np.ndarray, "layers rows columns"]
     "The cell in each square of each layer; -1 where there is no water."
     phases: int = 1
-    "Phases of the current."
+    "Number of phases of the current."
 
     @classmethod
     def of(cls, waters: Sequence[Water], chains: Sequence[Chain | ChainSequence]) -> "Sea":
-        """Put layers together.
+        """Combine layers.
 
         **Arguments:**
 
         - `waters`: the water cells of each layer, the surface first, on one grid.
         - `chains`: the chain of each layer over its cells, as from [`jaxcell.drift.drift_map`][],
-            or sequences of as many phases, as from [`jaxcell.drift.drift_maps`][].
+            or sequences with one number of phases, as from [`jaxcell.drift.drift_maps`][].
 
-        **Raises:** `ValueError` if there are no layers, if the numbers of chains and layers differ,
-        if a chain does not match the cells of its layer, or if the layers are on different grids.
+        **Raises:** `ValueError` for layers of different grids or phases, or chains of other cells.
         """
         if not waters or len(chains) != len(waters):
             raise ValueError(
@@ -117,7 +116,7 @@ class Sea:
         return layer, row, column
 
     def on_squares(self, values: npt.ArrayLike, fill: float | int = np.nan) -> np.ndarray:
-        """Values of all cells on the squares of the layers, for pictures and files."""
+        """Put values of all cells on the squares of the layers, for pictures and files."""
         values = np.asarray(values)
         grid = np.full(self.number.shape, fill, np.result_type(values, fill))
         grid[self.squares] = values
@@ -125,29 +124,29 @@ class Sea:
 
     @property
     def ascent(self) -> scipy.sparse.csr_array:
-        """The transition matrix of going up; rows of 0 where there is nothing above."""
+        """The transition matrix of going up; rows of 0 without a cell above."""
         return self._steps(self.above)
 
     @property
     def descent(self) -> scipy.sparse.csr_array:
-        """The transition matrix of going down; rows of 0 where there is nothing below."""
+        """The transition matrix of going down; rows of 0 without a cell below."""
         return self._steps(self.below)
 
     def _steps(self, to: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
         now = np.arange(self.phases)[:, None]
         cell, later = np.flatnonzero(to >= 0), (now + 1) % self.phases
-        tail, head = (one.ravel() for one in (now * to.size + cell, later * to.size + to[cell]))
+        tail, head = (now * to.size + cell).ravel(), (later * to.size + to[cell]).ravel()
         return scipy.sparse.csr_array(
             (np.ones(tail.size), (tail, head)), shape=2 * (self.drift.cells,)
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Whether something is so of a cell at one phase of the current or another."""
+        """Reduce a mask over the cells at each phase to the cells that are in it at any phase."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 
 def _side_by_side(tides: Sequence[ChainSequence]) -> ChainSequence:
-    """One sequence of several, with nothing between them."""
+    """Combine sequences of separate cells into one."""
     branches = max(tide.image.shape[1] for tide in tides)
     images, probabilities, start = [], [], 0
     for tide in tides:
@@ -158,5 +157,5 @@ def _side_by_side(tides: Sequence[ChainSequence]) -> ChainSequence:
         images.append(image + start)
         probabilities.append(probability)
         start += tide.cells
-    both = (np.concatenate(one, axis=2) for one in (images, probabilities))
-    return ChainSequence(*map(jax.device_put, both))
+    arrays = (np.concatenate(layers, axis=2) for layers in (images, probabilities))
+    return ChainSequence(*map(jax.device_put, arrays))

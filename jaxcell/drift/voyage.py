@@ -18,8 +18,8 @@ from ..markov.shortest_path import stochastic_shortest_path
 from .sea import Sea
 
 
-# The actions of Alam 2018, section 5.3.2: drift, up, and down. Of equally good ones the first is
-# taken, which costs a drifter nothing.
+# The actions of Alam 2018, section 5.3.2: drift, up, and down. The first of equally good actions is
+# taken; to drift costs nothing.
 ACTIONS = (0, -1, 1)
 _ARRIVAL_REWARD = 100.0
 _STEP_REWARD = -1.0
@@ -27,42 +27,42 @@ _STEP_REWARD = -1.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Voyage:
-    """What a drifter does in each cell to come to a goal, and what becomes of it."""
+    """A policy that brings a drifter to a goal, and its probabilities and times of arrival."""
 
     goal: Bool[np.ndarray, "cells"]
     actions: Int[Array, "phases cells"]
-    """-1 up, 1 down, 0 drift, at each phase of the current; in the goal there is nothing to do, and
-    it is 0. What else is said of the cells is of phase 0."""
+    """-1 up, 1 down, 0 drift, at each phase of the current; 0 in the goal. All other arrays over
+    cells are of phase 0."""
     chain: Chain
-    """The closed loop: the drifter follows the actions, and stays in the goal. Over the cells at
-    each phase, phase after phase."""
+    """The closed loop, in which the drifter follows the actions and stays in the goal, over the
+    cells at each phase, phase after phase."""
     probability: Float[Array, "cells"]
     "The probability of ever arriving."
     time: Float[Array, "cells"]
-    "The expected number of steps to arrive; `inf` where the drifter may fail to."
+    "The expected number of steps to arrive; `inf` where the drifter may fail."
     conditional_time: Float[Array, "cells"]
     "The expected number of steps if the drifter arrives; `inf` where it cannot."
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
-    "Of the policy, as [`jaxcell.markov.Optimum`][] or [`jaxcell.markov.ShortestPath`][] has it."
+    "Of the policy, from [`jaxcell.markov.Optimum`][] or [`jaxcell.markov.ShortestPath`][]."
     arrival: Certificate
-    "Of the times, as [`jaxcell.markov.conditional_hitting_times`][] has it."
+    "Of the times, from [`jaxcell.markov.conditional_hitting_times`][]."
 
     @property
     def action(self) -> Int[Array, "cells"]:
-        """What to do at phase 0."""
+        """The action in each cell at phase 0."""
         return jax.device_put(np.asarray(self.actions)[0])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tracks:
-    """The ways of simulated drifters."""
+    """The tracks of simulated drifters."""
 
     cell: Int[Array, "times drifters"]
-    "Where each was after 0, 1, 2, ... steps; -1 once it has left the space."
+    "The cell after 0, 1, 2, ... steps; -1 once the drifter has left the space."
     time: Float[Array, "drifters"]
-    "The number of steps until it arrived; `inf` if it did not."
+    "The number of steps until the drifter arrived, or `inf`."
 
     @property
     def arrived(self) -> Bool[Array, "drifters"]:
@@ -71,27 +71,25 @@ class Tracks:
 
 
 def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> DecisionModel:
-    """The decision model of a drifter that is to come to a goal (Alam 2018, section 5.4.7).
+    """Build the decision model of a drifter with a goal (Alam 2018, section 5.4.7).
 
-    Its actions are, in this order, to drift (0), to go up (-1) and to go down (1). To go up or down
-    takes one step, in which the drifter is not carried, and cannot be done where the layer does not
-    exist.
+    The actions are, in this order, drift (0), up (-1) and down (1). A move up or down takes one
+    step, in which the drifter does not drift, and needs a cell above or below.
 
-    The reward is 100 for a step that leads to the goal, else -1 (Eq. 5.10): with probability `p` of
-    leading there, `101 p - 1`. The source leaves open what is after that. Here the voyage ends with
-    its arrival, and nothing more is gained; and who has left the space pays 1 for every step to
-    come, as one does who drifts on for ever, lest it be better to be lost.
+    The reward is 100 for a step that leads to the goal, else -1 (Eq. 5.10): `101 p - 1` for a step
+    that leads there with probability `p`. The source does not say what follows. Here the voyage
+    ends with the arrival, with no further reward; and a drifter that has left the space pays 1 for
+    every later step, as a drifter in the space does, because otherwise it would be better to leave.
 
     **Arguments:**
 
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
-    - `discount`: that with which the model is solved, for the cost of being lost.
+    - `discount`: the discount factor of the solve, for the cost of having left.
 
-    **Returns:** [`jaxcell.markov.DecisionModel`][], for [`jaxcell.markov.value_iteration`][].
+    **Returns:** the model, for [`jaxcell.markov.value_iteration`][].
 
-    **Raises:** `ValueError` for a goal that is empty or not on the map, and for a discount that is
-    not between 0 and 1.
+    **Raises:** `ValueError` for a goal that is empty or not on the map, or a discount out of range.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     The goal is cell 0; from cell 3, below it, going up gains 100:
@@ -104,15 +102,15 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     """
     if not 0 < discount < 1:
         raise ValueError(f"discount: expected more than 0 and less than 1, got {discount}")
-    there = _there(sea, goal)
+    in_goal = _at_goal(sea, goal)
     chains, allowed = _actions(sea)
-    # From the goal everything goes to the sink.
-    ended = [Chain(chain.image, np.where(there, 0, chain.probability)) for chain in chains]
-    arrives = np.stack([chain.to_scipy() @ there for chain in chains])
+    # From the goal every action leads to the sink.
+    ended = [Chain(chain.image, np.where(in_goal, 0, chain.probability)) for chain in chains]
+    arrives = np.stack([chain.to_scipy() @ in_goal for chain in chains])
     lost = np.stack([chain.leaving for chain in chains])
     reward = _STEP_REWARD + (_ARRIVAL_REWARD - _STEP_REWARD) * arrives
     reward = reward + _STEP_REWARD * discount / (1 - discount) * lost
-    return DecisionModel.of(ended, np.where(there, 0, reward), allowed)
+    return DecisionModel.of(ended, np.where(in_goal, 0, reward), allowed)
 
 
 def discounted_voyage(
@@ -121,26 +119,25 @@ def discounted_voyage(
     discount: float = 0.99,
     tolerance: float = 1e-8,
 ) -> Voyage:
-    """The navigation policy of Alam 2018, Alg. 5.5, by value iteration.
+    """Compute the navigation policy of Alam 2018, Alg. 5.5, by value iteration.
 
-    It weighs being sure against being early, by the discount: it may well prefer a quick way that
-    often fails. [`surest_voyage`][jaxcell.drift.surest_voyage] does not.
+    The discount trades certainty for speed: the policy may prefer a quick path that often fails.
+    [`surest_voyage`][jaxcell.drift.surest_voyage] does not.
 
     **Arguments:**
 
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
-    - `discount`: more than 0 and less than 1; the source does not give its own.
+    - `discount`: the discount factor per step, more than 0 and less than 1; the source omits it.
     - `tolerance`: of the error of the values.
 
-    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy holds drifters
-    almost for ever, times are beyond 64-bit numbers: its `certificate` and `arrival` say so.
+    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy almost traps
+    drifters, times are beyond 64-bit numbers; `certificate` and `arrival` say so.
 
-    **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model] and
-    [`jaxcell.markov.value_iteration`][].
+    **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model].
 
     Two layers of three cells: at the surface everything drifts East, below it West.
-    To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
+    To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):
 
         >>> from jaxcell import drift, examples
         >>> sea = examples.sea()
@@ -156,21 +153,20 @@ def discounted_voyage(
 
 
 def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
-    """The policy that most likely arrives, and of such policies the quickest.
+    """Compute the policy that most likely arrives, and among such policies the quickest.
 
     **Arguments:**
 
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
 
-    **Returns:** [`Voyage`][jaxcell.drift.Voyage], without values, of which the same holds as of
-    that of [`discounted_voyage`][jaxcell.drift.discounted_voyage].
+    **Returns:** [`Voyage`][jaxcell.drift.Voyage], without values.
 
-    **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if policies
-    improve without end.
+    **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if the
+    policy iteration does not end.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
-    To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
+    To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):
 
         >>> from jaxcell import drift, examples
         >>> sea = examples.sea()
@@ -180,31 +176,30 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
         >>> voyage.probability.tolist()
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
-    there = _there(sea, goal)
+    in_goal = _at_goal(sea, goal)
     chains, allowed = _actions(sea)
     model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
-    best = stochastic_shortest_path(model, there, throw=False)
+    best = stochastic_shortest_path(model, in_goal, throw=False)
     return _voyage(sea, goal, best.policy, None, best.certificate)
 
 
 def simulate_voyages(
     key: jax.Array, voyage: Voyage, start: npt.ArrayLike | int, drifters: int, steps: int
 ) -> Tracks:
-    """Let drifters go that follow a voyage, each on its own.
+    """Simulate independent drifters that follow a voyage.
 
     **Arguments:**
 
     - `key`: of `jax.random`.
-    - `voyage`: what they do.
+    - `voyage`: the policy.
     - `start`: a cell; several, or a mask over the cells, of which one is drawn for each drifter; or
         floating-point numbers, the probability of each cell.
-    - `drifters`: how many there are.
-    - `steps`: how long they are followed.
+    - `drifters`: number of drifters.
+    - `steps`: number of steps.
 
     **Returns:** [`Tracks`][jaxcell.drift.Tracks].
 
-    **Raises:** `ValueError` for a start that is not understood, no drifters, or a negative number
-    of steps.
+    **Raises:** `ValueError` for an invalid start, no drifters, or a negative number of steps.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     A drifter from cell 2 to cell 0 goes down, West twice, and up:
@@ -225,8 +220,8 @@ def simulate_voyages(
     chosen = np.pad(start_distribution(cells, start), (0, voyage.chain.cells - cells))
     cell = np.asarray(_drift(key, voyage.chain, chosen, drifters, steps))
     cell = np.where(cell < 0, np.int32(-1), cell % cells)
-    there = np.asarray(voyage.goal)[cell] & (cell >= 0)
-    time = np.where(there.any(axis=0), there.argmax(axis=0), np.inf)
+    in_goal = np.asarray(voyage.goal)[cell] & (cell >= 0)
+    time = np.where(in_goal.any(axis=0), in_goal.argmax(axis=0), np.inf)
     return Tracks(jax.device_put(cell), jax.device_put(time))
 
 
@@ -237,7 +232,8 @@ def _drift(
     placing, moving = jax.random.split(key)
     begin = jax.random.choice(placing, chain.cells, (drifters,), p=start).astype(jnp.int32)
     total = jnp.cumsum(chain.probability, axis=0)
-    # Past all branches is the sink; where rounding alone leads there, the likeliest one counts.
+    # A draw beyond all branches goes to the sink, or to the likeliest branch if only rounding is
+    # the cause.
     likeliest = jnp.take_along_axis(
         chain.image, jnp.argmax(chain.probability, axis=0)[None], axis=0
     )[0]
@@ -256,14 +252,14 @@ def _drift(
 
 
 def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]:
-    """The chains of the actions, and where they can be taken."""
+    """Return the chains of the actions, and the states in which each can be taken."""
     anywhere = np.ones(sea.cells, bool)
     chains = [sea.drift, Chain.from_scipy(sea.ascent), Chain.from_scipy(sea.descent)]
     return chains, np.tile([anywhere, sea.above >= 0, sea.below >= 0], sea.phases)
 
 
-def _there(sea: Sea, goal: npt.ArrayLike | int) -> Bool[np.ndarray, "states"]:
-    """The goal at each phase."""
+def _at_goal(sea: Sea, goal: npt.ArrayLike | int) -> Bool[np.ndarray, "states"]:
+    """Mark the goal at each phase."""
     return np.tile(cell_mask(sea.cells, goal, "goal"), sea.phases)
 
 
@@ -274,25 +270,25 @@ def _voyage(
     value: Float[Array, "states"] | None,
     certificate: Certificate,
 ) -> Voyage:
-    there = _there(sea, goal)
+    in_goal = _at_goal(sea, goal)
     chains, allowed = _actions(sea)
-    taken = np.where(there, np.int32(0), policy)
+    taken = np.where(in_goal, np.int32(0), policy)
     model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
     loop = policy_chain(model, jax.device_put(taken))
     stay = np.arange(loop.image.shape[0])[:, None] == 0
     chain = Chain(
-        np.where(there, np.arange(there.size, dtype=np.int32), loop.image),
-        np.where(there, stay.astype(np.float64), loop.probability),
+        np.where(in_goal, np.arange(in_goal.size, dtype=np.int32), loop.image),
+        np.where(in_goal, stay.astype(np.float64), loop.probability),
     )
 
     def begins(values: npt.ArrayLike) -> np.ndarray:
         return np.asarray(values)[: sea.cells]
 
-    probability = begins(arrival_probabilities(chain, there, throw=False).value)
-    arrival = conditional_hitting_times(chain, there, throw=False)
+    probability = begins(arrival_probabilities(chain, in_goal, throw=False).value)
+    arrival = conditional_hitting_times(chain, in_goal, throw=False)
     conditional = begins(arrival.value)
     return Voyage(
-        begins(there),
+        begins(in_goal),
         jax.device_put(np.array(ACTIONS, np.int32)[taken].reshape(sea.phases, sea.cells)),
         chain,
         jax.device_put(probability),

@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 from .currents.sphere import EARTH_RADIUS, goes_round, on_sphere
 
 
-# Water is connected to that beside it and at its corners, for so do drifters move.
+# Water is connected along sides and at corners, because drifters move both ways.
 _AROUND = np.ones((3, 3), int)
-# Ways to the eight neighbours of a cell, as rows and columns.
+# Offsets of the eight neighbours of a cell, in rows and columns.
 NEIGHBORS = tuple((r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0))
-# Coordinates in cells are rounded to so many decimals, so that ties fall alike everywhere.
+# Coordinates in cells are rounded to this number of decimals, so that ties do not depend on place.
 _DECIMALS = 9
-# So many of the cells that are nearest by the mean metric are compared by that of the place.
+# The number of cells nearest by the mean metric that are compared by the metric of the place.
 _CANDIDATES = 8
 
 
@@ -52,16 +52,16 @@ class Water:
 
     @classmethod
     def of(cls, currents: xr.Dataset, layer: int = 0) -> "Water":
-        """The water cells of one layer.
+        """Number the water cells of one layer.
 
-        Where the longitudes close to a circle, the last column is beside the first.
+        If the longitudes form a circle, the last column is beside the first.
 
         **Arguments:**
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
 
-        **Raises:** `ValueError` if there is no such layer or no water in it.
+        **Raises:** `ValueError` for a layer that does not exist or has no water.
         """
         layers = currents.sizes["layer"]
         if not 0 <= layer < layers:
@@ -86,17 +86,17 @@ class Water:
 
     @functools.cached_property
     def row(self) -> Int[np.ndarray, "cells"]:
-        """The row of each cell; row 0 is the first of the file, which is the South as a rule."""
+        """The row of each cell; row 0 is the first of the file, usually in the South."""
         return np.nonzero(self.number >= 0)[0].astype(np.int32)
 
     @functools.cached_property
     def column(self) -> Int[np.ndarray, "cells"]:
-        """The column of each cell, from the West as a rule."""
+        """The column of each cell, usually from the West."""
         return np.nonzero(self.number >= 0)[1].astype(np.int32)
 
     @functools.cached_property
     def piece(self) -> Int[np.ndarray, "cells"]:
-        """The connected piece of water that each cell belongs to, by its smallest cell from 0."""
+        """The connected piece of water of each cell, numbered from 0 by their smallest cells."""
         label, count = scipy.ndimage.label(self.number >= 0, structure=_AROUND)
         if self.wraps:
             label = _joined(label, count)
@@ -104,7 +104,7 @@ class Water:
 
     @functools.cached_property
     def neighbor(self) -> Int[np.ndarray, "8 cells"]:
-        """The cells around each cell, in the order of rows; -1 where there is no water."""
+        """The neighbours of each cell, in the order of rows; -1 where there is no water."""
         around = np.pad(self.number, ((1, 1), (0, 0)), constant_values=-1)
         beside = {"mode": "wrap"} if self.wraps else {"constant_values": -1}
         around = np.pad(around, ((0, 0), (1, 1)), **beside)
@@ -122,21 +122,20 @@ class Water:
 
     @property
     def reach(self) -> Float[np.ndarray, "rows columns"]:
-        """How far from the centre of a square a place on it may be, in metres: half its diagonal.
+        """The largest distance of a place in a square from its centre, in metres.
 
-        One hundredth more: the earth is no ball, and squares are no squares.
+        It is half the diagonal and a hundredth more, because the earth is not a sphere.
         """
         return np.hypot(self.dx, self.dy) / 2 * 1.01
 
     def cell(self, lon: float | int, lat: float | int) -> int:
-        """The cell whose centre is nearest to a place.
+        """Find the cell whose centre is nearest to a place.
 
         **Arguments:**
 
-        - `lon`, `lat`: the place in degrees; longitudes may be any number of turns off.
+        - `lon`, `lat`: the place in degrees; longitudes may differ by whole turns.
 
-        **Raises:** `ValueError` if the place is not in the water: if the square whose centre is
-        nearest has none, or is farther away than half its diagonal.
+        **Raises:** `ValueError` if the place is not in the water or off the grid.
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
@@ -161,7 +160,7 @@ class Water:
         return int(self.number[row, column])
 
     def on_grid(self, values: np.ndarray, fill: float | int = np.nan) -> np.ndarray:
-        """Values of the cells on the squares of the grid, for pictures and files."""
+        """Put values of the cells on the squares of the grid, for pictures and files."""
         grid = np.full(self.number.shape, fill, np.result_type(values, type(fill)))
         grid[self.row, self.column] = values
         return grid
@@ -169,7 +168,7 @@ class Water:
     def at(
         self, row: Int[np.ndarray, "*points"], column: Int[np.ndarray, "*points"]
     ) -> tuple[Int[np.ndarray, "*points"], Bool[np.ndarray, "*points"]]:
-        """The cells in squares, -1 where there is no water, and whether they are on the grid."""
+        """Look up the cells of squares (-1 without water), and whether they are on the grid."""
         rows, columns = self.number.shape
         if self.wraps:
             column = column % columns
@@ -178,7 +177,7 @@ class Water:
         return np.where(inside, number, np.int32(-1)), inside
 
     def on_columns(self, x: Float[np.ndarray, "*points"]) -> Float[np.ndarray, "*points"]:
-        """Places along x; around the Earth, those on the grid, whatever turn they are on."""
+        """Wrap places along x onto the grid, if its columns go round the Earth."""
         return (x + 0.5) % self.number.shape[1] - 0.5 if self.wraps else x
 
     def landing(
@@ -189,30 +188,30 @@ class Water:
         origin: Int[np.ndarray, "points"] | None = None,
         exits: bool = False,
     ) -> Int[np.ndarray, "branches points"]:
-        """The cells in which drifters end up.
+        """Find the cells in which drifters end.
 
-        That is the cell that holds the end point, if there is water that is connected to where the
-        drifter came from. Else it is the nearest cell of that connected piece of water, in metres
-        by the sides of the cell that it came from; of several the one with the smallest number.
+        A drifter ends in the cell that holds its end point, if the cell is of the connected piece
+        of water that the drifter came from. Else it ends in the nearest cell of that piece, in
+        metres by the sides of the cell it came from; of several, in that with the smallest number.
 
         **Arguments:**
 
         - `x`, `y`: end points in cells.
         - `origin`: the cell that the drifters of each column came from; by default every cell.
-        - `exits`: whether what ends off the grid is gone; -1 stands for it then.
+        - `exits`: whether a drifter that ends off the grid has left, with -1 as its cell.
         """
-        came = np.arange(self.cells) if origin is None else origin
-        found, inside = self.at(*square(x, y))
-        ashore = (found < 0) | (self.piece[found] != self.piece[came])
+        origin = np.arange(self.cells) if origin is None else origin
+        cell, inside = self.at(*square(x, y))
+        ashore = (cell < 0) | (self.piece[cell] != self.piece[origin])
         if exits:
             ashore &= inside
         branch, point = np.nonzero(ashore)
-        lost = came[point]
-        for piece in np.unique(self.piece[lost]):
-            these = self.piece[lost] == piece
-            at = branch[these], point[these]
-            found[at] = self._nearest(piece, lost[these], x[at], y[at])
-        return found
+        came = origin[point]
+        for piece in np.unique(self.piece[came]):
+            of_piece = self.piece[came] == piece
+            at = branch[of_piece], point[of_piece]
+            cell[at] = self._nearest(piece, came[of_piece], x[at], y[at])
+        return cell
 
     def _nearest(
         self,
@@ -221,21 +220,21 @@ class Water:
         x: Float[np.ndarray, "points"],
         y: Float[np.ndarray, "points"],
     ) -> Int[np.ndarray, "points"]:
-        """The cells of a piece that are nearest to points outside it."""
-        # From a cell with all its neighbours one of them is nearer.
+        """Find the cells of a piece of water that are nearest to points outside it."""
+        # Of a cell with all its neighbours, a neighbour is nearer.
         shore = np.flatnonzero((self.piece == piece) & self.boundary)
         row, column = self.row[shore], self.column[shore]
         side = self.sides
         scale = side[:, shore].mean(axis=1)
-        # Around the Earth everything is there a turn earlier and later too.
+        # Around the Earth each cell is also a turn earlier and a turn later.
         x = self.on_columns(x)
         turns = np.arange(-1, 2) if self.wraps else np.zeros(1, int)
         column = (column + turns[:, None] * self.number.shape[1]).ravel()
         shore, row = np.tile(shore, turns.size), np.tile(row, turns.size)
         tree = cKDTree(np.stack([column * scale[0], row * scale[1]], axis=1))
-        some = min(_CANDIDATES, shore.size)
-        _, near = tree.query(np.stack([x * scale[0], y * scale[1]], axis=1), some)
-        near = near.reshape(x.size, some)
+        candidates = min(_CANDIDATES, shore.size)
+        _, near = tree.query(np.stack([x * scale[0], y * scale[1]], axis=1), candidates)
+        near = near.reshape(x.size, candidates)
         east = (column[near] - x[:, None]) * side[0, origin, None]
         north = (row[near] - y[:, None]) * side[1, origin, None]
         away = np.hypot(east, north)
@@ -244,7 +243,7 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Whether points are on a grid of so many rows and columns, which may go round the Earth."""
+    """Mark the points that are on a grid of some shape, which may go round the Earth."""
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)
@@ -253,16 +252,15 @@ def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
 def square(
     x: Float[np.ndarray, "*points"], y: Float[np.ndarray, "*points"]
 ) -> tuple[Int[np.ndarray, "*points"], Int[np.ndarray, "*points"]]:
-    """The row and the column of the squares that hold points; ties go up and to the right."""
+    """Find the row and column of the squares that hold points; ties go up and to the right."""
     row, column = (np.floor(np.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
     return row, column
 
 
 def _joined(label: Int[np.ndarray, "rows columns"], count: int) -> Int[np.ndarray, "rows columns"]:
-    """Labels of pieces, those that meet across the seam as one, in order of their first cells."""
-    first, last = np.pad(label[:, 0], 1), label[:, -1]
-    beside = np.concatenate([first[k : k + last.size] for k in range(3)])
-    last = np.tile(last, 3)
+    """Join the labels of pieces that meet across the seam, in order of their first cells."""
+    first, last = np.pad(label[:, 0], 1), np.tile(label[:, -1], 3)
+    beside = np.concatenate([first[k : k + label.shape[0]] for k in range(3)])
     meet = (beside > 0) & (last > 0)
     graph = coo_array((meet[meet], (last[meet], beside[meet])), shape=(count + 1, count + 1))
     _, piece = csgraph.connected_components(graph, directed=False)

@@ -9,9 +9,9 @@ analyses of bouncing robots and currents then apply to it.
     attractor              the set on which orbits from the periodic groups settle
     basin of an attractor  the cells that lead to groups from which orbits settle on it
 
-**Maps.** `F` is any function `map(x, params)`; `flow`, `strobe`, `section` and `impacts` make one
-from a field by Runge-Kutta steps of fixed length: over a time, over a period of a force, to the
-next crossing of a surface, and with resets. A flow may have a different duration in each cell,
+**Maps.** `F` is any function `map(x, params)`; `flow`, `strobe` and `section` make one
+from a field by Runge-Kutta steps of fixed length: over a time, over a period of a force, or to the
+next crossing of a surface. A flow may have a different duration in each cell,
 until its image is several cells away: a cell that moves by less than its size is an equilibrium.
 
 **Accuracy.** The centre of a cell stands for the whole cell, which is wrong near attractors and
@@ -23,7 +23,7 @@ cells are periodic.
 
 Functions:
 
-- `flow`, `strobe`, `section`, `impacts`: a `Map`; any function of JAX is a `Map` too.
+- `flow`, `strobe`, `section`: a `Map`; any function of JAX is a `Map` too.
 - `images`: the image of every cell, in chunks.
 - `basins`: attractors, basins and steps, a `Basins`. `continuation`: these over parameters,
     matched, a `Continuation`.

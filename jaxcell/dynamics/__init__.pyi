@@ -6,7 +6,6 @@ from .maps import (
     Flow as Flow,
     Map as Map,
     flow as flow,
-    impacts as impacts,
     section as section,
     strobe as strobe,
 )

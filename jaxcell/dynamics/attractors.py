@@ -24,7 +24,7 @@ from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
 _STARTS = 4
 _MAX_STARTS = 1 << 12
 # Number of groups followed: a map that preserves volumes may have as many groups as cells.
-_MAX_GROUPS = 1 << 13
+MAX_GROUPS = 1 << 13
 SCATTERED = 256
 """Number of orbits from random points of the box."""
 # Number of mappings in the observed window.
@@ -132,19 +132,19 @@ def _starts(
     live = int(groups.count) - 2
     each = int(np.clip(_MAX_STARTS // max(1, live), 1, _STARTS))
     followed = np.arange(live)
-    if live > _MAX_GROUPS:
+    if live > MAX_GROUPS:
         size = np.zeros(live + 2, np.int32)
         for first in range(0, box.size, CHUNK):
             np.subtract.at(size, groups.group[: box.size][first : first + CHUNK], np.int32(1))
-        followed = np.sort(np.argpartition(size[:live], _MAX_GROUPS)[:_MAX_GROUPS])
-    cells = _cells_of(box, groups, followed, each).ravel()
+        followed = np.sort(np.argpartition(size[:live], MAX_GROUPS)[:MAX_GROUPS])
+    cells = cells_of(box, groups, followed, each).ravel()
     inside = rng.uniform(-0.5, 0.5, (cells.size, box.dimensions))
     anywhere = rng.uniform(box.lower, box.upper, (scattered, box.dimensions))
     start = np.concatenate([box.centre(cells) + inside * box.width, anywhere])
     return start, np.repeat(followed, each)
 
 
-def _cells_of(
+def cells_of(
     box: Box, groups: PeriodicGroups, chosen: Int[np.ndarray, "chosen"], each: int
 ) -> Int[np.ndarray, "chosen each"]:
     """Return cells of groups, evenly spaced in each, and repeated in groups with few cells."""

@@ -17,7 +17,7 @@ from .imaging import (
     changed_by_half_step,
     check_map,
     images_of_each,
-    said_of_torn,
+    remark_of_torn,
     self_images,
     torn_axes,
 )
@@ -170,19 +170,19 @@ class Basins(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        said = [said_of_torn(axis, self.labels) for axis in self.torn]
+        remarks = [remark_of_torn(axis, self.labels) for axis in self.torn]
         if self.self_images > 0.1:
-            said.append(
+            remarks.append(
                 f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
                 "is too short for these cells."
             )
         elif self.periodic_cells > 0.5 * self.box.size:
-            said.append(
+            remarks.append(
                 f"{self.periodic_cells / self.box.size:.0%} of the cells are periodic: the map "
                 "seems to preserve volumes, so that it has groups and no attractors."
             )
         if self.changed is not None and self.changed > 0.2:
-            said.append(
+            remarks.append(
                 f"{self.changed:.0%} of the images differ with steps of half the length: take "
                 "shorter steps."
             )
@@ -191,36 +191,36 @@ class Basins(Result):
         doubted = np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt)
         back = min(float(self.sampled.sum() - self.fraction.sum()), self.outside_share)
         if doubted.size and back > 0.02:
-            said.append(
+            remarks.append(
                 f"{self.outside_share:.1%} of the cells lead out of the box, but {back:.1%} have "
                 "orbits that come back to an attractor: follow them outside (follow)."
             )
             doubted = doubted[:0]
         for k in doubted[:_MOST_DOUBTED]:
-            said.append(
+            remarks.append(
                 f"Attractor {k} has {self.fraction[k]:.1%} of the cells, but {self.sampled[k]:.1%} "
                 "of the orbits from random starts end on it: take basins by orbits, or more cells."
             )
         if doubted.size > _MOST_DOUBTED:
-            said.append(f"The same holds for {doubted.size - _MOST_DOUBTED} more attractors.")
+            remarks.append(f"The same holds for {doubted.size - _MOST_DOUBTED} more attractors.")
         if not self.settled:
-            said.append(
+            remarks.append(
                 "Orbits had not settled: there may be too many attractors; a map that preserves "
                 "volumes has none."
             )
         none = np.mean((self.basin < 0) & ~self.left & (self.group < self.groups))
         if none > 0.05:
-            said.append(
+            remarks.append(
                 f"{none:.0%} of the cells lead to groups whose orbits reach none of these "
                 "attractors, or no finite point: take longer mappings, a smaller box, or a "
                 "section to which flows return."
             )
         if self.several_share > 0.05:
-            said.append(
+            remarks.append(
                 f"{self.several_share:.0%} of the cells lead to groups from which orbits end on "
                 "several attractors: take basins by orbits, or more cells."
             )
-        return tuple(said)
+        return tuple(remarks)
 
 
 def basins(

@@ -56,9 +56,9 @@ def in_stages(
     for k in itertools.count():
         size = bucket(left.size) if k == 0 and left.size > _FEW else _coarse(left.size)
         after = stage(tuple(with_last(rows, size) for rows in state), k)
-        state, ended, given = jax.tree.map(lambda rows, n=left.size: np.asarray(rows)[:n], after)
-        results = results or tuple(np.empty_like(rows) for rows in given)
-        for whole, rows in zip(results, given, strict=True):
+        state, ended, parts = jax.tree.map(lambda rows, n=left.size: np.asarray(rows)[:n], after)
+        results = results or tuple(np.empty_like(rows) for rows in parts)
+        for whole, rows in zip(results, parts, strict=True):
             whole[left[ended]] = rows[ended]
         left, state = left[~ended], tuple(rows[~ended] for rows in state)
         if not left.size:

@@ -47,9 +47,9 @@ class Continuation(Result):
         doubted = [(where, basins.remarks) for where, basins in of_members if basins.remarks]
         if not doubted:
             return ()
-        (where, said), count = doubted[0], len(doubted)
+        (where, remarks), count = doubted[0], len(doubted)
         heading = f"{count} of {len(self.members)} parameters have remarks, as {where}:"
-        return (" ".join([heading, *said]),)
+        return (" ".join([heading, *remarks]),)
 
     @derived("", "attractors of all parameters", kind="count")
     def attractors(self) -> int:
@@ -163,20 +163,20 @@ def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
     if not lengths:
         raise ValueError("params: expected an array for at least one parameter")
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{name} has {length}" for name, length in lengths.items())
-        raise ValueError(f"params: expected arrays of one length: {said}")
+        counts = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+        raise ValueError(f"params: expected arrays of one length: {counts}")
     return [
         {name: value[k] if np.ndim(value) else value for name, value in params.items()}
         for k in range(next(iter(lengths.values())))
     ]
 
 
-def match(found: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
+def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
     """Name the attractors of a list of basins, so that equal names are one attractor."""
     labels: list[np.ndarray] = []
     # For each name, the last orbit of the attractor, its basins, and its number in them.
     known: dict[int, tuple[np.ndarray, Basins, int]] = {}
-    for now in found:
+    for now in members:
         names = np.full(now.attractors, -1)
         if known and now.attractors:
             cost = np.array(

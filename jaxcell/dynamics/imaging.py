@@ -108,8 +108,8 @@ def check_map(map: Map, box: Box, params: Any) -> None:
     try:
         image = jax.eval_shape(map, middle, params)
     except (TypeError, LookupError, AttributeError, NameError, ArithmeticError) as error:
-        said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ValueError(f"map: fails at the middle of the box: {said}") from error
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(f"map: fails at the middle of the box: {reason}") from error
     if not hasattr(image, "shape"):
         raise ValueError(f"map: expected an array, got a {type(image).__name__}")
     if image.shape != middle.shape:
@@ -167,11 +167,11 @@ def torn_axes(
         differs = np.median(apart, axis=1) > 1e-3
         torn = [(*axes, axis) if new else axes for axes, new in zip(torn, differs, strict=True)]
         if differs.any():
-            warnings.warn(said_of_torn(axis, labels), stacklevel=2)
+            warnings.warn(remark_of_torn(axis, labels), stacklevel=2)
     return torn
 
 
-def said_of_torn(axis: int, labels: tuple[str, ...]) -> str:
+def remark_of_torn(axis: int, labels: tuple[str, ...]) -> str:
     """Return the warning for an axis at whose two ends a map differs."""
     name = axis_name(axis, labels)
     return f"The axis {name} is periodic, but the map differs at its two ends."

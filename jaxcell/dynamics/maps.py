@@ -153,44 +153,6 @@ class Section:
         return dataclasses.replace(self, flow=half, max_steps=2 * self.max_steps)
 
 
-@dataclasses.dataclass(frozen=True)
-class Impacts:
-    """The map of a field with a reset whenever it meets a surface, made by [`impacts`][]."""
-
-    flow: Flow
-    surface: Callable[[Any, Any], Any]
-    reset: Callable[[Any, Any], Any]
-
-    def __call__(self, x: Any, params: Any) -> Any:
-        def field(_, y):  # type: ignore[no-untyped-def]
-            return self.flow.field(y, params)
-
-        def step(_, y):  # type: ignore[no-untyped-def]
-            after = _rk4(field, y, 0.0, self.flow.dt)
-            ends = -self.surface(y, params), -self.surface(after, params)
-            hit = (ends[0] < 0) & (ends[1] >= 0)
-            time = _crossing_time(
-                lambda dt: -self.surface(_rk4(field, y, 0.0, dt), params), *ends, self.flow.dt
-            )
-            met = self.reset(_rk4(field, y, 0.0, time), params)
-            return jnp.where(hit, _rk4(field, met, 0.0, self.flow.dt - time), after)
-
-        return jax.lax.fori_loop(0, self.flow.steps, step, jnp.asarray(x))
-
-    def velocity(self, x: Any, params: Any) -> Any:
-        """Evaluate the field at a point."""
-        return self.flow.field(x, params)
-
-    @property
-    def duration(self) -> float | None:
-        """The time of an application."""
-        return self.flow.duration
-
-    def halved(self) -> "Impacts":
-        """Return the same map with steps of half the length."""
-        return dataclasses.replace(self, flow=self.flow.halved())
-
-
 def flow(
     field: Field,
     dt: float,
@@ -294,45 +256,6 @@ def section(
     """
     _positive(dt=dt, max_steps=max_steps)
     return Section(Flow(field, float(dt), 1), surface, lift, project, int(max_steps))
-
-
-def impacts(
-    field: Field,
-    surface: Callable[[Any, Any], Any],
-    reset: Callable[[Any, Any], Any],
-    *,
-    dt: float,
-    steps: int,
-) -> Impacts:
-    """Make the map of a flow over `steps` steps, with a reset when it meets a surface from above.
-
-    At most one impact per step is detected: a ball that comes to rest has many.
-
-    **Arguments:**
-
-    - `field`: the velocity, `field(x, params)`.
-    - `surface`: a function `surface(x, params)`, positive between impacts, zero at an impact.
-    - `reset`: the point after an impact, `reset(x, params)`.
-    - `dt`, `steps`: duration and number of the steps of one application.
-
-    **Returns:** a [`Map`][jaxcell.dynamics.Map].
-
-    A ball falls from 1 m, and leaves the ground with half its speed:
-
-        >>> import jax, jax.numpy as jnp, numpy as np
-        >>> from jaxcell import dynamics
-        >>> ball = dynamics.impacts(
-        ...     lambda x, p: jnp.array([x[1], -2.0]),
-        ...     lambda x, p: x[0],
-        ...     lambda x, p: jnp.array([0.0, -0.5 * x[1]]),
-        ...     dt=0.15,
-        ...     steps=10,
-        ... )
-        >>> np.allclose(jax.jit(ball)(np.array([1.0, 0.0]), {}), [0.25, 0], atol=1e-3)
-        True
-    """
-    _positive(dt=dt, steps=steps)
-    return Impacts(Flow(field, float(dt), int(steps)), surface, reset)
 
 
 def _positive(**numbers: Any) -> None:

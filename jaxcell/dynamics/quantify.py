@@ -12,7 +12,7 @@ from .basin import Basins
 
 
 def basin_stability(
-    found: Basins,
+    basins: Basins,
     weight: Callable[[np.ndarray], np.ndarray] | None = None,
     *,
     within: float = math.inf,
@@ -21,7 +21,7 @@ def basin_stability(
 
     **Arguments:**
 
-    - `found`: the basins.
+    - `basins`: the basins.
     - `weight`: the density at points `[cells, axes]`, perhaps not normalised; by default uniform.
     - `within`: the longest time to the attractor that counts, in mappings if the map has no time.
 
@@ -30,45 +30,45 @@ def basin_stability(
     Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> found = examples.basins()
-        >>> dynamics.basin_stability(found, lambda x: x[:, 0] > 0.25).round(3).tolist()
+        >>> basins = examples.basins()
+        >>> dynamics.basin_stability(basins, lambda x: x[:, 0] > 0.25).round(3).tolist()
         [0.333, 0.667]
     """
-    mass = np.ones(found.box.size)
+    mass = np.ones(basins.box.size)
     if weight is not None:
-        mass = np.asarray(weight(found.box.centre(np.arange(found.box.size, dtype=np.int32))))
-    come = np.where(found.times <= within, found.basin, -1)
-    return np.bincount(come + 1, mass, minlength=found.attractors + 1)[1:] / mass.sum()
+        mass = np.asarray(weight(basins.box.centre(np.arange(basins.box.size, dtype=np.int32))))
+    come = np.where(basins.times <= within, basins.basin, -1)
+    return np.bincount(come + 1, mass, minlength=basins.attractors + 1)[1:] / mass.sum()
 
 
-def convergence_pace(found: Basins) -> Float[np.ndarray, "attractors"]:
+def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the mean, over each basin, of the time to the attractor per distance from it.
 
-    Cells of the attractor have a pace of 0. For mean times see `found.mean_time`.
+    Cells of the attractor have a pace of 0. For mean times see `basins.mean_time`.
 
     **Returns:** time, in mappings if the map has none, per length in the units of the box.
 
     **Arguments:**
 
-    - `found`: the basins.
+    - `basins`: the basins.
 
     Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> found = examples.basins(cells=4)
-        >>> dynamics.convergence_pace(found).tolist()
+        >>> basins = examples.basins(cells=4)
+        >>> dynamics.convergence_pace(basins).tolist()
         [2.0, 2.0]
     """
-    times = found.times
+    times = basins.times
 
     def pace(own: np.ndarray, far: np.ndarray) -> float:
         return float(np.where(far > 0, times[own] / np.where(far > 0, far, 1), 0).mean())
 
-    return np.array([pace(own, far) for own, far in _basins_with_distance(found)])
+    return np.array([pace(own, far) for own, far in _basins_with_distance(basins)])
 
 
 def noncritical_shocks(
-    found: Basins,
+    basins: Basins,
 ) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
     """Compute the mean and the largest distance of the cells of each basin from its attractor.
 
@@ -76,16 +76,16 @@ def noncritical_shocks(
 
     **Arguments:**
 
-    - `found`: the basins.
+    - `basins`: the basins.
 
     Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> found = examples.basins(cells=4)
-        >>> [lengths.tolist() for lengths in dynamics.noncritical_shocks(found)]
+        >>> basins = examples.basins(cells=4)
+        >>> [lengths.tolist() for lengths in dynamics.noncritical_shocks(basins)]
         [[0.125, 0.125], [0.25, 0.25]]
     """
-    lengths = [far for _, far in _basins_with_distance(found)]
+    lengths = [far for _, far in _basins_with_distance(basins)]
     return np.array([far.mean() for far in lengths]), np.array([far.max() for far in lengths])
 
 
@@ -98,7 +98,7 @@ def _basins_with_distance(basins: Basins) -> Iterator[tuple[np.ndarray, np.ndarr
         yield own, _distance(basins.box, away)[own]
 
 
-def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
+def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the least distance from a cell of each attractor to a cell outside of its basin.
 
     An exact Euclidean distance transform between centres is used, so the result is accurate to a
@@ -109,20 +109,20 @@ def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
 
     **Arguments:**
 
-    - `found`: the basins.
+    - `basins`: the basins.
 
     Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> found = examples.basins()
-        >>> dynamics.minimal_critical_shock(found).round(3).tolist()
+        >>> basins = examples.basins()
+        >>> dynamics.minimal_critical_shock(basins).round(3).tolist()
         [0.5, 0.125]
     """
-    shocks = np.full(found.attractors, np.inf)
-    for k, cells in enumerate(found.attractor_cells):
-        own = found.basin == k
+    shocks = np.full(basins.attractors, np.inf)
+    for k, cells in enumerate(basins.attractor_cells):
+        own = basins.basin == k
         if not own.all() and cells.size:
-            shocks[k] = _distance(found.box, own)[cells].min()
+            shocks[k] = _distance(basins.box, own)[cells].min()
     return shocks
 
 
@@ -139,12 +139,12 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
     return far[middle].ravel()
 
 
-def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
+def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
     """Compute the entropy of the basins in boxes of cells, in nats, and of boxes on a boundary.
 
     **Arguments:**
 
-    - `found`: the basins.
+    - `basins`: the basins.
     - `side`: number of cells along each side of a box; remaining cells at the ends are not used.
 
     **Returns:** `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al.
@@ -153,11 +153,11 @@ def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
     Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> found = examples.basins()
-        >>> dynamics.basin_entropy(found, side=2)
+        >>> basins = examples.basins()
+        >>> dynamics.basin_entropy(basins, side=2)
         (0.0, 0.0)
     """
-    labels = found.basin.reshape(found.box.cells)
+    labels = basins.basin.reshape(basins.box.cells)
     whole = tuple(slice(0, n // side * side) for n in labels.shape)
     blocks = labels[whole]
     split = [part for n in blocks.shape for part in (n // side, side)]
@@ -172,13 +172,13 @@ def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
 
 
 def uncertainty_exponent(
-    found: Basins, radii: tuple[int, ...] = (1, 2, 3, 5, 8, 13)
+    basins: Basins, radii: tuple[int, ...] = (1, 2, 3, 5, 8, 13)
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
     """Measure how the share of cells with another basin within a radius grows with the radius.
 
     **Arguments:**
 
-    - `found`: the basins.
+    - `basins`: the basins.
     - `radii`: radii in cells, along any axis.
 
     **Returns:** the exponent, the slope of logarithms: 1 for a smooth boundary in a plane, 0 for a
@@ -187,12 +187,12 @@ def uncertainty_exponent(
     Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> found = examples.basins()
-        >>> dynamics.uncertainty_exponent(found, (1, 2))[1].tolist()
+        >>> basins = examples.basins()
+        >>> dynamics.uncertainty_exponent(basins, (1, 2))[1].tolist()
         [0.25, 0.5]
     """
-    labels = found.basin.reshape(found.box.cells)
-    uncertain = np.array([_mixed(found.box, labels, radius).mean() for radius in radii])
+    labels = basins.basin.reshape(basins.box.cells)
+    uncertain = np.array([_mixed(basins.box, labels, radius).mean() for radius in radii])
     seen = uncertain > 0
     if np.count_nonzero(seen) < 2:
         return float("nan"), uncertain
@@ -200,7 +200,7 @@ def uncertainty_exponent(
     return float(slope), uncertain
 
 
-def wada(found: Basins, radius: float = 3.0) -> float:
+def wada(basins: Basins, radius: float = 3.0) -> float:
     """Return the share of a boundary that is not a boundary of all basins, 0 for Wada basins.
 
     Each basin has a boundary with the union of all others; for Wada basins these boundaries are the
@@ -208,7 +208,7 @@ def wada(found: Basins, radius: float = 3.0) -> float:
 
     **Arguments:**
 
-    - `found`: three basins or more.
+    - `basins`: three basins or more.
     - `radius`: largest distance of boundaries that count as the same, in cells.
 
     **Returns:** the largest share of the cells of a boundary that are farther from another one.
@@ -220,15 +220,15 @@ def wada(found: Basins, radius: float = 3.0) -> float:
         >>> import jax.numpy as jnp
         >>> from jaxcell import dynamics, space
         >>> box = space.Box([0], [3], cells=[30])
-        >>> found = dynamics.basins(lambda x, p: jnp.floor(x) + 0.5, box)
-        >>> dynamics.wada(found)
+        >>> basins = dynamics.basins(lambda x, p: jnp.floor(x) + 0.5, box)
+        >>> dynamics.wada(basins)
         1.0
     """
-    labels = found.basin.reshape(found.box.cells)
+    labels = basins.basin.reshape(basins.box.cells)
     names = np.unique(labels)
     if names.size < 3:
         raise ValueError(f"wada: expected at least 3 basins, got {names.size}")
-    edges = [_mixed(found.box, (labels == name).astype(np.int8), 1) for name in names]
+    edges = [_mixed(basins.box, (labels == name).astype(np.int8), 1) for name in names]
     far = [ndimage.distance_transform_edt(~edge) > radius for edge in edges]
     return max(float(np.mean(beyond[edge])) for edge in edges for beyond in far)
 
@@ -254,8 +254,8 @@ def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"
     Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
-        >>> found = examples.basins()
-        >>> dynamics.overlap(found, found).tolist()
+        >>> basins = examples.basins()
+        >>> dynamics.overlap(basins, basins).tolist()
         [[1.0, 0.0], [0.0, 1.0]]
     """
     if one.box != other.box:

@@ -40,7 +40,7 @@ class Refined(NamedTuple):
     "Number of finer cells that were followed."
 
 
-def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
+def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     """Refine the boundaries of basins.
 
     A cell with another basin beside it is cut in two along each axis, and the centres of its parts
@@ -53,7 +53,7 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
     **Arguments:**
 
     - `map`: the map of the basins.
-    - `found`: the basins.
+    - `basins`: the basins.
     - `levels`: number of times that cells are halved.
 
     **Returns:** [`Refined`][jaxcell.dynamics.Refined].
@@ -64,45 +64,46 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
         >>> from jaxcell import dynamics, space
         >>> def up_or_down(x, p):
         ...     return jnp.where(x > 0.3, 0.9, 0.1)
-        >>> found = dynamics.basins(up_or_down, space.Box([0], [1], cells=[4]))
-        >>> found.fraction.tolist(), dynamics.refined(up_or_down, found).fraction.round(2).tolist()
+        >>> basins = dynamics.basins(up_or_down, space.Box([0], [1], cells=[4]))
+        >>> finer = dynamics.refined(up_or_down, basins)
+        >>> basins.fraction.tolist(), finer.fraction.round(2).tolist()
         ([0.75, 0.25], [0.7, 0.3])
     """
-    box = found.box
-    # The followed cells of each level, in ascending order, and their basins.
+    box = basins.box
+    # The followed cells of each level, in ascending order, and their labels.
     keys = [np.arange(box.size)]
-    basins = [found.basin]
-    edge = np.flatnonzero(_at_boundary(box, keys, basins))
-    owner, visits = attractor_owners(box, found.attractor_cells), VISITS
+    labels = [basins.basin]
+    edge = np.flatnonzero(_at_boundary(box, keys, labels))
+    owner, visits = attractor_owners(box, basins.attractor_cells), VISITS
     size = _SAMPLED // 3**box.dimensions, box.dimensions
     drawn = np.random.default_rng(0).uniform(0, box.cells, size)
-    truth = _ends(map, found, owner, visits, box.lower + drawn * box.width)
+    truth = _ends(map, basins, owner, visits, box.lower + drawn * box.width)
     cell = _keys(box, drawn.astype(np.int64), 0)
-    fractal = bool(((truth != found.basin[cell]) & ~np.isin(cell, edge)).any())
+    fractal = bool(((truth != basins.basin[cell]) & ~np.isin(cell, edge)).any())
     if not fractal:
         sure = np.setdiff1d(keys[0], edge)
-        owner[sure], visits = found.basin[sure], 1
-    volume = np.bincount(found.basin + 1, minlength=found.attractors + 1).astype(float)
+        owner[sure], visits = basins.basin[sure], 1
+    volume = np.bincount(basins.basin + 1, minlength=basins.attractors + 1).astype(float)
     uncertain = [edge.size / box.size]
     parts = 2**box.dimensions
     for level in range(1, levels + 1):
         new = _halved(box, keys[-1][edge], level)
-        label = _ends(map, found, owner, visits, _centres(box, new, level))
+        label = _ends(map, basins, owner, visits, _centres(box, new, level))
         # The volume of the cells is replaced by that of their parts.
         share = 0.5 ** (level * box.dimensions)
-        volume -= share * parts * np.bincount(basins[-1][edge] + 1, minlength=volume.size)
+        volume -= share * parts * np.bincount(labels[-1][edge] + 1, minlength=volume.size)
         volume += share * np.bincount(label + 1, minlength=volume.size)
         keys.append(new)
-        basins.append(label)
-        edge = np.flatnonzero(_at_boundary(box, keys, basins))
+        labels.append(label)
+        edge = np.flatnonzero(_at_boundary(box, keys, labels))
         uncertain.append(edge.size * share / box.size)
     place = (drawn * 2**levels).astype(np.int64)
-    for label, sign in ((truth, 1), (_basin_at(box, keys, basins, place), -1)):
+    for label, sign in ((truth, 1), (_basin_at(box, keys, labels, place), -1)):
         volume += sign * box.size * np.bincount(label + 1, minlength=volume.size) / len(drawn)
     for level in range(levels + 1 if fractal else 0):
         beside = np.concatenate([*_around(box, drawn * 2**level, level)])
         points = np.array(box.lower) + beside * (box.width / 2**level)
-        label = _ends(map, found, owner, visits, points).reshape(-1, len(drawn))
+        label = _ends(map, basins, owner, visits, points).reshape(-1, len(drawn))
         uncertain[level] = float(np.mean((label != truth).any(axis=0)))
     seen = np.flatnonzero(uncertain)
     slope = np.polyfit(seen, np.log2(np.array(uncertain)[seen]), 1)[0] if seen.size > 1 else np.nan
@@ -111,7 +112,7 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
         uncertain=np.array(uncertain),
         exponent=-float(slope),
         boundary=_centres(box, keys[-1][edge], levels),
-        basin=basins[-1][edge],
+        basin=labels[-1][edge],
         mapped=sum(new.size for new in keys[1:]),
     )
 

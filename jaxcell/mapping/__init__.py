@@ -49,7 +49,6 @@ Functions and classes:
 - `Chain`: `P`, with products from both sides, `p P` and `P v`.
 - `ChainSequence`: a periodic sequence of chains, such as a tide; their product, the period map, is
     never computed.
-- `ObservedChain`: `P` with the bump sensor's observation at each step, a hidden Markov model.
 - `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
 - `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` is the sink.
 

@@ -13,7 +13,6 @@ from .groups import (
     GroupTotals as GroupTotals,
     PeriodicGroups as PeriodicGroups,
 )
-from .observed import ObservedChain as ObservedChain
 from .peel import periodic_groups as periodic_groups
 from .section import (
     Section as Section,

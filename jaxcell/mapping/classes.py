@@ -12,7 +12,7 @@ from .sequence import ChainSequence
 
 
 # The largest size of the table of domiciles, in bytes.
-_LARGEST_TABLE = 2**32
+LARGEST_TABLE = 2**32
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class PersistentGroups:
         one group at a time then.
         """
         cells = self.group.shape[0]
-        if self.count * cells > _LARGEST_TABLE:
+        if self.count * cells > LARGEST_TABLE:
             raise ValueError(
                 f"domicile: {self.count} groups x {cells} cells make more than 4 GiB; "
                 "use reaching(group) for one group at a time"

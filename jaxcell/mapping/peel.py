@@ -12,13 +12,13 @@ from .walk import walked_groups
 
 
 # Number of cells from which on peeling can pay.
-_MANY = 1 << 18
+MANY = 1 << 18
 # Share of the remaining cells that a pass over all of them must drop to pay.
 _WORTH = 0.2
 # Number of dropped cells above which peeling from them pays.
-_FRONT = 200
+FRONT = 200
 # Number of cells that are computed at once.
-_PART = 1 << 20
+PART = 1 << 20
 # Sizes to which shorter maps are padded; the walk over padding takes almost no time.
 _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 
@@ -55,7 +55,7 @@ def periodic_groups(
     if here and all(device.platform == "cpu" for device in image.devices()):
         on_host = np.asarray(image)
         if _worth_peeling(on_host):
-            return jax.device_put(_peeled_groups(on_host))
+            return jax.device_put(peeled_groups(on_host))
     return _groups(image, where)
 
 
@@ -67,8 +67,8 @@ def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     are not padded with zeros.
     """
     if _worth_peeling(image):
-        groups = _peeled_groups(image)
-    elif image.size < _MANY:
+        groups = peeled_groups(image)
+    elif image.size < MANY:
         groups = _groups_of_longer(image)
     else:
         groups = jax.device_get(_groups(image, None))
@@ -76,7 +76,7 @@ def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 
 
 def _worth_peeling(image: Int[np.ndarray, "cells"]) -> bool:
-    return bool(image.size >= _MANY and _missed(image) >= _WORTH)
+    return bool(image.size >= MANY and _missed(image) >= _WORTH)
 
 
 @jax.jit
@@ -96,7 +96,7 @@ def _missed(image: Int[np.ndarray, "cells"]) -> float:
     return 1 - np.count_nonzero(hit) / hit.size
 
 
-def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
+def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host by peeling.
 
     Cells without preimages are transient, so they are dropped; then cells whose preimages were all
@@ -118,7 +118,7 @@ def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     del core, left
     while dropped:
         cells = dropped.pop()
-        for part in np.array_split(cells, 1 + cells.size // _PART):
+        for part in np.array_split(cells, 1 + cells.size // PART):
             both[part] = both[image[part]] + 1
     step = both.astype(np.int32).astype(image.dtype, copy=False)
     group = np.right_shift(both, 32, out=both).astype(image.dtype)
@@ -159,10 +159,10 @@ def _peeled(
     del reached, kept
     # The number of remaining preimages of each cell.
     count = np.zeros(image.size, np.int32)
-    for part in np.array_split(cells, 1 + cells.size // _PART):
+    for part in np.array_split(cells, 1 + cells.size // PART):
         np.add.at(count, image[part], np.int32(1))
     front = cells[count[cells] == 0]
-    while front.size > _FRONT:
+    while front.size > FRONT:
         dropped.append(front)
         to = image[front]
         last = count[to] == 1

@@ -158,7 +158,3 @@ def _put(
     array: Int[Array, "size"], place: Int[Array, ""], value: Int[Array, ""]
 ) -> Int[Array, "size"]:
     return lax.dynamic_update_slice(array, value[None], (place,), allow_negative_indices=False)
-
-
-def _of(array: Int[Array, "size"], places: Int[Array, "cells"]) -> Int[Array, "cells"]:
-    return array.at[places].get(mode="promise_in_bounds")

@@ -1,4 +1,4 @@
-"""What one asks of a finite Markov chain on cells.
+"""Quantities of a finite Markov chain on cells.
 
 Let `P` be the transition matrix of a [`jaxcell.mapping.Chain`][], whose rows may sum to less than
 1: the rest of the mass leaves the space for a sink. Every cell is *transient* or belongs to a
@@ -9,62 +9,58 @@ probability 1 the chain ends in one of the groups or in the sink.
 
     pi = lim (p + p P + ... + p P^(n-1)) / n,     pi P = pi,
 
-which exists also where the chain is periodic. On each group it is the one distribution with
-`x P = x`, weighed by the probability of ending there. `limiting_distribution`.
+which exists even if the chain is periodic. On each group it is the one distribution with `x P = x`,
+weighted by the probability of ending there. `limiting_distribution`.
 
-**Until the end.** With `Q` the part of `P` among the transient cells and `R` that into the groups,
-*absorption probabilities* and *absorption times* are (Eq. 5.7: `t` is the row sums of
-`(I - Q)^-1`)
+**Until the end.** With `Q` the part of `P` among the transient cells and `R` the part into the
+groups, *absorption probabilities* and *absorption times* solve (Eq. 5.7: `t` is the row sums of `(I
+- Q)^-1`)
 
     B = R + Q B,     t = 1 + Q t.
 
 `absorption_probabilities`, `absorption_times`.
 
 **Until a target** `T`. The probability `h` of ever arriving and the expected number of steps `k`
-are the least solutions, not negative, of
+are the least nonnegative solutions of
 
     h = 1 on T, h = P h elsewhere;     k = 0 on T, k = 1 + P k elsewhere;
 
-but `k` is `inf` where `h < 1`. There one asks for the mean over the ways that arrive, which is the
-`k` of Doob's transform `p_ij h_j / h_i`. The law of the *first passage* is what arrives at time `n`
-when what has arrived before is taken away. Of several robots that move independently, none has
-arrived with the product of the probabilities that each has not (section 4.4.6).
-`arrival_probabilities`, `hitting_times`, `conditional_hitting_times`; `first_passage`, `survival`;
-`first_arrival`, `mean_first_arrival`, and `simulate_arrival` by runs (`Distinct` for robots that
-start in different cells); `sample_walks` draws a few walks step by step.
+but `k` is `inf` where `h < 1`. There the mean over the paths that arrive is the `k` of Doob's
+transform `p_ij h_j / h_i`. The law of the *first passage* is the mass that arrives at time `n` if
+all mass that arrived before is removed. The probability that none of several independent robots has
+arrived is the product of their probabilities (section 4.4.6). `arrival_probabilities`,
+`hitting_times`, `conditional_hitting_times`; `first_passage`, `survival`; `first_arrival`,
+`mean_first_arrival`, and `simulate_arrival` by runs (`Distinct` for robots that start in different
+cells); `sample_walks` draws a few walks step by step.
 
 **Nearly closed.** Sets that the chain seldom leaves show in eigenvalues near 1. `leading_modes` has
-eigenvalues and eigenvectors from both sides; `almost_invariant_sets` are hardly left nor
-entered in some steps, `coherent_sets` move meanwhile, and `attracting_regions` gather what is in
-their basins: `NearlyClosedSets`, with what they leak and how fast.
+eigenvalues and eigenvectors from both sides; `almost_invariant_sets` are hardly left or entered in
+some steps, `coherent_sets` move meanwhile, and `attracting_regions` gather the mass of their
+basins: `NearlyClosedSets`, with their leakage and its time.
 
 **Between all pairs.** An irreducible chain, one with a single group and no transient cells, has a
-hitting time `H_ij` for every pair of cells, and there and back a *commute time* `H_ij + H_ji` (Eq.
-4.3); *Kemeny's constant* `sum_j pi_j H_ij`, the same for every `i`; the *entropy rate*
-`-sum_ij pi_i p_ij log p_ij`; the second largest eigenvalue modulus; and the *mixing time*, after
-which no start is farther than a given distance from `pi` in total variation.
-`hitting_matrix`, `commute_times`, `kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense`
-has `pi`, `H`, Kemeny's constant and the entropy rate as differentiable functions of the matrix.
+hitting time `H_ij` for every pair of cells, and a *commute time* `H_ij + H_ji` (Eq. 4.3); *Kemeny's
+constant* `sum_j pi_j H_ij`, the same for every `i`; the *entropy rate* `-sum_ij pi_i p_ij log
+p_ij`; the second largest eigenvalue modulus; and the *mixing time*, after which no start is farther
+than a given distance from `pi` in total variation. `hitting_matrix`, `commute_times`,
+`kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense` has `pi`, `H`, Kemeny's constant
+and the entropy rate as differentiable functions of the matrix.
 
-**Observed.** Where a robot senses `o` on the way, `P = P_0 + P_1`, and the distribution after the
-observations `o_1, ..., o_n` is `p P_{o_1} ... P_{o_n}` to a factor, which is their probability.
-`filtered`, `smoothed` for earlier times given all of them, and `possible` for sets of cells.
-
-**Choosing.** In a *decision process* one chooses an action `u` in every cell, each a chain `P_u`
+**Decisions.** In a *decision process* an action `u` is chosen in every cell, each a chain `P_u`
 with a reward `r_u`. With a discount `g` its *value* solves (Alg. 5.5)
 
     V = g max_u (r_u + P_u V).
 
-Without one, the *stochastic shortest path* is first the surest way to a goal, and among those the
-quickest. `DecisionModel`, `value_iteration`, `policy_chain`, `stochastic_shortest_path`.
+Without a discount, the *stochastic shortest path* has the largest probability of reaching a goal
+and, of the policies with that probability, the least time. `DecisionModel`, `value_iteration`,
+`policy_chain`, `stochastic_shortest_path`.
 
-**How.** Solves are sparse: products with `P` where they converge soon, a factorisation where they
-do not, after runs of certain steps have been taken out. What needs all pairs is dense: memory
-`O(N^2)` and time `O(N^3)`. Every solve comes with a [`jaxcell.base.certificate.Certificate`][]: a
-residual that is computed from the answer and the full matrix, and says how good the answer is. All
-solves need 64-bit numbers: `jax.config.update("jax_enable_x64", True)`. Sparse ones run on the
-host, with NumPy and scipy; `push` and `pull`, first passages, decisions, what is observed and
-`dense` run wherever JAX does.
+**Method.** Solves are sparse: products with `P` if they converge soon, otherwise a factorisation,
+after runs of certain steps have been removed. Quantities of all pairs are dense: memory `O(N^2)`
+and time `O(N^3)`. Every solve comes with a [`jaxcell.base.certificate.Certificate`][]: a residual
+that is computed from the answer and the full matrix. All solves need 64-bit numbers:
+`jax.config.update("jax_enable_x64", True)`. Sparse solves run on the host, with NumPy and scipy;
+`push` and `pull`, first passages, decisions and `dense` run wherever JAX does.
 """
 
 from ..base.hosted import attach

@@ -15,7 +15,6 @@ from .decision import (
     policy_chain as policy_chain,
     value_iteration as value_iteration,
 )
-from .hidden import filtered as filtered, possible as possible, smoothed as smoothed
 from .hitting import (
     Absorption as Absorption,
     absorption_probabilities as absorption_probabilities,

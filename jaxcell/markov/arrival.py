@@ -16,22 +16,22 @@ from .hitting import cell_mask, hitting_times
 from .passage import check_steps, start_distribution, survivals
 
 
-# Steps that are made at once. Most short periods divide it, for a periodic chain to shrink evenly.
+# Number of steps at once. Most short periods divide it, so that a periodic chain shrinks evenly.
 _CHUNK = 240
-_MAX_STEPS = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distinct:
-    """Starts without replacement: the robots begin in different cells, in any with equal chance."""
+    """Starts without replacement: the robots begin in different cells, all choices equally
+    likely."""
 
     cells: npt.ArrayLike
-    "The cells that they may begin in: several, or a mask over all cells."
+    "The possible cells: a list, or a mask over all cells."
 
 
 @dataclasses.dataclass(frozen=True)
 class MeanArrival:
-    """An expected number of steps, and how good it is."""
+    """An expected number of steps and its certificate."""
 
     value: float
     certificate: Certificate
@@ -44,9 +44,9 @@ class Race:
     chains: tuple[Chain, ...]
     "The different chains."
     robot: tuple[int, ...]
-    "Which of them each robot moves by."
+    "The number of each robot's chain."
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
-    "The distribution of each robot's start, or the cells that distinct starts are drawn from."
+    "The distribution of each robot's start, or the cells from which distinct starts are drawn."
     there: Bool[np.ndarray, "cells"]
 
     @classmethod
@@ -85,7 +85,7 @@ class Race:
                 raise ValueError(
                     f"starts: expected one for each of {len(chains)} robots, got {len(starts)}"
                 )
-            start = np.stack([_start(cells, robot, given) for robot, given in enumerate(starts)])
+            start = np.stack([_start(cells, robot, start) for robot, start in enumerate(starts)])
         return cls(tuple(different.values()), robot_chain, start, cell_mask(cells, target))
 
     @property
@@ -99,7 +99,7 @@ class Race:
         return self.start.ndim == 1
 
     def begins(self, robot: int) -> Bool[np.ndarray, "cells"]:
-        """Where a robot may begin."""
+        """Return the mask of the cells in which a robot may begin."""
         if self.distinct:
             return np.isin(np.arange(self.there.size), self.start)
         return self.start[robot] > 0
@@ -111,10 +111,10 @@ class Race:
 
         **Arguments:**
 
-        - `values`: for each chain, the probabilities of one robot, by its start.
-        - `chunks`: how many chunks of steps to go through.
+        - `values`: for each chain, the probability that one robot has not arrived, by its start.
+        - `chunks`: number of chunks of steps.
 
-        **Returns:** the joint probability by each time, and `values` after that.
+        **Returns:** the joint probability after each step, and `values` after the last.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -139,25 +139,25 @@ def first_arrival(
     target: npt.ArrayLike | int,
     steps: int,
 ) -> Float[Array, "{steps}+1"]:
-    """The law of the number of steps until the first of several robots is in a set of cells.
+    """Compute the law of the number of steps until the first of several robots is in a set of
+    cells.
 
-    The robots move independently, so that the probability that none has arrived is the product of
-    those of each: exactly what the simulation of Alam 2018, section 4.4.6, estimates.
+    The robots move independently, so the probability that none has arrived is the product of their
+    probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.
 
     **Arguments:**
 
-    - `chains`: one for each robot; the same object for robots that move alike.
-    - `starts`: one for each robot, as in [`jaxcell.markov.first_passage`][]; or [`Distinct`][]
+    - `chains`: the chain of each robot; the same object for robots that move alike.
+    - `starts`: the start of each robot, as in [`jaxcell.markov.first_passage`][]; or [`Distinct`][]
         for robots of one chain.
-    - `target`: a cell, several, or a mask over the cells.
-    - `steps`: the last time that is asked for.
+    - `target`: a cell, a list of cells, or a mask over the cells.
+    - `steps`: the last time.
 
-    **Returns:** the probability that the first time is `0, 1, ..., steps`; a robot that begins
-    there arrives at 0. The running sum is the probability of capture by then.
+    **Returns:** the probability that the first time is `0, 1, ..., steps`; a robot that begins in
+    the target arrives at 0. The running sum is the probability of capture.
 
-    **Raises:** `ValueError` for chains of different spaces, starts that are not as many as the
-    robots or not understood, more robots than cells for distinct starts, and as
-    [`jaxcell.markov.first_passage`][].
+    **Raises:** `ValueError` for chains of different spaces, wrong starts, fewer cells than robots
+    for distinct starts, and as [`jaxcell.markov.first_passage`][].
 
     Two random walks on a line of three cells, from its middle to its right end:
 
@@ -170,7 +170,7 @@ def first_arrival(
     check_steps(steps)
     race = Race.of(chains, starts, target)
     survive, _ = race.survive(_at_start(race), steps // _CHUNK + 1)
-    # Rounding may let it grow, which would be a negative probability.
+    # If rounding let the probability grow, a probability of arrival would be negative.
     survive = np.minimum.accumulate(np.concatenate([[1.0], survive[: steps + 1]]))
     return jax.device_put(survive[:-1] - survive[1:])
 
@@ -181,29 +181,31 @@ def mean_first_arrival(
     target: npt.ArrayLike | int,
     *,
     tolerance: float = 1e-9,
+    max_steps: int = 2**20,
     throw: bool = True,
 ) -> MeanArrival:
-    """The expected number of steps until the first of several robots is in a set of cells.
+    """Compute the expected number of steps until the first of several robots is in a set of cells.
 
-    That is the sum over time of the probability that none has arrived. If within some steps the
-    probabilities of a robot shrink by factors between `a` and `b`, whichever cell it started from,
-    they do so ever after. Two geometric series then enclose what is left of the sum, and they meet
-    long before it is negligible, when the robots have forgotten where they started.
+    It is the sum over time of the probability that no robot has arrived. If the probabilities of a
+    robot shrink during some steps by factors between `a` and `b`, for all starts, they do so in all
+    later steps. Two geometric series then enclose the rest of the sum, and they meet long before it
+    is negligible: as soon as the robots have forgotten their starts.
 
     **Arguments:**
 
     - `chains`, `starts`, `target`: as in [`first_arrival`][].
-    - `tolerance`: of the relative error.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `tolerance`: tolerance of the relative error.
+    - `max_steps`: number of steps after which the sum ends.
+    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`MeanArrival`][]; `inf` where it may be that none ever arrives. The residual of
-    its certificate bounds the relative error, up to rounding.
+    **Returns:** [`MeanArrival`][]; `inf` if possibly no robot ever arrives. The residual of its
+    certificate bounds the relative error, up to rounding.
 
-    **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if a million steps are not
+    **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if these steps are not
     enough.
 
-    Two random walks on a line of three cells, from its middle to its right end, where one of them
-    arrives with probability 3/4 every other step:
+    Two random walks on a line of three cells start in its middle; one of them arrives at the right
+    end with probability 3/4 every other step:
 
         >>> from jaxcell import examples, markov
         >>> chain = examples.walk()
@@ -232,7 +234,7 @@ def mean_first_arrival(
         least, most = _series(block, low), _series(block, high)
         value = total + (least + most) / 2
         residual = (most - least) / 2 / value if value else 0.0
-        if residual <= tolerance or steps >= _MAX_STEPS:
+        if residual <= tolerance or steps >= max_steps:
             break
         chunks *= 2
     certificate = Certificate(steps, residual, tolerance)
@@ -243,11 +245,11 @@ def mean_first_arrival(
 def mean_product(
     value: Float[np.ndarray, "steps choices"], count: int
 ) -> Float[np.ndarray, "steps"]:
-    """The mean, over all sets of `count` choices, of the product of their values.
+    """Compute the mean, over all sets of `count` choices, of the product of their values.
 
-    That is an elementary symmetric polynomial over its number of terms. Among the first `j` choices
-    the mean is one of the means among the first `j - 1`, with and without the last choice, weighed
-    by how many sets hold it: nothing grows and nothing cancels.
+    It is an elementary symmetric polynomial divided by its number of terms. The mean among the
+    first `j` choices is an average of two means among the first `j - 1`, without and with the last
+    choice, weighted by the numbers of sets: nothing grows and nothing cancels.
     """
     size = np.arange(1, count + 1)[:, None]
     mean = np.zeros((count + 1, len(value)))
@@ -258,9 +260,9 @@ def mean_product(
     return mean[-1]
 
 
-def _start(cells: int, robot: int, given: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
+def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
     try:
-        return start_distribution(cells, given)
+        return start_distribution(cells, start)
     except ValueError as error:
         raise ValueError(f"robot {robot}: {error}") from None
 
@@ -270,7 +272,7 @@ def _at_start(race: Race) -> list[Float[Array, "cells"]]:
 
 
 def _may_fail(race: Race) -> bool:
-    """Whether it may be that no robot ever arrives."""
+    """Decide whether possibly no robot ever arrives."""
     fails = [np.isinf(hitting_times(chain, race.there, throw=False).value) for chain in race.chains]
     if race.distinct:
         return int(fails[0][race.start].sum()) >= race.robots
@@ -278,7 +280,8 @@ def _may_fail(race: Race) -> bool:
 
 
 def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """The cells that a robot may be in before it arrives, and whether it may leave the space."""
+    """Return the cells in which a robot may be before it arrives, and whether it may leave the
+    space."""
     chain = race.chains[race.robot[robot]]
     on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
     # Backwards along the edges that leave cells off the target.
@@ -287,7 +290,7 @@ def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
 
 
 def _series(first: float, ratio: float) -> float:
-    """The sum of a geometric series after its first term."""
+    """Sum a geometric series after its first term."""
     if first * ratio == 0:
         return 0.0
     return first * ratio / (1 - ratio) if ratio < 1 else math.inf

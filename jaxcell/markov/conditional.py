@@ -18,21 +18,20 @@ ALMOST_SURE = float(np.nextafter(1, 0))
 def arrival_probabilities(
     chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
 ) -> Solution:
-    """The probability that a chain ever comes to a set of cells.
+    """Compute the probability that a chain ever comes to a set of cells.
 
-    It is 1 exactly where the chain cannot fail to arrive, and 0 where it cannot arrive.
+    It is exactly 1 where the chain cannot fail to arrive, and 0 where it cannot arrive.
 
     **Arguments:**
 
     - `chain`: the chain.
-    - `target`: a cell, several, or a mask over the cells.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `target`: a cell, a list of cells, or a mask over the cells.
+    - `throw`: raise if the answer is not accurate enough.
 
     **Returns:** [`jaxcell.base.certificate.Solution`][]. The residual of its certificate is the
-    largest amount by which the probability of a cell differs from the mean of those of its images.
+    largest difference of the probability of a cell from the mean over its images.
 
-    **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if the
-    solve stalls.
+    **Raises:** `ValueError` for a wrong target; `RuntimeError` if the solve stalls.
 
     A random walk between two ends, where it stays:
 
@@ -51,22 +50,19 @@ def arrival_probabilities(
 def conditional_hitting_times(
     chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
 ) -> Solution:
-    """The expected number of steps until a chain is first in a set of cells, if it arrives.
+    """Compute the expected number of steps until a chain is first in a set of cells, if it arrives.
 
-    That is the mean over those of its ways that arrive. Where all do, it is
-    [`jaxcell.markov.hitting_times`][], which is `inf` where some do not.
+    It is the mean over the paths that arrive. If all arrive, it equals
+    [`jaxcell.markov.hitting_times`][], which is `inf` otherwise.
 
     **Arguments:**
 
-    - `chain`: the chain.
-    - `target`: a cell, several, or a mask over the cells.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `chain`, `target`, `throw`: as in [`arrival_probabilities`][].
 
     **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the target, and `inf` where the chain
     cannot arrive. The residual of its certificate bounds the relative error of every finite time.
 
-    **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if a
-    solve stalls.
+    **Raises:** as [`arrival_probabilities`][].
 
     A random walk between two ends, where it stays:
 
@@ -82,8 +78,8 @@ def conditional_hitting_times(
     certificate.check("conditional_hitting_times", throw)
     inside = (arrives > 0) & ~there
     time = np.where(arrives > 0, 0.0, np.inf)
-    found, certificate = leaving_times(conditioned(matrix, arrives), inside)
-    time[inside] = found
+    steps, certificate = leaving_times(conditioned(matrix, arrives), inside)
+    time[inside] = steps
     certificate.check("conditional_hitting_times", throw)
     return Solution(jax.device_put(time), certificate)
 
@@ -91,33 +87,33 @@ def conditional_hitting_times(
 def probabilities(
     matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "cells"], Certificate]:
-    """[`arrival_probabilities`][], from the transition matrix."""
+    """Compute [`arrival_probabilities`][] from the transition matrix."""
     can, may_fail = prospects(matrix, there)
     value = np.where(can & ~may_fail, 1.0, 0.0)
     part = Transient.of(matrix, can & may_fail & ~there)
     value[there] = 1
     gain = (matrix[part.cells] @ value)[:, None]
-    found, products = part.expect(gain)
-    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
-    value[part.cells] = np.minimum(found[:, 0], ALMOST_SURE)
+    ends, products = part.expect(gain)
+    residual = np.abs(gain + part.step @ ends - ends).max(initial=0.0)
+    value[part.cells] = np.minimum(ends[:, 0], ALMOST_SURE)
     return value, Certificate(products, float(residual), PROBABILITY_TOLERANCE)
 
 
 def conditioned(
     matrix: scipy.sparse.csr_array, arrives: Float[np.ndarray, "cells"]
 ) -> scipy.sparse.csr_array:
-    """The chain of those ways only that arrive (Doob's transform): `p(x, y) h(y) / h(x)`.
+    """Return the chain of the paths that arrive (Doob's transform): `p(x, y) h(y) / h(x)`.
 
-    Every way to the target is as likely as it was, among those that arrive.
+    Every path to the target is as likely as before, among those that arrive.
 
     **Arguments:**
 
-    - `matrix`: the transition matrix, or rows for several actions in each cell; rows without a way
+    - `matrix`: the transition matrix, or rows for several actions in each cell; rows without a path
         to the target become empty.
     - `arrives`: the probability `h` of arriving from each cell.
     """
     weighed = matrix @ scipy.sparse.diags_array(arrives)
-    # The sum of a row is `h` up to rounding, and dividing by the sum leaves no rounding.
+    # The sum of a row is `h` up to rounding; dividing by the sum removes the rounding.
     total = np.asarray(weighed.sum(axis=1)).ravel()
     share = np.divide(1, total, out=np.zeros_like(total), where=total > 0)
     result = (scipy.sparse.diags_array(share) @ weighed).tocsr()

@@ -13,11 +13,10 @@ from ..base.precision import require_x64
 from ..mapping.generalized import Chain
 
 
-# Sweeps with a fixed policy between two choices of a policy. Of 2 to 40, 5 are the fastest for a
-# drifter that is to come to a goal and 40 where nothing ends; 10 are nearly so for both.
+# Sweeps with a fixed policy between two choices of a policy. 5 are the fastest for a drifter with a
+# goal, 40 if nothing ends; 10 are nearly the fastest for both.
 _SWEEPS = 10
-_MAX_SWEEPS = 100_000
-# Actions whose gains differ by less, as a part of the largest value, are equally good.
+# Actions whose gains differ by less, relative to the largest value, are equally good.
 _TIE = 1e-12
 
 
@@ -26,10 +25,10 @@ _TIE = 1e-12
 class DecisionModel:
     """A Markov decision process on cells: in each cell one of several actions is taken.
 
-    An action is a chain: it moves by its probabilities, and what those lack of 1 goes to the sink,
-    where nothing is gained any more.
+    An action is a chain: it moves by its probabilities; the rest of a row, up to 1, goes to the
+    sink, where nothing more is gained.
 
-    A robot that goes left or right on a line of three cells, and gains 1 at the right end:
+    A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -44,20 +43,20 @@ class DecisionModel:
     chains: tuple[Chain, ...]
     "The chain of each action, over the same cells."
     reward: Float[Array, "actions cells"]
-    "What is gained by taking the action in the cell, in expectation."
+    "The expected gain of taking the action in the cell."
     allowed: Bool[Array, "actions cells"]
-    "Whether the action can be taken in the cell; each cell has one that can."
+    "Whether the action can be taken in the cell; each cell has an action."
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
         """**Arguments:**
 
-        - `chains`: one for each action.
-        - `reward`: array `[actions, cells]`; it does not matter where an action is not allowed.
+        - `chains`: the chain of each action.
+        - `reward`: array `[actions, cells]`, ignored where an action is not allowed.
         - `allowed`: array `[actions, cells]`; by default all actions are allowed everywhere.
 
         **Raises:** `ValueError` for chains of different spaces, arrays of another shape, a reward
-        that is not finite, and a cell in which no action is allowed.
+        that is not finite, and a cell without an allowed action.
         """
         require_x64("DecisionModel")
         if not chains:
@@ -106,11 +105,11 @@ class DecisionModel:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Optimum:
-    """The value of every cell, and what to do there."""
+    """The value of every cell and the best action there."""
 
     value: Float[Array, "cells"]
     policy: Int[Array, "cells"]
-    "The action to take in each cell; of equally good ones, the first."
+    "The action to take in each cell; of equally good actions, the first."
     certificate: Certificate
     "Its residual bounds the error of every value; iterations are sweeps over all cells."
 
@@ -121,8 +120,8 @@ class Optimum:
 
     @property
     def gap(self) -> float:
-        """No value is farther from the true one, up to rounding; that of the policy is no farther
-        below it than twice as much."""
+        """A bound of the error of every value, up to rounding. The value of the policy is at most
+        twice that below the best."""
         return self.certificate.residual
 
 
@@ -131,41 +130,37 @@ def value_iteration(
     discount: float | int,
     tolerance: float | int = 1e-8,
     *,
+    max_sweeps: int = 100_000,
     throw: bool = True,
 ) -> Optimum:
     """Find the best policy of a decision model by value iteration (Alam 2018, Alg. 5.5).
 
     The value is the source's, `V = discount * max_u (r_u + P_u V)`, in which the reward of the
-    first step is discounted already. Most texts and programs have `W = max_u (r_u + discount * P_u
-    W)`. It is `V = discount * W`, and the policies are the same.
+    first step is discounted too. Most texts and programs have `W = max_u (r_u + discount * P_u W)`;
+    then `V = discount * W`, and the policies are equal.
 
     Between two choices of a policy the value is swept with that policy only, which is several times
     faster (modified policy iteration, Puterman and Shin 1978). The source stops when nothing
-    changes, which in floating-point arithmetic need never be. Here every choice gives bounds of the
-    error (MacQueen 1966): a change of all values by at most `c` leaves at most
-    `c * discount / (1 - discount)` to come.
+    changes, which floating-point arithmetic may never reach. Here every choice bounds the error
+    (MacQueen 1966): after a change of all values by at most `c`, at most `c * discount / (1 -
+    discount)` is to come.
 
     **Arguments:**
 
     - `model`: the decision model.
-    - `discount`: more than 0 and less than 1.
-    - `tolerance`: of the error of the values, in units of the reward.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `discount`: more than 0 and less than 1. Values may be infinite without a discount; see
+        [`jaxcell.markov.stochastic_shortest_path`][].
+    - `tolerance`: tolerance of the values, in units of the reward.
+    - `max_sweeps`: number of sweeps after which the iteration ends.
+    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`Optimum`][].
+    **Raises:** `ValueError` for a discount or tolerance out of range; `RuntimeError` if rounding or
+    `max_sweeps` ends the iteration before the tolerance is met.
 
-    **Raises:** `ValueError` for a discount or tolerance out of range. Without a discount, values
-    may be infinite; [`jaxcell.markov.stochastic_shortest_path`][] has an answer then.
-    `RuntimeError` if rounding or 100,000 sweeps end it before the tolerance is met.
+    A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
-    A robot that goes left or right on a line of three cells, and gains 1 at the right end:
-
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> right = mapping.Chain(np.array([[1, 2, 2]]), np.ones((1, 3)))
-        >>> left = mapping.Chain(np.array([[0, 0, 1]]), np.ones((1, 3)))
-        >>> reward = np.array([[0, 0, 1], [0, 0, 1]])
-        >>> model = markov.DecisionModel.of([right, left], reward)
+        >>> from jaxcell import examples, markov
+        >>> model = examples.line_model()
         >>> best = markov.value_iteration(model, discount=0.5)
         >>> best.policy.tolist(), best.value.round(6).tolist()
         ([0, 0, 0], [0.25, 0.5, 1.0])
@@ -177,33 +172,27 @@ def value_iteration(
         )
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
-    value, policy, gap, sweeps = _iterate(model, float(discount), float(tolerance), _MAX_SWEEPS)
+    value, policy, gap, sweeps = _iterate(model, float(discount), float(tolerance), max_sweeps)
     certificate = Certificate(int(sweeps), float(gap), float(tolerance))
     certificate.check("value_iteration", throw)
     return Optimum(value, policy, certificate)
 
 
 def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
-    """The chain that follows a policy: the closed loop.
+    """Return the chain that follows a policy: the closed loop.
 
     **Arguments:**
 
     - `model`: the decision model.
     - `policy`: the action that is taken in each cell.
 
-    **Returns:** [`jaxcell.mapping.Chain`][].
+    **Raises:** `ValueError` for an action that does not exist or is not allowed.
 
-    **Raises:** `ValueError` that names a cell whose action does not exist or is not allowed.
-
-    Right, right, and then left on a line of three cells:
+    A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
         >>> import jax.numpy as jnp
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> right = mapping.Chain(np.array([[1, 2, 2]]), np.ones((1, 3)))
-        >>> left = mapping.Chain(np.array([[0, 0, 1]]), np.ones((1, 3)))
-        >>> reward = np.array([[0, 0, 1], [0, 0, 1]])
-        >>> model = markov.DecisionModel.of([right, left], reward)
+        >>> from jaxcell import examples, markov
+        >>> model = examples.line_model()
         >>> markov.policy_chain(model, jnp.array([0, 0, 1])).image.tolist()
         [[1, 2, 1]]
     """
@@ -244,7 +233,7 @@ def _iterate(
     tolerance: Float[Array, ""],
     max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
-    """Value, policy, bound of the error, and number of sweeps."""
+    """Return the value, the policy, the bound of the error, and the number of sweeps."""
     ahead = discount / (1 - discount)
     leaks = functools.reduce(
         jnp.logical_or,
@@ -255,10 +244,8 @@ def _iterate(
     )
 
     def choose(value):  # type: ignore[no-untyped-def]
-        """The values one sweep later, the policy that gives them, and what is to come.
-
-        Beside the policy is the one that takes the first of equally good actions.
-        """
+        """Return the values one sweep later, their policy, the policy that takes the first of
+        equally good actions, the bounds of later changes, and whether rounding ends the sweeps."""
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
             for chain, reward, may in zip(model.chains, model.reward, model.allowed, strict=True)
@@ -266,7 +253,7 @@ def _iterate(
         gain = jnp.stack(gains)
         best = jnp.max(gain, axis=0)
         scale = jnp.max(jnp.abs(best))
-        # Nearly the best is not good enough here: the sweeps would lose what was gained.
+        # A nearly best action is not enough here: the sweeps would lose its gain.
         policy = jnp.argmax(gain, axis=0).astype(jnp.int32)
         tied = jnp.argmax(gain >= (best - _TIE * scale)[None], axis=0).astype(jnp.int32)
         later = discount * best
@@ -278,7 +265,7 @@ def _iterate(
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Of the values as they are if they are tied to the sink, else of their middle."""
+        """Bound the error of the values if the chain leaks to the sink, else of their middle."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]
@@ -295,7 +282,7 @@ def _iterate(
 
         return choose(jax.lax.fori_loop(0, _SWEEPS, sweep, value)), sweeps + _SWEEPS + 1
 
-    # From below all true values, from where they only grow.
+    # Values grow from a start that is below all true values.
     lowest = ahead * jnp.minimum(jnp.min(model.reward), 0.0)
     start = (choose(jnp.full(model.cells, lowest)), jnp.int32(1))
     (value, _, policy, low, high, _), sweeps = jax.lax.while_loop(going_on, improve, start)

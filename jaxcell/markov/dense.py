@@ -1,13 +1,13 @@
-"""What one asks of a small irreducible chain, as functions of its dense transition matrix.
+"""Quantities of a small irreducible chain, as functions of its dense transition matrix.
 
-They work under `jit`, `vmap` and `grad`, and check nothing: rows must sum to 1, and all cells but
-transient ones must make one closed class. Derivatives are exact along changes of the matrix that
-keep its row sums, as those of any parametrisation of the transition probabilities do.
+They work under `jit`, `vmap` and `grad`, and check nothing: rows must sum to 1, and all cells
+except transient ones must make one closed class. Derivatives are exact along changes of the matrix
+that keep its row sums, as every parametrisation of the transition probabilities does.
 
 All follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution, which exists
-also where the chain is periodic. It is a generalized inverse of `I - P` with `G 1 = 1` that serves
-like the fundamental matrix of Kemeny and Snell, and it gives the stationary distribution as `u' G`
-instead of needing it (Hunter 1982).
+even if the chain is periodic. It is a generalized inverse of `I - P` with `G 1 = 1` that serves
+like the fundamental matrix of Kemeny and Snell, and the stationary distribution is `u' G` (Hunter
+1982).
 """
 
 import jax
@@ -17,13 +17,11 @@ from jaxtyping import Array, Float
 
 @jax.jit
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
-    """The distribution with `pi P = pi`.
+    """Compute the distribution with `pi P = pi`.
 
     **Arguments:**
 
     - `P`: the transition matrix, rows summing to 1.
-
-    **Returns:** the shares of the cells, which sum to 1.
 
     A random walk on a line of three cells:
 
@@ -39,9 +37,9 @@ def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
 
 @jax.jit
 def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
-    """The expected number of steps from cell `i` until first at cell `j`; 0 where `i = j`.
+    """Compute the expected number of steps from cell `i` until first at cell `j`; 0 if `i = j`.
 
-    For an irreducible chain; from a transient cell the times are right, and to one they are not.
+    The chain must be irreducible; times to a transient cell are wrong, times from it are right.
 
     **Arguments:**
 
@@ -63,15 +61,13 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
 
 @jax.jit
 def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
-    """Kemeny's constant: the expected number of steps to a cell drawn from `pi`, from any cell.
+    """Compute Kemeny's constant: the expected number of steps to a cell drawn from `pi`.
 
-    The cell may be drawn where the chain is already, which counts 0 steps.
+    A cell drawn where the chain is counts 0 steps.
 
     **Arguments:**
 
     - `P`: the transition matrix, rows summing to 1.
-
-    **Returns:** the number of steps.
 
     A random walk on a line of three cells:
 
@@ -86,15 +82,13 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 
 @jax.jit
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
-    """The entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
+    """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    An entry that is 0 is no edge: its own derivative there, which is infinite, counts as 0.
+    An entry that is 0 is no edge; its derivative, which is infinite, counts as 0.
 
     **Arguments:**
 
     - `P`: the transition matrix, rows summing to 1.
-
-    **Returns:** the entropy in nats.
 
     A random walk on a line of three cells:
 

@@ -13,16 +13,16 @@ from ..mapping.generalized import Chain, leaving_rows
 from .transient import Transient
 
 
-# A relative error of a time, and an absolute one of a probability.
+# Tolerances of the relative error of a time, and of the absolute error of a probability.
 TIME_TOLERANCE = 1e-6
 PROBABILITY_TOLERANCE = 1e-10
-# Probabilities are improved so often at most where they are not within it.
+# Largest number of refinements of probabilities.
 _REFINEMENTS = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Absorption:
-    """Where a chain ends up from each cell. The probabilities of a cell, with leaving, sum to 1."""
+    """The end of a chain from each cell. The probabilities of a cell and leaving sum to 1."""
 
     value: Float[Array, "groups cells"]
     "The probability of ending in each persistent group."
@@ -34,18 +34,17 @@ class Absorption:
 def absorption_probabilities(
     chain: Chain, groups: PersistentGroups, *, throw: bool = True
 ) -> Absorption:
-    """The probability that a chain ends in each persistent group: its stochastic basins.
+    """Compute the probability that a chain ends in each persistent group: its stochastic basins.
 
     **Arguments:**
 
     - `chain`: the chain.
     - `groups`: its persistent groups.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`Absorption`][]. Where there is one end only, it is reached for sure, and nothing
-    is solved. The residual of its certificate is the largest amount, over cells
-    and groups, by which the probability of a cell differs from the mean of those of its images, or
-    by which those of a cell together differ from 1.
+    **Returns:** [`Absorption`][]. Nothing is solved if there is only one end. The residual of its
+    certificate is the largest difference, over cells and groups, of the probability of a cell from
+    the mean over its images, or of the sum of its probabilities from 1.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
 
@@ -62,83 +61,81 @@ def absorption_probabilities(
     part = Transient.of(matrix, group < 0)
     rows = matrix[part.cells]
     count = groups.count
-    # One column a group and one for the sink.
+    # A column per group and a column for the sink.
     gain = np.zeros((part.cells.size, count + 1))
     cell = np.repeat(np.arange(part.cells.size), np.diff(rows.indptr))
     into = group[rows.indices]
     np.add.at(gain, (cell[into >= 0], into[into >= 0]), rows.data[into >= 0])
     gain[:, -1] = leaving_rows(matrix)[part.cells]
-    found, certificate = _ends(part, gain)
+    ends, certificate = _ends(part, gain)
     certificate.check("absorption_probabilities", throw)
     value = np.zeros((count + 1, chain.cells))
     value[group[group >= 0], np.flatnonzero(group >= 0)] = 1
-    value[:, part.cells] = found.T
+    value[:, part.cells] = ends.T
     return Absorption(jax.device_put(value[:-1]), jax.device_put(value[-1]), certificate)
 
 
 def _ends(
     part: Transient, gain: Float[np.ndarray, "part ends"]
 ) -> tuple[Float[np.ndarray, "part ends"], Certificate]:
-    """The probability of every end from each cell of a part, from that of ending in one step."""
+    """Compute the probability of every end from each cell of a part."""
     possible = gain.any(axis=0)
     if possible.sum() == 1:
-        found, products = np.broadcast_to(possible.astype(float), gain.shape), 0
+        value, products = np.broadcast_to(possible.astype(float), gain.shape), 0
     else:
-        found, products = part.expect(gain)
-    residual = _error(part, gain, found)
+        value, products = part.expect(gain)
+    residual = _error(part, gain, value)
     for _ in range(_REFINEMENTS):
         if residual <= PROBABILITY_TOLERANCE:
             break
-        left = _left(part, gain, found)
+        left = _left(part, gain, value)
         change, more = part.expect(np.concatenate([np.maximum(left, 0), np.maximum(-left, 0)], 1))
         higher, lower = np.split(change, 2, axis=1)
-        better = np.clip(found + higher - lower, 0, 1)
+        better = np.clip(value + higher - lower, 0, 1)
         products += more
         error = _error(part, gain, better)
         if not error < residual:
             break
-        found, residual = better, error
-    return found, Certificate(products, residual, PROBABILITY_TOLERANCE)
+        value, residual = better, error
+    return value, Certificate(products, residual, PROBABILITY_TOLERANCE)
 
 
 def _error(
-    part: Transient, gain: Float[np.ndarray, "part ends"], found: Float[np.ndarray, "part ends"]
+    part: Transient, gain: Float[np.ndarray, "part ends"], value: Float[np.ndarray, "part ends"]
 ) -> float:
-    """How far probabilities are from the means of their images, or from 1 together."""
-    mean = np.abs(gain + part.step @ found - found).max(initial=0.0)
-    return float(max(mean, np.abs(found.sum(axis=1) - 1).max(initial=0.0)))
+    """Return the largest difference from the means over images, or of a sum from 1."""
+    mean = np.abs(gain + part.step @ value - value).max(initial=0.0)
+    return float(max(mean, np.abs(value.sum(axis=1) - 1).max(initial=0.0)))
 
 
 def _left(
-    part: Transient, gain: Float[np.ndarray, "part ends"], found: Float[np.ndarray, "part ends"]
+    part: Transient, gain: Float[np.ndarray, "part ends"], value: Float[np.ndarray, "part ends"]
 ) -> Float[np.ndarray, "part ends"]:
-    """What an iterative refinement is to remove: `gain + Q x - x`, from differences only.
+    """Compute the residual of an iterative refinement, `gain + Q x - x`, from differences only.
 
     It is the sum of `p (x' - x)` over the steps from a cell. So a row counts as if it summed to 1
-    exactly, where its rounding would be as much as a chain leaves that leaves almost never; and
-    where cells nearly agree, as they do then, their small differences have all their digits.
+    exactly, although its rounding may be as large as a rare step out of the part; and where cells
+    nearly agree, their small differences have all their digits.
     """
     step, columns = part.step, []
     row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
-    for into, x in zip(gain.T, found.T, strict=True):
+    for into, x in zip(gain.T, value.T, strict=True):
         within = np.bincount(row, step.data * (x[step.indices] - x[row]), x.size)
         columns.append(within + into * (1 - x) - (gain.sum(axis=1) - into) * x)
     return np.stack(columns, axis=1)
 
 
 def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
-    """The expected number of steps until a chain is in a persistent group or has left the space.
+    """Compute the expected number of steps until a chain is in a persistent group or has left.
 
     **Arguments:**
 
-    - `chain`: the chain.
-    - `groups`: its persistent groups.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `chain`, `groups`, `throw`: as in [`absorption_probabilities`][].
 
     **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the groups. The residual of its
     certificate bounds the relative error of every time.
 
-    **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
+    **Raises:** as [`absorption_probabilities`][].
 
     A random walk between two ends, where it stays:
 
@@ -159,20 +156,19 @@ def hitting_times(
     *,
     throw: bool = True,
 ) -> Solution:
-    """The expected number of steps until a chain is first in a set of cells.
+    """Compute the expected number of steps until a chain is first in a set of cells.
 
     **Arguments:**
 
     - `chain`: the chain.
-    - `target`: a cell, several, or a mask over the cells.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `target`: a cell, a list of cells, or a mask over the cells.
+    - `throw`: raise if the answer is not accurate enough.
 
     **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the target, and `inf` where the chain
-    may never arrive, because it can be caught elsewhere or leave the space first. The residual of
-    its certificate bounds the relative error of every finite time.
+    may never arrive, because it can end elsewhere or leave the space first. The residual of its
+    certificate bounds the relative error of every finite time.
 
-    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a target that is empty or not
-    on the map.
+    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a wrong target.
 
     A random walk on a line of three cells:
 
@@ -196,20 +192,21 @@ def _times(
     what: str,
     throw: bool,
 ) -> Solution:
-    """Fill in the expected numbers of steps until a part of a chain is left."""
-    found, certificate = leaving_times(matrix, inside)
+    """Compute the expected numbers of steps until a part of a chain is left; fill them in."""
+    steps, certificate = leaving_times(matrix, inside)
     certificate.check(what, throw)
-    # No time is less than 1: what is, is noise about one that is too long for 64-bit numbers.
-    time[inside] = np.where(found >= 1 - TIME_TOLERANCE, found, np.inf)
+    # A time below 1 is noise of a time that is too long for 64-bit numbers.
+    time[inside] = np.where(steps >= 1 - TIME_TOLERANCE, steps, np.inf)
     return Solution(jax.device_put(time), certificate)
 
 
 def prospects(
     matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
 ) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
-    """From which cells a chain can come to a set of cells, and from which it can fail to."""
+    """Return the cells from which a chain can come to a set, and those from which it can fail
+    to."""
     can = reaching(matrix, there)
-    # What lies beyond the target does not count.
+    # Cells beyond the target do not count.
     before = matrix.copy()
     before.data[np.repeat(there, np.diff(before.indptr))] = 0
     before.eliminate_zeros()
@@ -219,20 +216,20 @@ def prospects(
 def leaving_times(
     matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
-    """The expected numbers of steps until a chain has left some cells, which it surely does."""
+    """Compute the expected numbers of steps until a chain has left cells that it surely leaves."""
     part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
-    found, products = part.expect(gain)
+    steps, products = part.expect(gain)
     # With t = 1 + Q t + r and 0 <= t, the error is at most max |r| times the true time.
-    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
-    return found[:, 0], Certificate(products, float(residual), TIME_TOLERANCE)
+    residual = np.abs(gain + part.step @ steps - steps).max(initial=0.0)
+    return steps[:, 0], Certificate(products, float(residual), TIME_TOLERANCE)
 
 
 def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
-    """The persistent group of each cell, for the host.
+    """Return the persistent group of each cell, on the host.
 
-    **Raises:** `ValueError` if the groups cannot be those of the chain; `RuntimeError` where JAX is
-    set to 32 bits.
+    **Raises:** `ValueError` if the groups are of another chain; `RuntimeError` where JAX is set to
+    32 bits.
     """
     require_x64("a solve on a chain")
     if groups.group.shape[0] != chain.cells:
@@ -246,17 +243,17 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
 def cell_mask(
     cells: int, listed: npt.ArrayLike | int, name: str = "target"
 ) -> Bool[np.ndarray, "cells"]:
-    """A set of cells as a mask; the name is that of the argument, for messages.
+    """Return a set of cells as a mask; `name` is that of the argument, for errors.
 
-    **Raises:** `ValueError` for a set that is empty or holds a cell that does not exist.
+    **Raises:** `ValueError` for a set that is empty or has a cell that does not exist.
     """
-    given = np.asarray(listed)
-    if given.dtype == bool:
-        if given.shape != (cells,):
-            raise ValueError(f"{name}: expected a mask of {cells} cells, got {given.shape}")
-        mask = given
+    array = np.asarray(listed)
+    if array.dtype == bool:
+        if array.shape != (cells,):
+            raise ValueError(f"{name}: expected a mask of {cells} cells, got {array.shape}")
+        mask = array
     else:
-        members = np.atleast_1d(given)
+        members = np.atleast_1d(array)
         if members.size and not np.issubdtype(members.dtype, np.integer):
             raise ValueError(f"{name}: expected whole numbers of cells, got {members.dtype}")
         wrong = members[(members < 0) | (members >= cells)]

@@ -25,7 +25,7 @@ class LimitingDistribution:
     value: Float[Array, "cells"]
     "The shares; with `leaving` they sum to 1."
     weights: Float[Array, "groups"]
-    "The share of each persistent group: the probability of ending there."
+    "The weight of each persistent group: the probability of ending in it."
     leaving: float
     "The probability of leaving the space for the sink."
     certificate: Certificate
@@ -38,25 +38,25 @@ def limiting_distribution(
     *,
     throw: bool = True,
 ) -> LimitingDistribution:
-    """The time average of a chain: the limit of `(p + p P + ... + p P^(n-1)) / n`.
+    """Compute the time average of a chain: the limit of `(p + p P + ... + p P^(n-1)) / n`.
 
-    It exists whether or not the chain is periodic. Within a persistent group it does not depend on
-    the start; what the groups weigh does.
+    It exists even if the chain is periodic. Within a persistent group it does not depend on the
+    start; the weights of the groups do.
 
     **Arguments:**
 
     - `chain`: the chain.
     - `groups`: its persistent groups.
-    - `weights`: what the groups weigh: `"basin"` (the default), the probabilities that a chain that
-        starts in any cell with equal probability ends in each; `"size"`, their shares of the
+    - `weights`: the weights of the groups: `"basin"` (the default), the probabilities that a chain
+        that starts in any cell with equal probability ends in each; `"size"`, their shares of the
         persistent cells; or an array of numbers that sum to 1.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`LimitingDistribution`][]. The residual of its certificate is the 1-norm of
-    `value P - value`, or what the weights and leaving together lack of 1 if that is more.
+    **Returns:** [`LimitingDistribution`][]. The residual of its certificate is the 1-norm of `value
+    P - value`, or the difference from 1 of the sum of the weights and leaving if that is more.
 
-    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for weights that are not
-    understood, negative, or do not sum to 1, or if the groups are of another chain.
+    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for wrong weights, or if the groups
+    are of another chain.
 
     A random walk on a line of three cells:
 
@@ -86,7 +86,7 @@ def _weights(
     group: Int[np.ndarray, "cells"],
     weights: npt.ArrayLike | None,
 ) -> tuple[Float[np.ndarray, "groups"], float, int]:
-    """What the groups weigh, what the sink does, and the products that it took to find out."""
+    """Return the weights of the groups, that of the sink, and the number of products."""
     if weights is None or (isinstance(weights, str) and weights == "basin"):
         return _basins(matrix, groups.count, group)
     if groups.count == 0:

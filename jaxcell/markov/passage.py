@@ -11,30 +11,29 @@ from ..mapping.generalized import Chain
 from .hitting import cell_mask
 
 
-# What rounding may leave of the sum of a distribution.
+# Tolerance of the sum of a distribution.
 _ROUNDING = 1e-9
 
 
 def first_passage(
     chain: Chain, start: npt.ArrayLike | int, target: npt.ArrayLike | int, steps: int
 ) -> Float[Array, "{steps}+1"]:
-    """The law of the number of steps until a chain is first in a set of cells.
+    """Compute the law of the number of steps until a chain is first in a set of cells.
 
-    Exactly, by moving the distribution of what has not arrived yet.
+    The law is exact: the distribution of the mass that has not arrived is moved step by step.
 
     **Arguments:**
 
     - `chain`: the chain.
-    - `start`: a cell; several, or a mask over the cells, of which one is drawn with equal
-        probability; or floating-point numbers, the probability of each cell.
-    - `target`: a cell, several, or a mask over the cells.
-    - `steps`: the last time that is asked for.
+    - `start`: a cell; a list of cells or a mask, of which one is drawn with equal probability; or
+        the probability of each cell as floating-point numbers.
+    - `target`: a cell, a list of cells, or a mask over the cells.
+    - `steps`: the last time.
 
-    **Returns:** the probability that the first time is `0, 1, ..., steps`. What they lack of 1 has
-    not arrived by then, or has left the space and never will.
+    **Returns:** the probability that the first time is `0, 1, ..., steps`. The rest, up to 1, has
+    not arrived by then, or has left the space.
 
-    **Raises:** `ValueError` for a target or start that is empty or not on the map, for
-    probabilities that are negative or do not sum to 1, and for a negative number of steps.
+    **Raises:** `ValueError` for a wrong target, start or number of steps.
 
     A random walk on a line of three cells:
 
@@ -53,19 +52,18 @@ def first_passage(
 def survival(
     chain: Chain, target: npt.ArrayLike | int, steps: int
 ) -> Float[Array, "{steps}+1 cells"]:
-    """The probability of not having been in a set of cells by a time, from every start at once.
+    """Compute the probability of not having been in a set of cells by a time, from every start at
+    once.
 
     **Arguments:**
 
     - `chain`: the chain.
-    - `target`: a cell, several, or a mask over the cells.
-    - `steps`: the last time that is asked for.
+    - `target`, `steps`: as in [`first_passage`][].
 
     **Returns:** the probability after `0, 1, ..., steps` steps, for a start in each cell. A chain
     that has left the space never arrives.
 
-    **Raises:** `ValueError` for a target that is empty or not on the map, and for a negative number
-    of steps.
+    **Raises:** `ValueError` for a wrong target or number of steps.
 
     A random walk on a line of three cells:
 
@@ -90,11 +88,11 @@ def survivals(
     **Arguments:**
 
     - `chain`: the chain.
-    - `there`: the target.
-    - `value`: the probabilities for a start in each cell by some time; 1 off the target at time 0.
-    - `steps`: how many times to go through.
+    - `there`: the mask of the target.
+    - `value`: the probabilities now, by start; at time 0, 1 off the target.
+    - `steps`: number of steps.
 
-    **Returns:** the probabilities by that time and the `steps - 1` after it, and by the next.
+    **Returns:** the probabilities now and after the next `steps - 1` steps, and those after that.
     """
     leaving = chain.leaving
 
@@ -116,25 +114,22 @@ def _law(
 
 
 def start_distribution(cells: int, start: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
-    """The probability of starting in each cell; see [`first_passage`][].
-
-    **Raises:** `ValueError` if that is not understood.
-    """
-    given = np.asarray(start)
-    if not given.size or not np.issubdtype(given.dtype, np.floating):
-        mask = cell_mask(cells, given, "start")
+    """Return the probability of starting in each cell, as in [`first_passage`][]."""
+    array = np.asarray(start)
+    if not array.size or not np.issubdtype(array.dtype, np.floating):
+        mask = cell_mask(cells, array, "start")
         return mask / mask.sum()
-    if given.shape != (cells,):
-        raise ValueError(f"start: expected {cells} probabilities, got shape {given.shape}")
-    if not (given.min() >= 0 and abs(given.sum() - 1) <= _ROUNDING):
+    if array.shape != (cells,):
+        raise ValueError(f"start: expected {cells} probabilities, got shape {array.shape}")
+    if not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):
         raise ValueError(
-            f"start: expected probabilities that sum to 1, got the least {given.min()} and the sum "
-            f"{given.sum()}"
+            f"start: expected probabilities that sum to 1, got the least {array.min()} and the sum "
+            f"{array.sum()}"
         )
-    return given.astype(np.float64)
+    return array.astype(np.float64)
 
 
 def check_steps(steps: int) -> None:
-    """**Raises:** `ValueError` for a negative number of steps."""
+    """Raise `ValueError` for a negative number of steps."""
     if steps < 0:
         raise ValueError(f"steps: expected 0 or more, got {steps}")

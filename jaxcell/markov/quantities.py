@@ -1,4 +1,3 @@
-import contextlib
 import dataclasses
 import math
 
@@ -13,26 +12,22 @@ from ..mapping.classes import PersistentGroups, persistent_groups
 from ..mapping.generalized import Chain
 from . import dense
 from .limiting import limiting_distribution
-from .solving.elimination import eliminate
 from .solving.stationary import Rooted
 
 
-# A relative error of a time.
+# Tolerance of the relative error of a time.
 _TIME_TOLERANCE = 1e-6
-# A matrix over so many cells takes 800 MB, and a solve holds a few.
+# Largest number of cells for a matrix over them: 800 MB, of which a solve holds a few.
 _LARGEST_MATRIX = 10_000
-# The visits to cells are computed without subtractions for at most this many cells, and for more
-# where an inverse gives the probability 1 only with a larger error than the second number.
-_LARGEST_ELIMINATED, _SURE = 400, 1e-10
-# A distance that is exactly the one asked for is within it, whatever rounding says.
+# Rounding must not exclude a distance that is exactly the limit.
 _TIE = 1e-12
-# Past so many squarings, what is left of the spectral gap is rounding.
+# Largest number of squarings; after more, rounding hides the spectral gap.
 _SQUARINGS = 50
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PairTimes:
-    """An expected number of steps for every pair of cells, and how good it is."""
+    """An expected number of steps for every pair of cells, and its certificate."""
 
     value: Float[Array, "cells cells"]
     "The number from the cell of the row to that of the column."
@@ -40,20 +35,21 @@ class PairTimes:
 
 
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
-    """The expected number of steps from every cell until first at every other, by one inverse.
+    """Compute the expected number of steps from every cell until first at every other, by one
+    inverse.
 
     **Arguments:**
 
-    - `chain`: an irreducible chain. For others, and for one target of a large chain, there is
+    - `chain`: an irreducible chain. For other chains, and for one target of a large chain, use
         [`jaxcell.markov.hitting_times`][].
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: raise if the answer is not accurate enough.
 
     **Returns:** [`PairTimes`][]; 0 on the diagonal. The residual of its certificate bounds the
     relative error of every time.
 
-    **Raises:** `ValueError` if the chain is not irreducible, naming a cell that it does not come
-    back to, or if it has more than 10,000 cells, whose matrices would take gigabytes;
-    `RuntimeError` if rounding spoils the answer, as where parts of the chain hardly ever meet.
+    **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
+    matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, as in a chain whose
+    parts hardly ever meet.
 
     A random walk on a line of three cells:
 
@@ -67,12 +63,13 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
 
 
 def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
-    """The expected number of steps from every cell to every other and back (Alam 2018, Eq. 4.3).
+    """Compute the expected number of steps from every cell to every other and back.
+
+    Alam 2018, Eq. 4.3.
 
     **Arguments:**
 
-    - `chain`: an irreducible chain.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `chain`, `throw`: as in [`hitting_matrix`][].
 
     **Returns:** [`PairTimes`][], symmetric. The residual of its certificate bounds the relative
     error of every time.
@@ -92,10 +89,10 @@ def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
 
 
 def kemeny_constant(chain: Chain) -> float:
-    """The expected number of steps to a cell drawn from the stationary distribution `pi`.
+    """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
-    That is `sum_j pi_j h_ij`, the same from every cell `i`. Being there already counts 0 steps;
-    authors who count the return instead have 1 more.
+    It is `sum_j pi_j h_ij`, the same from every cell `i`. A cell drawn where the chain is counts 0
+    steps; authors who count the return instead have 1 more.
 
     **Arguments:**
 
@@ -103,8 +100,7 @@ def kemeny_constant(chain: Chain) -> float:
 
     **Returns:** the number of steps, to nearly all its digits.
 
-    **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if float64 does not hold the
-    number.
+    **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
     A random walk on a line of three cells:
 
@@ -118,7 +114,7 @@ def kemeny_constant(chain: Chain) -> float:
     likely = np.asarray(limiting_distribution(chain, groups, throw=False).value)
     rooted = Rooted.of(chain.to_scipy(), np.zeros(chain.cells, int), likely)
     with np.errstate(all="ignore"):
-        visits = _visits(rooted)
+        visits = rooted.visits()
         share = np.append(rooted.entering.T @ visits, 1)
         share /= share.sum()
         # pi_j (h_j0 + h_0j) is the number of visits to j from j before the chain is at cell 0.
@@ -129,23 +125,19 @@ def kemeny_constant(chain: Chain) -> float:
 
 
 def entropy_rate(chain: Chain) -> float:
-    """The entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
+    """Compute the entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
     **Arguments:**
 
     - `chain`: an irreducible chain, of any size.
 
-    **Returns:** the entropy in nats, 0 or more.
+    **Raises:** `ValueError` if the chain is not irreducible.
 
-    **Raises:** `ValueError` if the chain is not irreducible, naming a cell.
+    A random walk on a line of three cells, which has a choice every second step:
 
-    Two cells, between which the chain goes in one of four steps:
-
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0.75, 0.25], [0.25, 0.75]]))
-        >>> round(markov.entropy_rate(chain), 4)
-        0.5623
+        >>> from jaxcell import examples, markov
+        >>> round(markov.entropy_rate(examples.walk()), 4)
+        0.3466
     """
     groups = _check_irreducible(chain, "entropy_rate")
     share = np.asarray(limiting_distribution(chain, groups).value)
@@ -156,20 +148,19 @@ def entropy_rate(chain: Chain) -> float:
 
 
 def slem(chain: Chain) -> float:
-    """The second largest eigenvalue modulus of the transition matrix: how fast the start fades.
+    """Compute the second largest eigenvalue modulus of the transition matrix.
 
-    1 for a periodic chain, where it never does, and 0 for a chain of one cell.
+    It says how slowly the start is forgotten: 1 for a periodic chain, which never forgets it, and 0
+    for a chain of one cell.
 
     **Arguments:**
 
-    - `chain`: an irreducible chain. All eigenvalues are computed, which takes about 0.4 s at 750
-        cells, and more with the cube of that number.
-
-    **Returns:** the modulus, 0 to 1.
+    - `chain`: an irreducible chain. All eigenvalues are computed, which takes about 0.4 s for 750
+        cells; the time grows with the cube of the number of cells.
 
     **Raises:** `ValueError` as [`hitting_matrix`][].
 
-    Two cells, between which the chain goes in one of four steps:
+    Two cells, with a step between them one time in four:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -185,12 +176,12 @@ def slem(chain: Chain) -> float:
 
 
 def mixing_time(chain: Chain, distance: float = 0.25) -> float:
-    """The steps after which a chain has forgotten its start, wherever that was.
+    """Compute the number of steps after which a chain has forgotten its start.
 
-    That is the least `t` such that for every start, the distribution after `t` steps is within
-    `distance` of the stationary one in total variation, half the 1-norm of the difference. Powers
-    of the matrix are squared until one is as close, and `t` is found between the last two by
-    bisection, for the distance never grows.
+    It is the least `t` such that for every start, the distribution after `t` steps is within
+    `distance` of the stationary one in total variation, half the 1-norm of the difference. The
+    matrix is squared until a power is that close, and `t` is found between the last two powers by
+    bisection, because the distance never grows.
 
     **Arguments:**
 
@@ -199,10 +190,10 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
 
     **Returns:** a whole number; `inf` for a periodic chain.
 
-    **Raises:** `ValueError` for another distance, if the chain is not irreducible, or if it has
-    more than 2,000 cells; `RuntimeError` if it mixes so slowly that rounding hides it.
+    **Raises:** `ValueError` for another distance, or if the chain is not irreducible or has more
+    than 2,000 cells; `RuntimeError` if it mixes so slowly that rounding hides it.
 
-    Two cells, between which the chain goes in one of four steps:
+    Two cells, with a step between them one time in four:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -237,22 +228,10 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     return float(time + 1)
 
 
-def _visits(rooted: Rooted) -> Float[np.ndarray, "others others"]:
-    """The expected visits to each cell, from each cell, before the chain is at the root."""
-    identity = np.eye(rooted.others.size)
-    if rooted.others.size > _LARGEST_ELIMINATED:
-        with contextlib.suppress(np.linalg.LinAlgError):
-            visits = np.linalg.inv(identity - rooted.step.toarray())
-            # The chain is at the root some time, for sure.
-            if np.abs(visits @ rooted.leaving - 1).max() <= _SURE:
-                return visits
-    return eliminate(rooted.step, rooted.leaving[:, 0], identity)
-
-
 def _product(
     first: Float[np.ndarray, "cells cells"], second: Float[np.ndarray, "cells cells"]
 ) -> Float[np.ndarray, "cells cells"]:
-    """A product of powers; rows sum to 1, lest rounding grow with the number of steps."""
+    """Multiply powers; rows are made to sum to 1, because rounding would grow with the steps."""
     product = first @ second
     return product / product.sum(axis=1, keepdims=True)
 
@@ -282,7 +261,7 @@ def _refuse_large(chain: Chain, what: str, most: int) -> None:
 
 
 def _check_irreducible(chain: Chain, what: str) -> PersistentGroups:
-    """**Raises:** `ValueError` that names a cell that the chain may never come back to."""
+    """Raise `ValueError` that names a cell to which the chain may never return."""
     require_x64(what)
     groups = persistent_groups(chain)
     group = np.asarray(groups.group)

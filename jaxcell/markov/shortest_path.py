@@ -18,29 +18,29 @@ from .hitting import PROBABILITY_TOLERANCE, TIME_TOLERANCE, cell_mask, leaving_t
 from .transient import Transient
 
 
-# A policy is changed where that is better by more than so much of what it improves.
+# A policy is changed only for a larger relative gain.
 _BETTER = 1e-11
-# Actions whose probabilities of arriving differ by less, as a part, arrive equally surely.
+# Actions whose probabilities differ relatively by less arrive equally surely.
 _TIE = 1e-11
 _MAX_ROUNDS = 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ShortestPath:
-    """The surest way to a goal, and of those the quickest."""
+    """The policy with the largest probability of arriving and, of such policies, the least time."""
 
     probability: Float[Array, "cells"]
-    "The largest probability of arriving that any policy has; exactly 1 where one surely arrives."
+    "The largest probability of arriving; exactly 1 where some policy surely arrives."
     time: Float[Array, "cells"]
-    "The least expected number of steps of policies that surely arrive; `inf` where none does."
+    "The least expected number of steps of policies that surely arrive; `inf` if none does."
     conditional_time: Float[Array, "cells"]
-    """The least expected number of steps, of policies that arrive with that probability, over those
-    of their ways that arrive; `inf` where none does."""
+    """The least expected number of steps over the paths that arrive, of policies with that
+    probability; `inf` if no policy arrives."""
     policy: Int[Array, "cells"]
-    "The action to take in each cell: the policy that has all of these at once."
+    "The action to take in each cell, which attains all of these."
     certificate: Certificate
-    """The larger of the amount by which some action would arrive more surely and the part by which
-    it would arrive earlier; iterations are rounds of improving the policy."""
+    """Its residual is the larger of the gain in probability and the relative gain in time that some
+    action would give; iterations are rounds of improving the policy."""
 
 
 def stochastic_shortest_path(
@@ -48,27 +48,24 @@ def stochastic_shortest_path(
 ) -> ShortestPath:
     """Find the policy that most likely arrives, and of such policies the quickest.
 
-    That is the question without a discount, which Alam 2018, section 5.4.7, has one for. Rewards
-    do not matter.
+    This is the problem of Alam 2018, section 5.4.7, without a discount. Rewards do not matter.
 
-    Where some policy arrives for sure is found on the graph, exactly, and elsewhere the probability
-    by improving policies (Howard 1960). Of actions that do not lower it, a policy takes those with
-    the least expected time over the ways that arrive; where arrival is sure, that is the expected
-    time. A policy is changed only where that is strictly better, so that it cannot begin to go
+    The cells from which some policy surely arrives are ends on the graph, exactly; elsewhere
+    policies are improved until the probability is the largest (Howard 1960). Of the actions that
+    keep it, the policy takes those with the least expected time over the paths that arrive. A
+    policy is changed only where that is strictly better, because otherwise it could begin to go
     around in circles.
 
     **Arguments:**
 
-    - `model`: the actions; what they do in the goal does not matter.
-    - `goal`: a cell, several, or a mask over the cells.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `model`: the decision model; its actions in the goal do not matter.
+    - `goal`: a cell, a list of cells, or a mask over the cells.
+    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`ShortestPath`][].
+    **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
+    1000 rounds or a solve stalls.
 
-    **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if the
-    policy still improves after 1000 rounds or a solve stalls.
-
-    A robot that goes left or right on a line of three cells, and right fails half the time:
+    A robot on three cells in a row goes right or left, and right fails half the time:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -91,12 +88,12 @@ def stochastic_shortest_path(
     policy = moves.nearer(policy, safe, there)
     probability, policy, surest = _surest(moves, policy, usable, sure, can & ~sure)
     keeps = np.where(sure, safe, usable & (moves.expected(probability) >= (1 - _TIE) * probability))
-    # What the policy does is among it, whatever rounding says.
+    # Rounding must not exclude the actions of the policy.
     keeps[policy, np.arange(model.cells)] |= can & ~there
     time, policy, quickest = _quickest(moves, policy, keeps, probability, there)
     certificate = Certificate(
         surest.iterations + quickest.iterations,
-        # In units of their own tolerances.
+        # Each residual in units of its own tolerance.
         TIME_TOLERANCE
         * max(surest.residual / PROBABILITY_TOLERANCE, quickest.residual / TIME_TOLERANCE),
         TIME_TOLERANCE,
@@ -133,19 +130,19 @@ class _Moves:
 
     @functools.cached_property
     def steps(self) -> tuple[Int[np.ndarray, "edges"], Int[np.ndarray, "edges"]]:
-        """The row and the column of every step that is possible, row by row."""
+        """The row and the column of every possible step, row by row."""
         return self.matrix.nonzero()
 
     def of_policy(self, policy: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
-        """The transition matrix of a policy."""
+        """Return the transition matrix of a policy."""
         return self.matrix[policy * self.cells + np.arange(self.cells)]
 
     def expected(self, value: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "actions cells"]:
-        """The expected value one step later."""
+        """Compute the expected value one step later."""
         return (self.matrix @ value).reshape(self.allowed.shape)
 
     def joint(self, usable: Bool[np.ndarray, "actions cells"]) -> scipy.sparse.csr_array:
-        """The graph of all steps that usable actions may make."""
+        """Return the graph of all possible steps of usable actions."""
         row, column = self.steps
         kept = usable.ravel()[row]
         row, column = row[kept] % self.cells, column[kept]
@@ -159,11 +156,8 @@ class _Moves:
         usable: Bool[np.ndarray, "actions cells"],
         target: Bool[np.ndarray, "cells"],
     ) -> Int[np.ndarray, "cells"]:
-        """Make a policy take usable actions that may come nearer to a target, where there are any.
-
-        Nearer in steps, so that it may arrive from each of those cells.
-        """
-        # Backwards from one more node that leads to all the target.
+        """Change a policy to usable actions that may come nearer to a target, in steps."""
+        # Search backwards from one more node that leads to the whole target.
         graph = self.joint(usable).tocoo()
         goals = np.flatnonzero(target)
         tail = np.concatenate([graph.col, np.full(goals.size, self.cells)])
@@ -176,7 +170,7 @@ class _Moves:
         action, cell = np.divmod(row, self.cells)
         leads = usable.ravel()[row] & ~target[cell] & (after[cell] == column)
         policy = policy.copy()
-        # From the last action to the first, so that the first stays.
+        # The first action is assigned last, so it stays.
         policy[cell[leads][::-1]] = action[leads][::-1]
         return policy
 
@@ -184,17 +178,16 @@ class _Moves:
 def _sure(
     moves: _Moves, usable: Bool[np.ndarray, "actions cells"], there: Bool[np.ndarray, "cells"]
 ) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "actions cells"]]:
-    """The cells from which some policy surely arrives, and the actions that stay among them.
+    """Find the cells from which some policy surely arrives, and the actions that stay among them.
 
-    From all cells those are taken away, again and again, that cannot arrive by actions that surely
-    stay among the others.
+    Cells that cannot arrive by actions that surely stay among the others are removed, repeatedly.
     """
     safe = usable & moves.stays
     sure = np.ones(moves.cells, bool)
     into = moves.matrix.T.tocsr()
     lost = ~reaching(moves.joint(safe), there)
     while lost.any():
-        # What can be taken away without looking at the whole graph goes first.
+        # First remove cells without a search of the whole graph.
         while lost.any():
             sure &= ~lost
             safe[:, lost] = False
@@ -211,18 +204,19 @@ def _surest(
     sure: Bool[np.ndarray, "cells"],
     maybe: Bool[np.ndarray, "cells"],
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improve a policy, which may arrive from all cells in `maybe`, to one that does so best."""
+    """Improve a policy that may arrive from all cells of `maybe`, until its probability is the
+    largest."""
     value = sure.astype(np.float64)
     rounds, residual = 0, 0.0
-    # No class of cells that a better policy never leaves can hold a cell that was changed, for the
-    # average over it would rise from one step to the next. So the old policy never left it either.
+    # A better policy leaves every class with a changed cell, because the average over a class that
+    # it never left would rise from one step to the next.
     while maybe.any():
         rounds += 1
         matrix = moves.of_policy(policy)
         part = Transient.of(matrix, maybe)
         value[maybe] = 0
-        found, _ = part.expect((matrix[part.cells] @ value)[:, None])
-        value[maybe] = np.minimum(found[:, 0], ALMOST_SURE)
+        ends, _ = part.expect((matrix[part.cells] @ value)[:, None])
+        value[maybe] = np.minimum(ends[:, 0], ALMOST_SURE)
         gain = np.where(usable, moves.expected(value), -1)
         best = gain.max(axis=0)
         residual = float(np.abs(best - value)[maybe].max())
@@ -242,8 +236,8 @@ def _quickest(
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
     """Improve a policy by actions that keep the probability of arriving.
 
-    **Returns:** the expected times over the ways that arrive, the policy, and the part by which it
-    could still be quicker.
+    **Returns:** the expected times over the paths that arrive, the policy, and the relative gain in
+    time that is still possible.
     """
     toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
     time = np.where(probability > 0, 0.0, np.inf)

@@ -14,22 +14,24 @@ from ..mapping.generalized import Chain
 from .arrival import Distinct, Race
 
 
-# Steps for which random numbers are drawn at once: few enough for them to stay in the cache.
+# Steps for which random numbers are drawn at once; the numbers must fit the cache.
 _CHUNK = 16
-# Runs that are made one after the other, while others are made beside them.
+# Number of runs that a lane makes one after the other.
 _TURNS = 8
 # Steps are counted in 32 bits.
 _MAX_STEPS = 2**30
-# Of a normal distribution, 95 % lies within so many standard deviations.
+# 95 % of a normal distribution lies within this number of standard deviations.
 _NORMAL_95 = 1.959963984540054
+# Shares of a slot that agree to this many digits are equal but for rounding.
+_EQUAL = 9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Arrivals:
-    """When the first robot arrived, in many independent runs."""
+    """The time of the first arrival in many independent runs."""
 
     time: Float[Array, "runs"]
-    "The number of steps that each run took; `inf` where it was given up."
+    "The number of steps of each run; `inf` if it was given up."
     horizon: int
     "The number of steps after which a run was given up."
 
@@ -42,7 +44,8 @@ class Arrivals:
     def interval(self) -> tuple[float, float]:
         """A confidence interval of 95 % for the expected time, by the central limit theorem.
 
-        It is open above if a run was given up, and as far below as if those had then arrived.
+        If a run was given up, the upper end is `inf`, and the lower end counts it as an arrival
+        then.
         """
         time = np.minimum(np.asarray(self.time), self.horizon)
         error = _NORMAL_95 * float(time.std(ddof=1)) / math.sqrt(time.size)
@@ -62,18 +65,16 @@ def simulate_arrival(
 
     **Arguments:**
 
-    - `key`: of `jax.random`.
-    - `chains`, `starts`, `target`: as in [`jaxcell.markov.first_arrival`][], which gives the law
-        that this samples.
-    - `runs`: how many times to do so.
-    - `horizon`: the number of steps after which a run is given up.
+    - `key`: random key of JAX.
+    - `chains`, `starts`, `target`: as in [`jaxcell.markov.first_arrival`][], which computes the law
+        of these samples.
+    - `runs`: number of runs.
+    - `horizon`: number of steps after which a run is given up.
 
-    **Returns:** [`Arrivals`][].
-
-    **Raises:** `ValueError` for fewer than two runs, a horizon that is not 1 to 2^30 steps, and as
+    **Raises:** `ValueError` for fewer than two runs, a horizon out of range, and as
     [`jaxcell.markov.first_arrival`][].
 
-    A robot that goes around a ring of three cells for sure:
+    A robot that always moves on around a ring of three cells:
 
         >>> import jax
         >>> import numpy as np
@@ -103,19 +104,19 @@ def simulate_arrival(
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tables:
-    """The chains in a form that is fast to sample: Walker's alias tables, one after the other.
+    """The chains as Walker's alias tables, one after the other, for fast sampling.
 
-    A *place* is a cell of a chain, a number over all chains; the last place of each chain is the
-    sink. Each place has `slots` slots of equal probability, and a slot holds two places, the first
-    of which is taken for a part of the slot in units of 2^-32. So one random number is enough for a
-    step, and the work does not depend on the number of branches.
+    A *place* is a cell of a chain, numbered over all chains; the last place of each chain is the
+    sink. Each place has `slots` slots of equal probability. A slot holds two places, and the first
+    is taken for a part of the slot in units of 2^-32. So each step needs one random number, and the
+    work does not depend on the number of branches.
     """
 
     first: Int[Array, "entries"]
     second: Int[Array, "entries"]
     part: UInt32[Array, "entries"]
     there: Bool[Array, "places"]
-    "Whether the place is in the target."
+    "A mask of the places in the target."
     offset: Int[Array, "robots"]
     "The place of cell 0 of each robot's chain."
 
@@ -127,7 +128,7 @@ class _Tables:
         places = race.there.size + 1
         for number, chain in enumerate(race.chains):
             branches = chain.image.shape[0]
-            # One more branch leads to the sink, and the others, if any, stay.
+            # One more branch leads to the sink, and padding stays.
             image = np.tile(np.arange(places), (slots, 1))
             image[:branches, :-1] = chain.image
             image[branches] = places - 1
@@ -152,9 +153,9 @@ class _Tables:
     def step(
         self, place: Int[Array, "robots runs"], bits: UInt32[Array, "robots runs"]
     ) -> Int[Array, "robots runs"]:
-        """The places one step later."""
+        """Return the places one step later."""
         slots = self.first.size // self.there.size
-        # The random number, as a fraction of 1, times the slots: a slot, and where in it.
+        # The random number, as a fraction of 1, times the slots is a slot and a place in it.
         wide = bits.astype(jnp.uint64) * jnp.uint64(slots)
         entry = place * slots + (wide >> jnp.uint64(32)).astype(jnp.int32)
         within = wide.astype(jnp.uint32)
@@ -168,14 +169,14 @@ def alias(
     Int[np.ndarray, "places slots"],
     Float[np.ndarray, "places slots"],
 ]:
-    """Walker's alias tables of many distributions at once (Walker 1977).
+    """Make Walker's alias tables of many distributions at once (Walker 1977).
 
     **Arguments:**
 
-    - `image`: the outcomes of each.
+    - `image`: the outcomes of each distribution.
     - `probability`: their probabilities.
 
-    **Returns:** the two outcomes of each slot, and the part of the slot that is the first's.
+    **Returns:** the two outcomes of each slot, and the part of the slot that belongs to the first.
     """
     row = np.arange(len(image))
     slots = image.shape[1]
@@ -183,9 +184,11 @@ def alias(
     second, part = image.copy(), np.ones(image.shape)
     open_ = np.ones(image.shape, bool)
     for _ in range(slots - 1):
-        # The least likely outcome fills up its slot with the most likely one, and is done.
-        least = np.where(open_, left, np.inf).argmin(axis=1)
-        most = np.where(open_, left, -np.inf).argmax(axis=1)
+        # The least likely outcome shares its slot with the most likely one, and is finished. The
+        # first of equal outcomes is taken, so that draws do not depend on how they are rounded.
+        compared = left.round(_EQUAL)
+        least = np.where(open_, compared, np.inf).argmin(axis=1)
+        most = np.where(open_, compared, -np.inf).argmax(axis=1)
         part[row, least] = np.minimum(left[row, least], 1)
         second[row, least] = image[row, most]
         left[row, most] -= 1 - part[row, least]
@@ -197,7 +200,7 @@ def alias(
 def _place(
     key: jax.Array, total: Float[Array, "robots cells"], runs: int
 ) -> Int[Array, "robots {runs}"]:
-    """Starts with the given cumulative probabilities."""
+    """Draw starts from cumulative probabilities."""
     drawn = jax.random.uniform(key, (total.shape[0], runs), total.dtype) * total[:, -1:]
     place = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(total, drawn)
     return place.astype(jnp.int32)
@@ -207,7 +210,7 @@ def _place(
 def _place_apart(
     key: jax.Array, choices: Int[Array, "choices"], robots: int, runs: int
 ) -> Int[Array, "{robots} {runs}"]:
-    """Sets of different choices, by Floyd's method."""
+    """Draw sets of different choices, by Floyd's method."""
     size = choices.size
     taken = jnp.full((robots, runs), -1, jnp.int32)
 
@@ -229,8 +232,8 @@ def _walk(
 ) -> Float[Array, "runs"]:
     """Walk from the starts until all runs have arrived or are given up.
 
-    A lane makes its runs one after the other. That takes fewer steps than all runs side by side,
-    which would wait for the longest of them, several times the mean.
+    A lane makes several runs one after the other. That takes fewer steps than all runs side by
+    side, which wait for the longest, several times the mean.
     """
     robots, turns, lanes = len(cells), _TURNS, cells.shape[1] // _TURNS
     start = (tables.offset[:, None] + cells).reshape(robots, turns, lanes)

@@ -9,12 +9,13 @@ from .solving.solve import solve_transient
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Transient:
-    """A part of a chain that the chain leaves for good, ready to be solved.
+    """A part of a chain that it leaves for good, reduced to the cells at which it branches.
 
-    Between branchings a chain goes one certain way, as a robot does between two bumps. Such *runs*
-    are taken out first: what is asked of a cell on a run follows from the *branching* cell that the
-    run ends in, the first whose image in the part is not certain. Of a bouncing robot's cells one
-    in six is such. Arrays are over the cells of the part, which are named by their places in it.
+    Most cells of some chains have one certain image, such as the cells of a robot between two
+    bumps. Such *runs* are removed first: the value of a cell on a run follows from the *branching*
+    cell at its end, the first whose image in the part is not certain. One in six cells of a
+    bouncing robot is a branching cell. Arrays are over the cells of the part, which are numbered by
+    their places in it.
     """
 
     cells: Int[np.ndarray, "part"]
@@ -24,11 +25,11 @@ class Transient:
     branching: Int[np.ndarray, "section"]
     "The branching cells."
     end: Int[np.ndarray, "part"]
-    "Which of those the run from each cell ends in."
+    "The number of the branching cell at the end of the run from each cell."
     jump: scipy.sparse.csr_array
-    "The probabilities of going from branching cell to branching cell."
+    "The probabilities of steps from branching cell to branching cell."
     hops: tuple[Int[np.ndarray, "part"], ...]
-    "The cell 1, 2, 4, ... steps down the run; the number of cells where that is past its end."
+    "The cell 1, 2, 4, ... steps down the run; the number of cells past its end."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
@@ -37,9 +38,10 @@ class Transient:
         **Arguments:**
 
         - `matrix`: the transition matrix, without zeros among its entries.
-        - `inside`: the cells of the part, each of which can leave it.
+        - `inside`: a mask of the cells of the part, each of which can leave it.
 
-        **Raises:** `RuntimeError` if one cannot, because it is on a circuit of certain steps.
+        **Raises:** `RuntimeError` if a cell cannot leave, because it is on a circuit of certain
+        steps.
         """
         cells = np.flatnonzero(inside)
         step = matrix[cells][:, cells]
@@ -71,9 +73,9 @@ class Transient:
     def expect(
         self, gain: Float[np.ndarray, "part columns"]
     ) -> tuple[Float[np.ndarray, "part columns"], int]:
-        """What is gained in all from each cell until the part is left: solves `x = gain + Q x`.
+        """Compute the total gain from each cell until the part is left: solve `x = gain + Q x`.
 
-        **Returns:** the solution and the number of products that it took.
+        **Returns:** the solution and the number of products.
         """
         run = np.zeros((self.cells.size + 1, gain.shape[1]))
         run[:-1] = gain
@@ -81,18 +83,18 @@ class Transient:
         for hop in self.hops:
             run[:-1] += run[hop]
         run = run[:-1]
-        # A branching cell gains its own share and, before the next, that of a run.
+        # A branching cell gains its own share and that of the run to the next.
         right = gain[self.branching] + self.step[self.branching] @ run
         at_branching, products = solve_transient(self.jump, right)
         return run + at_branching[self.end], products
 
     def visits(self, start: Float[np.ndarray, "part"]) -> tuple[Float[np.ndarray, "section"], int]:
-        """How often the branching cells are visited from a distribution over the part.
+        """Compute the expected visits to the branching cells from a distribution over the part.
 
-        The adjoint of `expect`: one solve for one start and any number of gains. A cell on a run
-        stays in the part, so all ways out are from branching cells.
+        This is the adjoint of `expect`: one solve for one start and any number of gains. A cell on
+        a run stays in the part, so the part is left only from branching cells.
 
-        **Returns:** the numbers of visits and the number of products that they took.
+        **Returns:** the numbers of visits and the number of products.
         """
         arriving = np.zeros(self.branching.size)
         np.add.at(arriving, self.end, start)

@@ -1,4 +1,4 @@
-"""Walks along a chain, step by step on the host: few walks, to look at."""
+"""Walks along a chain, step by step on the host, for few walks."""
 
 import numpy as np
 from jaxtyping import Int
@@ -9,14 +9,14 @@ from ..mapping.generalized import Chain
 def sample_walks(
     chain: Chain, starts: Int[np.ndarray, "walks"], steps: int, random: np.random.Generator
 ) -> Int[np.ndarray, "times walks"]:
-    """Draw independent walks along a chain that nothing leaves.
+    """Draw independent walks along a chain that never leaves the space.
 
     **Arguments:**
 
     - `chain`: the chain.
     - `starts`: the first cell of each walk.
-    - `steps`: how many steps they make.
-    - `random`: where the numbers are drawn from.
+    - `steps`: number of steps.
+    - `random`: random generator.
 
     **Returns:** the cell of each walk at each time, the starts first.
 

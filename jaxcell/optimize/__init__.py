@@ -20,8 +20,7 @@ edge between `i` and `j`, and `0 = l_1 < l_2 <= ... <= l_n` the eigenvalues of t
 over pairs of different vertices; Eq. 4.3 is half of it, the mean hitting time. `C` is convex in
 `w`. The weights with the least `C` are an A-optimal design, computed by an interior-point method in
 `O(edges^3)` per step; with an *emphasis* the weights on the shortest closed tour through given
-vertices sum to at least a share `h`. `minimum_commute`; `minimum_commute_sweep` and
-`commute_weights` for many problems at once; `shortest_tour`.
+vertices sum to at least a share `h`. `minimum_commute`, `shortest_tour`.
 
 **Fastest mixing.** Among the symmetric matrices `I - L` on a graph, the one whose eigenvalues are
 nearest to 0, except for the eigenvalue 1 of the uniform distribution:
@@ -47,8 +46,8 @@ averaged over the types of the follower. For one type it is one linear program p
 types one mixed-integer program. `payoffs` gives `P` and `Q` of patrol strategies from the `Stakes`
 at each vertex, and `stackelberg` solves for the commitment.
 
-All use `Graph`. The results are `MinimumCommute`, `CommuteSweep`, `FastestMixing`,
-`FastestAveraging`, `Cover`, `MinimumCover`, `Mixture` and `Commitment`.
+All use `Graph`. The results are `MinimumCommute`, `FastestMixing`, `FastestAveraging`, `Cover`,
+`MinimumCover`, `Mixture` and `Commitment`.
 """
 
 from ..base.hosted import attach

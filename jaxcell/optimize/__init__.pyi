@@ -1,8 +1,3 @@
-from .commute_sweep import (
-    CommuteSweep as CommuteSweep,
-    commute_weights as commute_weights,
-    minimum_commute_sweep as minimum_commute_sweep,
-)
 from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
 from .constraints import Linear as Linear
 from .cover import (

@@ -14,7 +14,7 @@ from .conic import Rules
 from .constraints import Linear, room
 from .graph import Graph
 from .multiplicative import least_resistance
-from .resistance import Emphasis, HostLaplacian, interior_point
+from .resistance import Emphasis, Laplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
@@ -57,9 +57,7 @@ def minimum_commute(
 
     An interior-point method computes them, with one Cholesky factorisation of the edges by edges
     Hessian per step. That is dense linear algebra on arrays of hundreds, which LAPACK does on the
-    host without compilation; neither JAX nor its 64-bit numbers are needed. The compiled
-    [`jaxcell.optimize.minimum_commute_sweep`][] takes the same steps for many problems at once, but
-    seconds before the first one on each graph.
+    host without compilation; neither JAX nor its 64-bit numbers are needed.
 
     On more than 2,000 vertices that Hessian is too large: first-order steps are taken, with one
     inverse of the vertices by vertices Laplacian each.
@@ -138,8 +136,8 @@ def minimum_commute(
         times = one_each("durations", durations, len(graph.edges), "per edge")
     times = times[allowed]
     bound = 0.0 if on_tour.all() else float(share)
-    problem = Emphasis(on_tour, bound, np.ones_like(on_tour))
-    laplacian = HostLaplacian(graph.vertices, edges, times)
+    problem = Emphasis(on_tour, bound)
+    laplacian = Laplacian(graph.vertices, edges, times)
     if graph.vertices > MAX_VERTICES:
         tolerance = max(tolerance, _COARSE)
         best, steps = least_resistance(laplacian, problem, tolerance, _INVERSIONS)
@@ -183,7 +181,7 @@ def _constrained(
             f"constraints: they leave no weight for edges between vertex {apart[1]} and vertex "
             f"{apart[0][0]}"
         )
-    laplacian = HostLaplacian(graph.vertices, graph.edges[left.used], np.ones(left.edges))
+    laplacian = Laplacian(graph.vertices, graph.edges[left.used], np.ones(left.edges))
     solved, steps = interior_point(laplacian, left, tolerance)
     weights = np.zeros(len(graph.edges))
     weights[left.used] = solved.numbers[: left.edges]

@@ -113,11 +113,6 @@ class Room:
         """The number of edges that may have weight."""
         return int(self.used.sum())
 
-    @property
-    def live(self) -> Bool[np.ndarray, "numbers"]:
-        """A mask of the numbers that may be positive, which are all."""
-        return np.ones(len(self.sums), bool)
-
     def start(self, design: Any) -> Float[np.ndarray, "numbers"]:
         """Return a point far from all bounds."""
         return self.inside
@@ -131,7 +126,7 @@ class Room:
         prices[0] = 1.2 * np.abs(gain - self.sums[: self.edges] @ prices).max()
         return prices
 
-    def most(self, gain: Float[np.ndarray, "used"], prices: Float[np.ndarray, "prices"]) -> float:
+    def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:
         """Return a bound on `gain @ weights` over all allowed weights.
 
         It holds for any prices, because prices of the wrong sign are ignored, and is tight for

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from ..base.threads import one_blas_thread
 from .laplacian import resistance_gains
-from .resistance import Emphasis, HostLaplacian, Iterate
+from .resistance import Emphasis, Iterate, Laplacian
 
 
 # The least weight, so that it has a logarithm.
@@ -14,7 +14,7 @@ _LEAST = 1e-100
 
 @one_blas_thread()
 def least_resistance(
-    laplacian: HostLaplacian, problem: Emphasis, tolerance: float, evaluations: int
+    laplacian: Laplacian, problem: Emphasis, tolerance: float, evaluations: int
 ) -> tuple[Iterate, int]:
     """Find weights of edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
@@ -46,7 +46,7 @@ def least_resistance(
             laplacian.vertices, laplacian.edges, weights / durations
         )
         gain /= durations
-        gap = max(0.0, 1 - resistance / float(problem.most(gain)))
+        gap = max(0.0, 1 - resistance / problem.most(gain))
         if gap < best.gap:
             best = Iterate(weights, None, resistance, gap)
         return shared(weights * np.sqrt(gain)), resistance

@@ -1,8 +1,7 @@
 from .bounce.cells_by_direction import save_cells as save_cells
-from .data.described import dataset as dataset
-from .data.files import save_dataset as save_dataset
+from .data.dataset import dataset as dataset, save_dataset as save_dataset
 from .data.summary import summary as summary
-from .drift.files import save_deployment as save_deployment
+from .drift.deployment_files import save_deployment as save_deployment
 from .figures.plot import plot as plot
 from .recordings import save_recording as save_recording, show as show
 from .robot.recording import RobotRecording as RobotRecording

@@ -1,4 +1,4 @@
-"""Coordinates that datasets share, and attributes that say where a result comes from."""
+"""Coordinates of cells, and attributes of provenance, which all datasets share."""
 
 import datetime
 import json
@@ -38,9 +38,9 @@ def place_coordinates(cells: CellSpace, some: slice) -> dict[str, tuple[Any, ...
 def provenance(
     title: str, cells: CellSpace | None, spec: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Attributes that say what a dataset is, and with what it was made."""
+    """Return the attributes of a dataset: title, parameters, and the versions that made it."""
     try:
-        asked = json.dumps(dict(spec or {}), allow_nan=False)
+        parameters = json.dumps(dict(spec or {}), allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ValueError(f"spec: expected a JSON object: {error}") from error
     attributes: dict[str, Any] = {
@@ -49,7 +49,7 @@ def provenance(
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "jaxcell_version": __version__,
         "jax_version": jax.__version__,
-        "spec": asked,
+        "spec": parameters,
     }
     if (revision := git_revision()) is not None:
         attributes["git_revision"] = revision

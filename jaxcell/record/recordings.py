@@ -1,15 +1,15 @@
-"""The recording of any result."""
+"""Write the recording of any result."""
 
 import importlib
 import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ..base.extras import has_module, import_module
+from ..base.optional_modules import has_module, import_module
 from ..base.quantities import Result
 
 
-# By the name of the class of a result, so that only one family is imported.
+# Modules and functions by the class of the result, as names, so that only one is imported.
 _FAMILIES = {
     "AdaptivelyLocalized": "bounce.policy:log_localization_policy",
     "Anywhere": "bounce.anywhere:log_anywhere",
@@ -34,17 +34,17 @@ def save_recording(
 ) -> None:
     """Write a Rerun recording of a result.
 
-    A result that is not one of ours has a map for each quantity over positions, a curve for each
-    over steps, and a text with its numbers.
+    A result without a recording of its own has a map per quantity over positions, a curve per
+    quantity over steps, and a text with its numbers.
 
     **Arguments:**
 
-    - `result`: what a study gave.
+    - `result`: the result of a study.
     - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
+    - `spec`: its parameters, shown in the text.
 
-    **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if it cannot be written;
-    `ModuleNotFoundError` without Rerun, which comes with `jaxcell[view]`.
+    **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if the file cannot be
+    written; `ModuleNotFoundError` without Rerun, which `jaxcell[view]` installs.
 
     A walk that begins at 0 and ends at 2:
 
@@ -96,7 +96,7 @@ def show(result: Result, *, spec: Mapping[str, Any] | None = None) -> Any:
 def _log_of(result: Result) -> tuple[Callable[..., None], str]:
     """Find the function that logs a result, and the kind of its recording."""
     names = (kind.__name__ for kind in type(result).__mro__)
-    family = next((_FAMILIES[name] for name in names if name in _FAMILIES), "described:log_result")
+    family = next((_FAMILIES[name] for name in names if name in _FAMILIES), "default:log_result")
     module, _, function = family.partition(":")
     log = getattr(importlib.import_module(f".{module}", __package__), function)
     return log, function.removeprefix("log_")

@@ -1,4 +1,4 @@
-"""A Rerun viewer that shows a recording while it is made."""
+"""A Rerun viewer that shows a recording while it grows."""
 
 import socket
 import sys
@@ -14,18 +14,18 @@ _PORT = 9876
 
 
 def viewer_sink(viewer: str) -> rr.GrpcSink:
-    """Where a recording goes that is shown as it goes.
+    """Connect to a viewer that shows a recording while it grows.
 
     **Arguments:**
 
-    - `viewer`: `"here"` for a viewer on this computer, which is started unless one runs; else the
-        address of one, such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when it
+    - `viewer`: `"here"` for a viewer on this computer, which is started if none runs; or the
+        address of a viewer, such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when it
         starts.
 
-    **Returns:** the sink.
+    **Returns:** the sink of the viewer.
 
-    **Raises:** `ValueError` if it is neither; `OSError` if no viewer answers there, or none can be
-    started here.
+    **Raises:** `ValueError` if `viewer` is neither; `OSError` if no viewer answers at the address,
+    or if none can be started here.
     """
     if viewer == "here":
         url = f"rerun+http://127.0.0.1:{_PORT}/proxy"
@@ -53,7 +53,7 @@ def _start() -> None:
             "viewer here: there is no display; start `rerun` on a computer that has one, and give "
             "the address that it prints"
         )
-    # A virtual environment that is not activated has its commands beside its Python.
+    # The commands of a virtual environment are beside its Python, also if it is not activated.
     beside = Path(sys.executable).with_name("rerun")
     try:
         rr.spawn(
@@ -68,7 +68,7 @@ def _start() -> None:
 
 
 def _refusal(host: str, port: int) -> str | None:
-    """Why nobody answers at an address, if so."""
+    """Return the reason why no viewer answers at an address, or `None`."""
     try:
         socket.create_connection((host, port), timeout=3).close()
     except OSError as error:

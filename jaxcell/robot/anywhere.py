@@ -68,7 +68,7 @@ def run_anywhere(
         >>> outcome.result, math.dist(outcome.place, body.pose[:2]) < 0.5
         ('localized', True)
     """
-    follower = _Follower(settings)
+    follower = SetFollower(settings)
     errors = settings.filter.errors
     longest = (settings.filter.boundary.diameter + 1) * (1 + errors.run) + errors.distance
     while follower.result is None and follower.bumps < limit:
@@ -109,7 +109,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
         >>> robot.replay_anywhere(robot.LoggedRun({}, events, True), settings).result
         'refuted'
     """
-    follower = _Follower(settings)
+    follower = SetFollower(settings)
     for number, event in enumerate(run.events):
         if event["event"] != "observation":
             continue
@@ -122,50 +122,50 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
     return follower.outcome()
 
 
-class _Follower:
+class SetFollower:
     """A filter along the runs of one robot."""
 
     def __init__(self, settings: AnywhereSettings) -> None:
-        self._settings, self._rng = settings, np.random.default_rng(settings.seed)
-        self._state: Any = None
+        self.settings, self._rng = settings, np.random.default_rng(settings.seed)
+        self.state: Any = None
         self.bumps = 0
         self.extent = math.inf
         self.result: Literal["localized", "arrived", "refuted"] | None = None
 
     def observe(self, run: float | None) -> None:
         """Take in the length of a run; `None` if it met no wall."""
-        filter, homing = self._settings.filter, self._settings.homing
+        filter, homing = self.settings.filter, self.settings.homing
         self.bumps += 1
         if run is None:
             self.result = "refuted"
             return
-        self._state = filter.observe(self._state, max(run, 0.0))
-        self.extent = float(filter.extent(self._state, 1)[0])
-        if filter.refuted(self._state, 1)[0]:
+        self.state = filter.observe(self.state, max(run, 0.0))
+        self.extent = float(filter.extent(self.state, 1)[0])
+        if filter.refuted(self.state, 1)[0]:
             self.result = "refuted"
         elif homing is not None:
-            self.result = "arrived" if homing.arrived(self._state, 1)[0] else None
-        elif self.extent <= 2 * self._settings.radius:
+            self.result = "arrived" if homing.arrived(self.state, 1)[0] else None
+        elif self.extent <= 2 * self.settings.radius:
             self.result = "localized"
 
     def turn(self) -> float:
         """Choose the angle to turn by now, and take it as made."""
-        filter, bounces = self._settings.filter, self._settings.bounces
-        if self._settings.homing is not None:
-            chosen = self._settings.homing.choose(self._state, 1, self._rng)
+        filter, bounces = self.settings.filter, self.settings.bounces
+        if self.settings.homing is not None:
+            chosen = self.settings.homing.choose(self.state, 1, self._rng)
         else:
-            chosen = choose_angles(filter, self._state, 1, bounces, self._rng)
+            chosen = choose_angles(filter, self.state, 1, bounces, self._rng)
         angle = bounces[int(chosen[0])]
-        self._state = filter.turn(self._state, angle)
+        self.state = filter.turn(self.state, angle)
         return angle
 
     def outcome(self) -> AnywhereOutcome:
         """How the run ended, or stands."""
         place, where = None, "nowhere"
-        if self._state is not None and self._state.wall.size:
-            boundary = self._settings.filter.boundary
-            arcs = self._state.begin, self._state.end
-            ends = np.concatenate([boundary.point(self._state.wall, arc) for arc in arcs])
+        if self.state is not None and self.state.wall.size:
+            boundary = self.settings.filter.boundary
+            arcs = self.state.begin, self.state.end
+            ends = np.concatenate([boundary.point(self.state.wall, arc) for arc in arcs])
             x, y = ((ends.min(axis=0) + ends.max(axis=0)) / 2).tolist()
             place = (x, y)
             where = f"within {self.extent / 2:.2f} m of ({x:.2f} m, {y:.2f} m)"

@@ -42,7 +42,7 @@ def run_belief(
         >>> robot.run_belief(walker, automata.Belief(never), [0.0]).result
         'refuted'
     """
-    return follow(walker, Believer(belief), bounces, log, limit)
+    return follow(walker, BeliefFollower(belief), bounces, log, limit)
 
 
 def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
@@ -64,10 +64,10 @@ def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
         >>> robot.replay_belief(robot.LoggedRun({}, events, True), automata.Belief(free)).result
         'refuted'
     """
-    return replay(run, Believer(belief))
+    return replay(run, BeliefFollower(belief))
 
 
-class Believer(Follower):
+class BeliefFollower(Follower):
     """A belief along a run."""
 
     kind = "belief"

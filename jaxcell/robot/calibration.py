@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from ..base.documents import Fields, check_file, checked_number, decode_json, read_text
-from ..base.files import replacing
+from ..base.paths import replacing
 from .create.motion import Moved
 from .walker import Drivable
 

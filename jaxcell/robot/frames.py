@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from ..base.extras import import_module
+from ..base.optional_modules import import_module
 
 
 Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]

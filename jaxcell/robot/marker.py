@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..base.extras import import_module
+from ..base.optional_modules import import_module
 from .frames import Frame
 
 

@@ -46,7 +46,7 @@ def run_policy(
         >>> outcome.result, outcome.observations, outcome.cells
         ('localized', '01001', (3,))
     """
-    return follow(walker, Chosen(policy), bounces, log, limit)
+    return follow(walker, PolicyFollower(policy), bounces, log, limit)
 
 
 def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
@@ -75,10 +75,10 @@ def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
         >>> robot.replay_policy(robot.LoggedRun({}, events, True), policy).result
         'refuted'
     """
-    return replay(run, Chosen(policy))
+    return replay(run, PolicyFollower(policy))
 
 
-class Chosen(Follower):
+class PolicyFollower(Follower):
     """A policy along a run."""
 
     kind = "policy"

@@ -51,7 +51,7 @@ def run_filter(
         >>> outcome.result, outcome.observations, outcome.cells
         ('localized', '00', (0,))
     """
-    return follow(walker, Filtered(filter, until), [bounce], log, limit)
+    return follow(walker, FilterFollower(filter, until), [bounce], log, limit)
 
 
 def run_plan(
@@ -146,10 +146,10 @@ def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
         >>> robot.replay_filter(robot.LoggedRun({}, events, True), filter).result
         'localized'
     """
-    return replay(run, Filtered(filter, run.header.get("until", "known")))
+    return replay(run, FilterFollower(filter, run.header.get("until", "known")))
 
 
-class Filtered(Follower):
+class FilterFollower(Follower):
     """A filter along a run."""
 
     kind = "filter"

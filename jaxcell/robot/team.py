@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..base.documents import Fields
-from ..base.files import replacing
+from ..base.paths import replacing
 from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
 from .tasks.task import Task, common_fields, robot_fields
@@ -79,7 +79,7 @@ def member_actions(
         >>> room = space.Workspace([(0, 0), (2, 0), (2, 1), (0, 1)])
         >>> cells = space.CellSpace.of(room, 1.0, 4)
         >>> path, bumped = np.int32([[0], [1], [3]]), np.array([[False], [True]])
-        >>> robot.member_actions(path, bumped, space.free_steps(cells, 1.0, "swept"))
+        >>> robot.member_actions(path, bumped, space.free_steps(cells))
         ['01']
     """
     directions, positions = steps.shape

@@ -43,6 +43,7 @@ What gives which:
 - `Box`: equal cells of a box of any number of dimensions, for other dynamics than robots'.
 - `Workspace`: `W`, `O`, `F` and `E` of a map, read from a file or made here.
 - `CellSpace`: the cells, `z` from a configuration and back.
+- `Motion`: the length of a step and the rule of collision; `CELL_BY_CELL`, `ENDPOINT`.
 - `free_steps`: where a step leads, among walls of any shape.
 - `stencil`, `Stencil`: what a step does on a grid.
 - `Slip`, `slipping_step`: a robot that slips, between `felt_walls`; `free_ahead` is how far it is
@@ -58,6 +59,7 @@ No part of this package imports JAX.
 from ..base.hosted import attach_all as _attach_all
 from .box import Box as Box
 from .cells import CellSpace as CellSpace
+from .motion import CELL_BY_CELL as CELL_BY_CELL, ENDPOINT as ENDPOINT, Motion as Motion
 from .nearest import nearest_cell as nearest_cell
 from .sight import visible_cells as visible_cells, visible_centres as visible_centres
 from .slip import (

@@ -11,7 +11,9 @@ from typing import TypeAlias
 
 from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
+from .cells import CellSpace
 from .extent import Extent
+from .motion import Motion
 from .occupancy import cutting_bytes
 from .segments import STEPS_AT_ONCE
 
@@ -42,75 +44,73 @@ def cutting(extent: Extent) -> float | int:
     return cutting_bytes(extent.squares, extent.positions)
 
 
-def moves(extent: Extent, step: float | None, collision: str) -> float | int:
+def moves(extent: Extent, motion: Motion) -> float | int:
     """Bytes of where a step leads from every position."""
-    ways = extent.ways(step, collision)
-    any_shape = (50 + extent.directions) * extent.near_walls(step)
+    ways = extent.ways(motion)
+    any_shape = (50 + extent.directions) * extent.near_walls(motion)
     listed = 16 * extent.directions
     return 4.5 * ways * extent.positions + 12 * extent.squares + any_shape + listed
 
 
-def section(extent: Extent, step: float | None, collision: str) -> float | int:
+def section(extent: Extent, motion: Motion) -> float | int:
     """Bytes of the periodic groups known at the walls: the runs between these, and the section."""
-    ways = extent.ways(step, collision)
-    walls = ways * extent.bumps(step) / extent.directions
-    return _known(extent, step, 40 * walls + SECTION + 25 * extent.bumps(step))
+    ways = extent.ways(motion)
+    walls = ways * extent.bumps(motion) / extent.directions
+    return _known(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
 
-def groups(extent: Extent, step: float | None, collision: str) -> float | int:
+def groups(extent: Extent, motion: Motion) -> float | int:
     """Bytes of the periodic groups, and of the runs from all positions."""
-    ways = extent.ways(step, collision)
-    return section(extent, step, collision) + 8 * ways * extent.positions
+    ways = extent.ways(motion)
+    return section(extent, motion) + 8 * ways * extent.positions
 
 
-def counts(extent: Extent, step: float | None, collision: str) -> float | int:
+def counts(extent: Extent, motion: Motion) -> float | int:
     """Bytes of the numbers of periodic groups, which are found from the walls."""
-    ways = extent.ways(step, collision)
+    ways = extent.ways(motion)
     if ways > MAX_WALL_WAYS:
-        return section(extent, step, collision)
-    return _known(extent, step, 18 * ways**2 * extent.bumps(step) / extent.directions)
+        return section(extent, motion)
+    return _known(extent, motion, 18 * ways**2 * extent.bumps(motion) / extent.directions)
 
 
-def _known(extent: Extent, step: float | None, walls: float | int) -> float | int:
+def _known(extent: Extent, motion: Motion, walls: float | int) -> float | int:
     """Bytes of what is known of walls, if so many, or of the tests of which steps these block."""
-    tested = min(extent.near_walls(step) * extent.directions, STEPS_AT_ONCE)
+    tested = min(extent.near_walls(motion) * extent.directions, STEPS_AT_ONCE)
     return (5 if extent.gridded else 10) * extent.squares + max(walls, 40 * tested)
 
 
-def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:
+def images(extent: Extent, angles: int, motion: Motion) -> float | int:
     """Bytes of the groups, and of images and steps of all cells for some bouncing angles."""
-    return groups(extent, step, collision) + IMAGE * angles * extent.size
+    return groups(extent, motion) + IMAGE * angles * extent.size
 
 
-def by_direction(extent: Extent, step: float | None, collision: str) -> float | int:
+def by_direction(extent: Extent, motion: Motion) -> float | int:
     """Bytes of the groups on the section, and of the cells of one direction at a time."""
-    return section(extent, step, collision) + 50 * extent.positions
+    return section(extent, motion) + 50 * extent.positions
 
 
-def localization(extent: Extent, step: float | None, collision: str) -> float | int:
+def localization(extent: Extent, motion: Motion) -> float | int:
     """Bytes of the images and a filter.
 
     How many states a filter has is not known before: that it takes the longer to localize the
     larger the map was measured. States are watched while they are made too.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
-    return moves(extent, step, collision) + (IMAGE + filter) * extent.size
+    return moves(extent, motion) + (IMAGE + filter) * extent.size
 
 
-def plans(extent: Extent, step: float | None, collision: str) -> float | int:
+def plans(extent: Extent, motion: Motion) -> float | int:
     """Bytes of a roadmap and the plan to one goal."""
-    ways = extent.ways(step, collision)
-    return _known(extent, step, 8 * ways * extent.positions) + ROADMAP * extent.size
+    ways = extent.ways(motion)
+    return _known(extent, motion, 8 * ways * extent.positions) + ROADMAP * extent.size
 
 
-def choice(extent: Extent, step: float | None, collision: str) -> float | int:
+def choice(extent: Extent, motion: Motion) -> float | int:
     """Bytes of a roadmap and the choice of angles by which a robot localizes itself."""
-    return plans(extent, step, collision) + CHOICE * extent.size
+    return plans(extent, motion) + CHOICE * extent.size
 
 
-def coverage(
-    extent: Extent, step: float | None, collision: str, *, angles: int, branches: int
-) -> float | int:
+def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> float | int:
     """Bytes of the noisy maps of some bouncing angles, one at a time, and what is kept of them.
 
     Cells are persistent, as measured, where turns spread over three of eight directions; where they
@@ -119,12 +119,12 @@ def coverage(
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
     solve = persistent * (SOLVE + SOLVED * branches)
     bytes_of_cell = POLICY + CHAIN * branches + KEPT * angles + solve
-    return COVER + moves(extent, step, collision) + extent.size * bytes_of_cell
+    return COVER + moves(extent, motion) + extent.size * bytes_of_cell
 
 
-def team(extent: Extent, step: float | None, collision: str) -> float | int:
+def team(extent: Extent, motion: Motion) -> float | int:
     """Bytes of the moves, and of the trajectories of a team."""
-    return TEAM + moves(extent, step, collision) + 80 * extent.size
+    return TEAM + moves(extent, motion) + 80 * extent.size
 
 
 def drift(cells: Sequence[int]) -> float | int:
@@ -186,6 +186,20 @@ def check(
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))
     return needed
+
+
+def check_cells(
+    cells: CellSpace,
+    motion: Motion,
+    need: Callable[[Extent, Motion], float | int],
+    doing: str,
+    also: str = "",
+) -> None:
+    """Refuse a computation on existing cells that takes more memory than is free.
+
+    **Arguments:** as for [`check`][].
+    """
+    check(Extent.of(cells), lambda extent: need(extent, motion), doing, motion.step, also)
 
 
 def _instead(extent: Extent, need: Need, available: int, step: float | None) -> str:

@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .cells import MAX_CELLS, TOLERANCE, CellSpace, along_grid
+from .motion import Motion
 from .occupancy import MOST_SQUARES
 from .stencils import stencil
 from .workspace import Workspace, edges
@@ -98,30 +99,27 @@ class Extent:
         """Number of cells."""
         return self.positions * self.directions
 
-    def ways(self, step: float | None, collision: str) -> int:
-        """How many ways the moves have, at most.
-
-        **Arguments:** as for [`jaxcell.bounce.moves`][].
-        """
-        length = 1.0 if step is None else min(step / self.cell, 1e9)
+    def ways(self, motion: Motion) -> int:
+        """Estimate the number of ways of the moves, at most."""
+        length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
         if not self.gridded:
             # Slanted walls part directions that do the same on a grid; not all, as measured.
             return min(self.directions, 32 + round(0.45 * self.directions))
-        if collision == "swept" and length * directions > _MAX_CROSSED:
-            ends = stencil(directions, length, "endpoint", grid)
+        if motion.collision != "endpoint" and length * directions > _MAX_CROSSED:
+            ends = stencil(directions, Motion(length, "endpoint"), grid)
             inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
             return int(np.count_nonzero(inside)) + (not inside.all())
-        return len(stencil(directions, length, collision, grid).offset)
+        return len(stencil(directions, Motion(length, motion.collision), grid).offset)
 
-    def bumps(self, step: float | None) -> float | int:
-        """In about how many cells a step is not possible."""
-        length = 1.0 if step is None else step / self.cell
+    def bumps(self, motion: Motion) -> float | int:
+        """Estimate the number of cells where a step is not possible."""
+        length = motion.in_cells(self.cell)
         return self.directions * min(self.positions, self.wall_length * length / 2)
 
-    def near_walls(self, step: float | None) -> float | int:
-        """How many pairs there are of a position and a wall that a step from it may reach."""
-        length = 1.0 if step is None else step / self.cell
+    def near_walls(self, motion: Motion) -> float | int:
+        """Estimate the number of pairs of a position and a wall within a step of it."""
+        length = motion.in_cells(self.cell)
         around = 2 * length * self.wall_length + self.walls * math.pi * length**2
         return 0.0 if self.gridded else min(around, self.walls * self.positions)

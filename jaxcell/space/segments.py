@@ -1,74 +1,57 @@
 import math
 
 import numpy as np
-import shapely
 from jaxtyping import Bool, Float, Int
 
-from .cells import TOLERANCE, CellSpace
-from .stencils import displacement
+from .cells import TOLERANCE
 
 
 # Steps that are tested with a wall at once.
 STEPS_AT_ONCE = 2**21
-# Squares in a row of a block.
-_BLOCK = 32
 
 
-def blocked_steps(
-    cells: CellSpace, step: float, collision: str
-) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """The steps that walls of any shape are in the way of.
+def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:
+    """Compute the end of a step from the origin, rounded so that all platforms agree on ties."""
+    angle = 2 * math.pi * direction / directions
+    return round(step * math.cos(angle), 9), round(step * math.sin(angle), 9)
 
-    Walls in reach of a centre are tested exactly, to a tolerance of 1e-9 of a cell.
+
+def crossed_squares(
+    dx: float, dy: float, offset: tuple[int, int]
+) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[tuple[int, int], tuple[int, int]], ...]]:
+    """List the squares that a step from the centre of a square passes.
 
     **Arguments:**
 
-    - `cells`: the cell space.
-    - `step`: length of a step in cells.
-    - `collision`: `"swept"` or `"endpoint"`.
+    - `dx`, `dy`: the step, in sides of a square.
+    - `offset`: row and column of the square that holds the end.
 
-    **Returns:** the free squares within a step of a wall, and in which directions a wall is in the
-    way of a step from the centre of each. Elsewhere it is only the end that has to be free.
-
-    **Raises:** `ValueError` for a space made from a grid, which has no walls of other shapes.
+    **Returns:** the squares whose interior the step passes, with the end; and for each corner that
+    it passes the pair of squares beside it.
     """
-    rows, columns = cells.free.shape
-    steps = _displacements(cells, step)
-    reach = float(np.linalg.norm(steps[0])) + TOLERANCE
-    tree = shapely.STRtree(shapely.linestrings(cells.walls))
-    # Blocks of squares are tested, which are far fewer, and then the squares of those near walls.
-    blocks = np.zeros((-(-rows // _BLOCK), -(-columns // _BLOCK)), bool)
-    bottom, left = np.indices(blocks.shape).reshape(2, -1) * _BLOCK
-    boxes = shapely.box(left, bottom, left + _BLOCK, bottom + _BLOCK)
-    blocks.flat[tree.query(boxes, predicate="dwithin", distance=reach)[0]] = True
-    around = blocks.repeat(_BLOCK, 0).repeat(_BLOCK, 1)[:rows, :columns]
-    square = np.argwhere(cells.free & around)
-    centres = square[:, ::-1] + 0.5
-    near, wall = tree.query(shapely.points(centres), predicate="dwithin", distance=reach)
-    if collision == "endpoint":
-        near = np.unique(near)
-        blocked = _end_outside(cells, centres[near], steps)
-    else:
-        near, blocked = meets_wall(cells.walls, centres, steps, near, wall)
-    return square[near] @ (columns, 1), blocked
-
-
-def _displacements(cells: CellSpace, step: float) -> Float[np.ndarray, "directions 2"]:
-    # All longer ones lead off the map too.
-    step = min(step, math.hypot(*cells.free.shape) + 1)
-    return np.array([displacement(k, cells.directions, step) for k in range(cells.directions)])
-
-
-def _end_outside(
-    cells: CellSpace,
-    centres: Float[np.ndarray, "near 2"],
-    steps: Float[np.ndarray, "directions 2"],
-) -> Bool[np.ndarray, "near directions"]:
-    assert cells.workspace is not None
-    closed = cells.workspace.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
-    shapely.prepare(closed)
-    ends = (centres[:, None] + steps) * cells.cell + np.array(cells.origin)
-    return ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])
+    crossed, beside = {offset: None}, []
+    east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
+    # The step meets the lines between columns at x = 1/2, 3/2, ... from its start, and rows
+    # likewise.
+    to_column = [(m + 0.5) / abs(dx) for m in range(int(abs(dx) + 0.5))] if dx else []
+    to_row = [(m + 0.5) / abs(dy) for m in range(int(abs(dy) + 0.5))] if dy else []
+    row = column = 0
+    while to_column or to_row:
+        next_column, next_row = (to_column or [math.inf])[0], (to_row or [math.inf])[0]
+        if abs(next_column - next_row) < TOLERANCE:
+            corner = (row, column + east), (row + north, column)
+            row, column = row + north, column + east
+            to_column, to_row = to_column[1:], to_row[1:]
+            # A corner at the end is not passed, unless the end square lies beyond it.
+            if next_row < 1 - TOLERANCE or (row, column) == offset:
+                beside.append(corner)
+        elif next_column < next_row:
+            column, to_column = column + east, to_column[1:]
+        else:
+            row, to_row = row + north, to_row[1:]
+        if min(next_column, next_row) < 1 - TOLERANCE:
+            crossed[row, column] = None
+    return tuple(crossed), tuple(beside)
 
 
 def meets_wall(

@@ -45,7 +45,7 @@ class Cover(MapStudy):
         spread = min(max(self.error * extent.directions / 360, 0), extent.directions)
         branches = 1 + 2 * round(spread)
         angles = len(self.bounces)
-        return estimates.coverage(extent, **self.motion, angles=angles, branches=branches)
+        return estimates.coverage(extent, self.motion, angles=angles, branches=branches)
 
     def run(self, say: Say = silent) -> "CoveragePolicy":
         import numpy as np
@@ -67,7 +67,7 @@ class Cover(MapStudy):
             self.reliability,
             read_target(cells, self.target),
             weights=self.weights,
-            **self.motion,
+            motion=self.motion,
             progress=lambda done: say(doing, done, count),
         )
 
@@ -76,5 +76,5 @@ class Cover(MapStudy):
 
         error = math.radians(self.error)
         return compare_coverage(
-            result, error, self.reliability, weights=self.weights, **self.motion
+            result, error, self.reliability, weights=self.weights, motion=self.motion
         )

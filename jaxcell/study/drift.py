@@ -13,7 +13,7 @@ from .study import Length, Limit, Metres, Say, Seconds, about, numbers, refuse, 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..drift import SeaDrift, Water
+    from ..drift import DriftStep, SeaDrift, Water
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
@@ -124,7 +124,7 @@ class Drift(SeaStudy):
 
     def run(self, say: Say = silent) -> "SeaDrift":
         from ..drift import ClosedSets, Exchange, SeaDrift, Stranded, Water, read_regions
-        from ..drift.deploy import check_reach
+        from ..drift.deployment import check_reach
 
         self.memory()
         currents = self.currents()
@@ -138,7 +138,7 @@ class Drift(SeaStudy):
         regions = None if self.regions is None else read_regions(self.regions, waters[0])
         found = SeaDrift.of(
             currents,
-            self.duration,
+            self._step,
             start=start,
             reach=self.range,
             seconds=self.search,
@@ -146,8 +146,6 @@ class Drift(SeaStudy):
             backward=self.backward,
             diffusivity=self.diffusivity,
             say=say,
-            rho=self.rho,
-            **self._rules(),
         )
         surface = found.layers[0].behaviour
         more: dict[str, Any] = {}
@@ -179,7 +177,7 @@ class Drift(SeaStudy):
         return found
 
     def spec(self, result: Any) -> dict[str, Any]:
-        rules = {name: self._rules()[name] for name in ("spread", "edge")}
+        rules = {"spread": self._step.spread, "edge": self._step.edge}
         rules["current"] = "mean" if self._mean else "changing"
         of_result = {"depths_m": result.depths, "duration_s": result.step}
         return {**super().spec(result), **rules, **of_result}
@@ -190,12 +188,15 @@ class Drift(SeaStudy):
         record.save_deployment(result, out / "deployment.csv")
         record.save_deployment(result, out / "deployment.geojson")
 
-    def _rules(self) -> dict[str, Any]:
-        """The method with what was chosen of it apart."""
+    @property
+    def _step(self) -> "DriftStep":
+        """The step by the method, with the choices that differ from it."""
         from ..drift import METHODS
 
-        chosen = {"spread": self.spread, "edge": self.edge}
-        return {**METHODS[self.method], **{k: v for k, v in chosen.items() if v is not None}}
+        chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
+        chosen = {name: value for name, value in chosen.items() if value is not None}
+        step = METHODS[self.method]
+        return dataclasses.replace(step, duration=self.duration, rho=self.rho, **chosen)
 
     @property
     def _mean(self) -> bool:

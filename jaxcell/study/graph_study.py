@@ -66,11 +66,11 @@ class GraphStudy(Study):
         seconds = None if times is None else times * self.time_unit
         if seconds is not None:
             walks = found.matrices, found.shares
-            more["timed"] = patrol.timed(found.graph, *walks, seconds, self.time_unit)
+            more["timed"] = patrol.team.timed(found.graph, *walks, seconds, self.time_unit)
         if self.base is not None:
             say("following news")
             (base,) = self.vertices(found.names, "base", self.base)
-            more["news"] = patrol.age_of_news(
+            more["news"] = patrol.team.age_of_news(
                 found.graph,
                 found.matrices,
                 base,
@@ -82,14 +82,14 @@ class GraphStudy(Study):
             (charger,) = self.vertices(found.names, "charger", self.charger)
             walk = found.graph, found.matrices, charger, self.every
             if self.attack_time is None:
-                more["charged"] = patrol.charged(*walk, name=self.charger)
+                more["charged"] = patrol.team.charged(*walk, name=self.charger)
             else:
                 say("seeking a walk that is back at the charger in time")
                 options: Any = {"name": self.charger, "seed": self.seed}
-                more["charged"] = patrol.charged_capture(*walk, self.attack_time, **options)
+                more["charged"] = patrol.walks.charged_capture(*walk, self.attack_time, **options)
         if self.baselines:
             say("simulating patrols")
-            more["idleness"] = patrol.simulate_idleness(
+            more["idleness"] = patrol.team.simulate_idleness(
                 found.graph,
                 found.matrices,
                 times=seconds,
@@ -100,7 +100,7 @@ class GraphStudy(Study):
 
     def times(self, graph: "Graph") -> Any:
         """How many units of time each edge takes, if that is asked for."""
-        from ..patrol import whole_times
+        from ..patrol.team import whole_times
 
         return None if self.speed is None else whole_times(graph, self.speed, self.time_unit)
 

@@ -36,15 +36,15 @@ class Groups(MapStudy):
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
-        return estimates.counts(extent, **self.motion)
+        return estimates.counts(extent, self.motion)
 
     def written(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
         angles = len(self.bounce)
         if self._at_once(extent):
-            return estimates.images(extent, angles, **self.motion)
-        return estimates.by_direction(extent, **self.motion)
+            return estimates.images(extent, angles, self.motion)
+        return estimates.by_direction(extent, self.motion)
 
     def at_once(self, result: Any) -> bool:
         from ..space.extent import Extent
@@ -55,7 +55,7 @@ class Groups(MapStudy):
         from ..space import estimates
 
         angles = len(self.bounce)
-        needed = estimates.images(extent, angles, **self.motion)
+        needed = estimates.images(extent, angles, self.motion)
         return extent.size * angles <= _MAX_AT_ONCE and (self._free is None or needed <= self._free)
 
     @functools.cached_property
@@ -72,7 +72,7 @@ class Groups(MapStudy):
 
         cells = self.cells()
         say(f"mapping {len(self.bounce)} x {cells.size:,} cells")
-        return BounceGroups.of(cells, np.radians(self.bounce), **self.motion)
+        return BounceGroups.of(cells, np.radians(self.bounce), motion=self.motion)
 
     def write(self, result: Any, out: Path) -> None:
         from .. import record

@@ -83,8 +83,8 @@ class Localize(AnywhereStudy):
 
             return needed(angles=max(1, len(self.bounces)))
         if self.bounces:
-            return estimates.choice(extent, **self.motion)
-        return estimates.localization(extent, **self.motion)
+            return estimates.choice(extent, self.motion)
+        return estimates.localization(extent, self.motion)
 
     @property
     def smaller(self) -> str:
@@ -130,7 +130,7 @@ class Localize(AnywhereStudy):
         from ..bounce import Localized, bounce_map, localization_filter, localize
 
         say(f"mapping {cells.size:,} cells")
-        mapped = bounce_map(cells, bounce, **self.motion)
+        mapped = bounce_map(cells, bounce, motion=self.motion)
         say(f"building the filter of {cells.size:,} cells")
         filter = localization_filter(mapped, open_world=self.open_world)
         return Localized(filter, cells, self.motion, bounce, localize(mapped, filter, start))
@@ -141,7 +141,7 @@ class Localize(AnywhereStudy):
         assert self.bounce is not None
         bounce = math.radians(self.bounce)
         say("finding the classes of offsets")
-        offsets = Offsets.of(cells, step=self.step)
+        offsets = Offsets.of(cells, motion=self.motion)
         mapped = offsets.bounce_map(bounce)
         say(f"building the filter of {mapped.image.size:,} configurations")
         filter = localization_filter(mapped, open_world=self.open_world)
@@ -154,7 +154,7 @@ class Localize(AnywhereStudy):
 
         say(f"choosing angles for {cells.size:,} cells")
         policy = localization_policy(
-            cells, np.radians(self.bounces), self.goal, aim=self.aim, **self.motion
+            cells, np.radians(self.bounces), self.goal, aim=self.aim, motion=self.motion
         )
         return AdaptivelyLocalized.of(policy, start)
 
@@ -221,5 +221,5 @@ class Localize(AnywhereStudy):
             return compare_policy(result)
         if self.offsets:
             return compare_filter(result, result.offsets.bounce_map(result.bounce))
-        mapped = bounce_map(result.cells, result.bounce, **self.motion)
+        mapped = bounce_map(result.cells, result.bounce, motion=self.motion)
         return [*compare_groups(result.groups), *compare_filter(result, mapped)]

@@ -2,16 +2,17 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import tyro
 
 from ..base import memory
+from ..base.limits import Collision
 from .study import AtLeastOne, Length, Limit, Metres, Study, about, numbers
 
 
 if TYPE_CHECKING:
-    from ..space import CellSpace, Workspace
+    from ..space import CellSpace, Motion, Workspace
     from ..space.extent import Extent
 
 
@@ -96,7 +97,7 @@ class MapStudy(CellStudy):
     """Radius of a disc robot in metres; by default what the map says."""
     step: Length | None = None
     """Length of a step in metres; by default one cell."""
-    collision: Literal["swept", "endpoint"] = "swept"
+    collision: Collision = "swept"
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
 
     @property
@@ -104,9 +105,11 @@ class MapStudy(CellStudy):
         return self.map, self.cell, self.directions, self.robot_radius
 
     @property
-    def motion(self) -> dict[str, Any]:
-        """How the robot moves, for the functions of `jaxcell.bounce`."""
-        return {"step": self.step, "collision": self.collision}
+    def motion(self) -> "Motion":
+        """The motion of the robot, for the functions of `jaxcell.bounce`."""
+        from ..space import Motion
+
+        return Motion(self.step, self.collision)
 
     def spec(self, result: Any) -> dict[str, Any]:
         cells = result.cells

@@ -38,14 +38,14 @@ class Plans(MapStudy):
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
-        return estimates.plans(extent, **self.motion)
+        return estimates.plans(extent, self.motion)
 
     def run(self, say: Say = silent) -> "Result":
         from ..bounce import all_plans
 
         cells = self.cells()
         say(f"planning among all pairs of {cells.size:,} cells")
-        return all_plans(cells, **self.choices, **self.motion).cost_summary()
+        return all_plans(cells, **self.choices, motion=self.motion).cost_summary()
 
     @property
     def choices(self) -> dict[str, Any]:
@@ -61,7 +61,7 @@ class Plans(MapStudy):
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..verify import compare_plan
 
-        return compare_plan(result.costliest, **self.motion)
+        return compare_plan(result.costliest, self.motion)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -109,7 +109,7 @@ class Navigate(AnywhereStudy, Plans):
         cells = self.cells()
         start, goal = (cell_at(cells, getattr(self, end), end) for end in ("start", "goal"))
         say(f"planning among {cells.size:,} cells")
-        found = plan(cells, start=start, goal=goal, **self.choices, **self.motion)
+        found = plan(cells, start=start, goal=goal, **self.choices, motion=self.motion)
         if self.slip is None:
             return found
         from .slipped_plan import slipped_plan
@@ -133,7 +133,7 @@ class Navigate(AnywhereStudy, Plans):
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..verify import compare_plan
 
-        return [] if self.anywhere else compare_plan(result, **self.motion)
+        return [] if self.anywhere else compare_plan(result, self.motion)
 
 
 def _whole(cost: float) -> int | float:

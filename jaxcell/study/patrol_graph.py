@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..optimize import Graph, Linear
-    from ..patrol import Division, GraphPatrol
+    from ..patrol import GraphPatrol
+    from ..patrol.team import Division
     from ..verify import Comparison
 
 
@@ -107,7 +108,8 @@ class PatrolGraph(GraphStudy):
         return needed
 
     def run(self, say: Say = silent) -> "GraphPatrol":
-        from ..patrol import GraphPatrol, has_weights, load_graph, load_stakes, strategy_game
+        from ..patrol import GraphPatrol, load_graph, strategy_game
+        from ..patrol.files import has_weights, load_stakes
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
@@ -197,16 +199,19 @@ class PatrolGraph(GraphStudy):
         if self.division is None:
             return self._walk(graph, names, emphasis, self.robots)
         with about("robots"):
-            region = patrol.divide_graph(graph, self.robots)
+            region = patrol.team.divide_graph(graph, self.robots)
         parts, matrices = [], []
         for robot in range(self.robots):
             say(f"seeking a walk on part {robot + 1} of {self.robots}")
             inside = np.flatnonzero(region == robot)
-            part, called = patrol.part_of_graph(graph, inside), [names[v] for v in inside.tolist()]
+            part, called = (
+                patrol.team.part_of_graph(graph, inside),
+                [names[v] for v in inside.tolist()],
+            )
             self._check_reach(part, called)
             parts.append(self._walk(part, called, None, 1))
             within = parts[-1]["chain"].to_scipy().toarray()
-            matrices.append(patrol.walk_in_part(graph, inside, within))
+            matrices.append(patrol.team.walk_in_part(graph, inside, within))
         worst = min(parts, key=lambda one: one["value"] or 0.0)
         divided = worst | {
             "chain": Chain.from_scipy(scipy.sparse.csr_array(matrices[0])),
@@ -225,7 +230,7 @@ class PatrolGraph(GraphStudy):
         return walks | {"division": _compared(shared, divided, region, self.robots)}
 
     def _constraints(self, graph: "Graph", names: Sequence[str]) -> "list[Linear]":
-        from ..patrol import load_constraints
+        from ..patrol.walks import load_constraints
 
         return [] if self.constraints is None else load_constraints(self.constraints, graph, names)
 
@@ -244,7 +249,7 @@ class PatrolGraph(GraphStudy):
         even = np.full(graph.vertices, 1 / graph.vertices)
         visits = None
         if self.visits is not None:
-            visits = patrol.load_values(self.visits, names)
+            visits = patrol.files.load_values(self.visits, names)
             visits = even = visits / visits.sum()
         best: Any
         team: Any = None
@@ -262,11 +267,11 @@ class PatrolGraph(GraphStudy):
             )
             chain = patrol.random_walk(graph, best.weights)
             if rules:
-                bounds = patrol.MetConstraints(rules, best.weights, best.prices)
+                bounds = patrol.walks.MetConstraints(rules, best.weights, best.prices)
         elif self.strategy == "capture":
             times = self.attack_time
             if self.attack_times is not None:
-                times = patrol.load_values(self.attack_times, names, whole=self.speed is None)
+                times = patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
             unit = 1.0 if self.speed is None else self.time_unit
             times = np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
             best = patrol.maximin_capture(
@@ -276,11 +281,11 @@ class PatrolGraph(GraphStudy):
         else:
             seek: Any = {
                 "mixing": lambda: optimize.fastest_mixing(graph, even),
-                "kemeny": lambda: patrol.minimum_kemeny(graph, even, stay=True, throw=False),
-                "entropy": lambda: patrol.maximum_entropy_rate(
+                "kemeny": lambda: patrol.walks.minimum_kemeny(graph, even, stay=True, throw=False),
+                "entropy": lambda: patrol.walks.maximum_entropy_rate(
                     graph, visits, stay=visits is not None
                 ),
-                "return-time": lambda: patrol.maximum_return_time_entropy(
+                "return-time": lambda: patrol.walks.maximum_return_time_entropy(
                     graph, even, stay=True, throw=False
                 ),
             }[self.strategy]
@@ -311,7 +316,7 @@ def _compared(
     """What robots achieve that share the graph, if they can, and that divide it."""
     import numpy as np
 
-    from ..patrol import Division, long_run, steps_between_visits
+    from ..patrol.team import Division, long_run, steps_between_visits
 
     rows, nothing = [], np.full(region.size, np.nan)
     for found in (shared, divided):

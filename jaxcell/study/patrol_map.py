@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..optimize import Graph
-    from ..patrol import PatrolledMap, Policy, Regions
+    from ..patrol import PatrolledMap
+    from ..patrol.map import Policy, Regions
     from ..space import CellSpace
     from ..space.extent import Extent
     from ..verify import Comparison
@@ -122,15 +123,17 @@ class PatrolMap(CellStudy):
         if self.frontier:
             say(f"searching at {len(self.frontier)} floors of randomness")
             problem = graph, visible, len(policies), self.attack_times[0], self.frontier
-            found["frontier"] = patrol.capture_frontier(*problem, start=self.start, seed=self.seed)
+            found["frontier"] = patrol.map.capture_frontier(
+                *problem, start=self.start, seed=self.seed
+            )
         if self.lost is not None and regions is not None:
-            found["reassignment"] = patrol.reassign(
+            found["reassignment"] = patrol.map.reassign(
                 graph, visible, regions, policies, self.lost, share=found["chosen_share"]
             )
         say("attacking every cell")
         times = list(self.attack_times)
         capture = patrol.capture_probabilities(graph, visible, policies, times, self.start)
-        contested = patrol.contested(visible, policies, regions)
+        contested = patrol.map.contested(visible, policies, regions)
         target = self._target(target, contested, capture[0], regions)
         say(f"simulating {self.runs:,} attacks, and fitting their law")
         attack = patrol.vulnerability(
@@ -218,7 +221,7 @@ class PatrolMap(CellStudy):
             if regions is None:
                 made[share] = patrol.distributed_policies(graph, visible, robots, share)
             else:
-                made[share] = patrol.centralized_policies(graph, visible, regions, share)
+                made[share] = patrol.map.centralized_policies(graph, visible, regions, share)
         return made
 
     def _chosen(
@@ -238,7 +241,7 @@ class PatrolMap(CellStudy):
             (caught,) = patrol.capture_probabilities(
                 graph, visible, policies, [self.attack_times[0]], self.start
             )
-            least.append(caught[patrol.contested(visible, policies, regions)].min(initial=1.0))
+            least.append(caught[patrol.map.contested(visible, policies, regions)].min(initial=1.0))
         tried = list(made)
         # Shares that differ by rounding count as equal, and the first of them is taken.
         best = (
@@ -264,7 +267,7 @@ class PatrolMap(CellStudy):
     def write(self, result: Any, out: Path) -> None:
         import numpy as np
 
-        from ..base.files import name_in_results
+        from ..base.paths import name_in_results
         from ..robot.tasks.patrol_task import save_patrols
 
         chains = [policy.chain for policy in result.policies]
@@ -316,7 +319,7 @@ class PatrolMap(CellStudy):
 
     def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
         """The regions around the base station, if there is one."""
-        from ..patrol import angular_regions, base_station
+        from ..patrol.map import angular_regions, base_station
         from ..space import visible_cells
 
         if self.base is None:

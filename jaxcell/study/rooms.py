@@ -1,6 +1,7 @@
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
+from ..base.limits import Collision
 from .study import Degrees, Limit, Say, Study, WholeNumber, silent
 
 
@@ -37,7 +38,7 @@ class Rooms(Study):
     """Rectangles in a random room."""
     directions: Annotated[int, Limit("1 to 3,600", lambda x: 1 <= x <= 3600)] = 360
     """Number of directions."""
-    collision: Literal["swept", "endpoint"] = "swept"
+    collision: Collision = "swept"
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
     seed: WholeNumber = 0
     """Seed of the rooms."""
@@ -55,10 +56,12 @@ class Rooms(Study):
             raise ValueError("bounce: expected at least one angle in degrees")
         import numpy as np
 
-        from ..bounce import RoomGroups
+        from ..bounce import Motion, RoomGroups
 
         free, bounce = self.free(), np.radians(self.bounce)
-        return RoomGroups.of_room(free, bounce, self.directions, collision=self.collision)
+        return RoomGroups.of_room(
+            free, bounce, self.directions, motion=Motion(collision=self.collision)
+        )
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"Room {self.room} of seed {self.seed}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar, get_type_hints
 
 from ..base.bundled import bundled
-from ..base.files import existing, name_in_results
+from ..base.paths import existing, name_in_results
 from ..base.quantities import Result
 
 

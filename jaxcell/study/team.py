@@ -46,7 +46,7 @@ class Team(MapStudy):
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
-        return estimates.team(extent, **self.motion)
+        return estimates.team(extent, self.motion)
 
     def run(self, say: Say = silent) -> "TeamTrajectory":
         import numpy as np
@@ -62,7 +62,7 @@ class Team(MapStudy):
             cells,
             starts,
             np.radians(self.bounces),
-            **self.motion,
+            motion=self.motion,
             max_parts=self.max_parts,
             part_steps=self.part_steps,
             progress=lambda parts, covered: say(f"{doing}: {covered:,} in {parts:,} parts"),
@@ -78,7 +78,7 @@ class Team(MapStudy):
         from ..space import free_steps
 
         spec = self.spec(result)
-        steps = free_steps(result.cells, spec["step_m"] / result.cells.cell, self.collision)
+        steps = free_steps(result.cells, self.motion)
         x, y, theta = (each.tolist() for each in result.cells.centre(result.starts))
         bounces = self.bounces * (1 if len(self.bounces) > 1 else len(x))
         save_team(
@@ -94,7 +94,7 @@ class Team(MapStudy):
 
         from ..verify import compare_team
 
-        return compare_team(result, np.radians(self.bounces), **self.motion)
+        return compare_team(result, np.radians(self.bounces), motion=self.motion)
 
     def _starts(self, cells: "CellSpace") -> list[int]:
         """The starts that are given, or random ones in different positions."""

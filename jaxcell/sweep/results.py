@@ -4,12 +4,12 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .failures import Failure
-from .files import kept_spec
+from .storage.damage import reading
 from .storage.lock import holder
-from .storage.states import DAMAGED, DONE, States, reading
+from .storage.store import DONE, SweepStore
 from .workers.progress import read_down
 
 
@@ -30,7 +30,7 @@ class SweepStatus:
     failures: tuple[Failure, ...]
     "Members that failed."
     damaged: int
-    "Chunks that were done and have lost a file; [`verify_sweep`][] looks into the files too."
+    "Damaged records of the journal, and lost files of the result; [`verify_sweep`][] finds more."
     running: str | None
     "Which process is at work on it, if any."
     rate: float | None
@@ -66,24 +66,22 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         ('groups', {'bounce': 2}, True, None)
     """
     folder = Path(out)
-    spec = kept_spec(folder)
-    kept = States(folder, spec)
-    states = kept.states()
-    at_work = holder(folder / "lock")
-    with reading(folder):
-        rate, left = read_down(folder) if at_work is not None else (None, None)
-    return SweepStatus(
-        spec.task,
-        spec.dimensions,
-        spec.members,
-        spec.chunk_count,
-        int((states == DONE).sum()),
-        tuple(kept.failures(states)),
-        int((states == DAMAGED).sum()),
-        at_work,
-        rate,
-        left,
-    )
+    with SweepStore(folder) as store:
+        spec, at_work = store.spec, holder(folder / "lock")
+        with reading(folder):
+            rate, left = read_down(folder) if at_work is not None else (None, None)
+        return SweepStatus(
+            spec.task,
+            spec.dimensions,
+            spec.members,
+            spec.chunk_count,
+            int((store.states == DONE).sum()),
+            tuple(store.failures()),
+            len(store.contents.damage) + len(store.lost_files()),
+            at_work,
+            rate,
+            left,
+        )
 
 
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
@@ -114,20 +112,28 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """
     import xarray as xr
 
-    path = Path(out) / "sweep.zarr"
-    found = sweep_status(out)
-    if not path.is_dir():
-        raise ValueError(f"{path}: no chunk is done yet, of {found.chunks}")
-    if found.damaged:
-        raise ValueError(
-            f"{path}: {found.damaged} of {found.chunks} chunks are damaged; to mend them: "
-            f"jaxcell sweep verify {out}"
-        )
-    with reading(Path(out)):
-        found = xr.open_zarr(path, consolidated=True)
-        for name in found.coords:
-            variable = found.variables[name]
-            # Texts of Zarr, which some versions of xarray cannot write to NetCDF.
-            if getattr(variable.encoding.get("dtype"), "kind", "") == "T":
-                del variable.load().encoding["dtype"]
-        return found
+    folder = Path(out)
+    with SweepStore(folder) as store:
+        if store.frame is None:
+            raise ValueError(f"{folder}: no chunk is done yet, of {store.spec.chunk_count}")
+        if damage := [*store.contents.damage, *store.lost_files()]:
+            raise ValueError(
+                f"{folder}: damaged: {damage[0]}{', ...' * (len(damage) > 1)}; to mend it: "
+                f"jaxcell sweep verify {folder}"
+            )
+        with reading(folder):
+            source: Any = store.zarr
+            if store.contents.exported is None:
+                # A run is at work, or was killed.
+                from zarr.storage import MemoryStore
+
+                from .storage.export import write_result
+
+                write_result(store, source := MemoryStore())
+            dataset = xr.open_zarr(source, consolidated=True)
+            for name in dataset.coords:
+                variable = dataset.variables[name]
+                # Texts of Zarr, which some versions of xarray cannot write to NetCDF.
+                if getattr(variable.encoding.get("dtype"), "kind", "") == "T":
+                    del variable.load().encoding["dtype"]
+            return dataset

@@ -8,11 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .failures import Failure
+from .failures import Failure, write_failures
 from .results import SweepStatus, sweep_status
 from .spec import Spec
-from .storage.states import DAMAGED, DONE
-from .storage.store import SweepStore, made_with
+from .storage.digests import made_with
+from .storage.export import export
+from .storage.lock import locked
+from .storage.opening import opened
+from .storage.store import DONE, SweepStore
 from .workers.engines import Engine, Outcomes, engine_named
 from .workers.halving import Halving, Parts
 from .workers.progress import Count, Progress, written_down
@@ -82,10 +85,13 @@ def run_sweep(
     found = prepared(spec)
     wide = jax_is_wide()
     made = made_with(spec, wide)
-    with _writing(folder), SweepStore.opened(folder, spec, resume, made, anyway) as store:
-        states = store.states()
-        store.forget(np.flatnonzero(states == DAMAGED).tolist())
-        numbers = np.flatnonzero(states != DONE)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (
+        no_room_reported(folder),
+        locked(folder / "lock"),
+        opened(folder, spec, resume, made, anyway) as store,
+    ):
+        numbers = np.flatnonzero(store.states != DONE)
         if chunks is not None:
             numbers = np.intersect1d(numbers, [*chunks])
         asked = spec.chunk_count if chunks is None else len(chunks)
@@ -108,7 +114,19 @@ def run_sweep(
                 if not parts.open:
                     count.add(parts.members)
                 report(failures)
+        finish(store, whole=chunks is None)
     return sweep_status(folder)
+
+
+def finish(store: SweepStore, whole: bool = True) -> None:
+    """Write the members that failed and, for a whole sweep, the result, unless it is current."""
+    write_failures(store.folder / "failures.json", [*store.failures()])
+    if (
+        whole
+        and store.frame is not None
+        and (store.contents.exported is None or store.lost_files())
+    ):
+        export(store)
 
 
 def _ended(
@@ -132,22 +150,22 @@ def _ended(
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
     """The members of a chunk that are missing."""
     chunk = spec.chunk(number)
-    job, missing = Job.of(spec, chunk, wide), store.missing(chunk).ravel()
+    job, missing = Job.of(spec, chunk, wide), (store.read(number)[0] != DONE).ravel()
     # One that is whole has those too that stand in for others, so that it is of the usual length.
     return job if missing.all() else job.part(spec.places(chunk)[missing])
 
 
 @contextlib.contextmanager
-def _writing(folder: Path) -> Iterator[None]:
-    """Say where there was no room."""
+def no_room_reported(folder: Path) -> Iterator[None]:
+    """Say in an error of a full disk that what is written is kept."""
     try:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise OSError(
                 error.errno,
-                f"{os.strerror(error.errno)}; what is written is whole, and a run with resume "
-                "goes on with it",
+                f"{os.strerror(error.errno)}; chunks that ended are kept; make room, and resume "
+                "the sweep",
                 str(folder),
             ) from error
         raise

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .design import RANDOM_DIMENSION
-from .files import kept_spec
 from .results import open_sweep
-from .storage.states import reading
+from .storage.damage import reading
+from .storage.store import SweepStore
 
 
 if TYPE_CHECKING:
@@ -72,7 +72,8 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
         >>> found[0].variable, found[0].parameter
         ('count', 'bounce')
     """
-    spec = kept_spec(Path(out))
+    with SweepStore(Path(out)) as store:
+        spec = store.spec
     if not spec.has_indices:
         raise ValueError(
             f'{out}: Sobol indices need the samples of design = "saltelli", in the table [random]'

@@ -1,24 +1,24 @@
 """Sweeps in shards: jobs of an array compute a part each, and `merge_sweep` puts them together."""
 
+import contextlib
 import dataclasses
+import math
 import os
 import re
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from .files import kept_spec
-from .results import SweepStatus
-from .run import run_sweep
-from .storage.frame import frame_of
-from .storage.lock import holder
-from .storage.states import DONE, FAILED
-from .storage.store import SweepStore, made_with
-from .workers.engines import Outcomes, Take
-from .workers.progress import Progress
-from .workers.work import Computed, Failed, Job, jax_is_wide
+from .results import SweepStatus, sweep_status
+from .run import finish, no_room_reported
+from .storage.digests import made_with
+from .storage.lock import holder, locked
+from .storage.opening import opened
+from .storage.store import DONE, SweepStore
+from .workers.progress import Count, Progress
+from .workers.work import jax_is_wide
 
 
 _FOLDER = "shards"
@@ -103,32 +103,52 @@ def merge_sweep(
     """
     folder = Path(out)
     shards = _shards(folder)
-    specs = [kept_spec(shard.folder(folder)) for shard in shards]
-    spec = specs[0]
-    made = made_with(spec, jax_is_wide())
-    readers, unfinished = [], []
-    for shard, own in zip(shards, specs, strict=True):
-        there = shard.folder(folder)
-        if (process := holder(there / "lock")) is not None:
-            raise BlockingIOError(f"{there}: {process} is at work on it")
-        if changes := spec.differences(own):
-            raise ValueError(f"{there}: not the specification of shard 1: {'; '.join(changes)}")
-        store = SweepStore(there, own, made)
-        if others := store.differences():
-            raise ValueError(f"{there}: computed with others: {'; '.join(others)}")
-        readers.append(_Reader(store))
+    with contextlib.ExitStack() as stack:
+        stores = [stack.enter_context(SweepStore(shard.folder(folder))) for shard in shards]
+        spec = stores[0].spec
+        made = made_with(spec, jax_is_wide())
+        _check_shards(folder, shards, stores, made)
+        stack.enter_context(no_room_reported(folder))
+        stack.enter_context(locked(folder / "lock"))
+        whole = stack.enter_context(opened(folder, spec, True, made))
+        for store in stores:
+            if store.frame is not None:
+                whole.check(store.frame)
+        missing = np.flatnonzero(whole.states != DONE).tolist()
+        count = Count(spec.chunk_count, spec.chunk_count - len(missing))
+        if progress is not None:
+            progress(count.progress(()))
+        for number in missing:
+            failures = whole.copy(stores[number % len(stores)], number)
+            count.add(math.prod(spec.chunk(number).shape))
+            if progress is not None:
+                progress(count.progress(tuple(failures)))
+        finish(whole)
+    return sweep_status(folder)
+
+
+def _check_shards(
+    folder: Path, shards: Sequence[Shard], stores: Sequence[SweepStore], made: Mapping[str, Any]
+) -> None:
+    """Raise an error if shards cannot be merged."""
+    spec, unfinished = stores[0].spec, []
+    for shard, store in zip(shards, stores, strict=True):
+        if (process := holder(store.folder / "lock")) is not None:
+            raise BlockingIOError(f"{store.folder}: {process} is at work on it")
+        if changes := spec.differences(store.spec):
+            raise ValueError(
+                f"{store.folder}: not the specification of shard 1: {'; '.join(changes)}"
+            )
+        if others := store.differences(made):
+            raise ValueError(
+                f"{store.folder}: made with other versions or files: {'; '.join(others)}"
+            )
         chunks = shard.chunks(spec.chunk_count)
-        done = sum(map(readers[-1].has, chunks))
+        done = sum(map(store.has_outcomes, chunks))
         if done < len(chunks):
             unfinished.append(f"{shard.number}/{shard.count} ({done} of {len(chunks)} chunks)")
     if unfinished:
         raise ValueError(f"{folder}: shards that are not done: {_listed(unfinished)}")
-
-    def read(take: Take) -> Outcomes:
-        for job in iter(take, None):
-            yield job, readers[job.number % len(readers)].outcome(job)
-
-    return run_sweep(spec, folder, engine=read, resume=True, progress=progress)
 
 
 def _shards(folder: Path) -> list[Shard]:
@@ -159,42 +179,3 @@ def _shards(folder: Path) -> list[Shard]:
 def _listed(some: Sequence[str]) -> str:
     more = f", ... ({len(some)} in all)" * (len(some) > _MAX_LISTED)
     return ", ".join(some[:_MAX_LISTED]) + more
-
-
-class _Reader:
-    """The outcomes that are in the store of a shard."""
-
-    def __init__(self, store: SweepStore) -> None:
-        self._store, self._states = store, store.states()
-        self._frame = frame_of(store)
-        failures = [*store.failures(self._states)]
-        self._failures = {tuple(one.index.values()): one for one in failures}
-        self._failed = Counter(one.chunk for one in failures)
-
-    def has(self, number: int) -> bool:
-        """Whether all members of a chunk are done or have failed."""
-        if self._states[number] != FAILED:
-            return bool(self._states[number] == DONE)
-        missing = self._store.missing(self._store.spec.chunk(number))
-        return int(missing.sum()) == self._failed[number]
-
-    def outcome(self, job: Job) -> Computed | Failed:
-        """The outcome of a job: a failure if one of its members failed."""
-        store = self._store
-        chunk = store.spec.chunk(job.number)
-        lengths = tuple(store.spec.lengths.values())
-        # At an edge the last member stands in for those beyond.
-        inside = [
-            np.minimum(places, size - 1)
-            for places, size in zip(np.unravel_index(job.places, lengths), chunk.shape, strict=True)
-        ]
-        starts = [part.start for part in chunk.region]
-        for row in zip(*inside, strict=True):
-            place = tuple(start + int(one) for start, one in zip(starts, row, strict=True))
-            if (failure := self._failures.get(place)) is not None:
-                return Failed(failure.message, failure.trace)
-        variables = {
-            name: dataclasses.replace(one, values=store.read(name, chunk)[tuple(inside)])
-            for name, one in self._frame.variables.items()
-        }
-        return dataclasses.replace(self._frame, variables=variables)

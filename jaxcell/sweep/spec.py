@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.bundled import bundled_names
 from .design import SALTELLI, Parameter, check_name, parameter_difference, read_parameters
 
 
@@ -82,15 +83,8 @@ class Spec:
     "How many chunk members lie along each dimension; at an edge fewer may."
 
     @classmethod
-    def load(
-        cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None
-    ) -> "Spec":
-        """Read a specification.
-
-        **Arguments:**
-
-        - `path`: the file.
-        - `folder`: where names of files in it start; by default the folder of the file.
+    def load(cls, path: str | os.PathLike[str]) -> "Spec":
+        """Read a specification from a file.
 
         **Raises:** `ValueError` that names the file, the field, and what is wrong;
         `FileNotFoundError`.
@@ -100,10 +94,23 @@ class Spec:
             raise FileNotFoundError(f"{path}: there is no such file")
         if path.is_dir():
             raise ValueError(f"{path}: expected a specification in TOML, got a directory")
-        text = path.read_bytes()
+        return cls.parse(path.read_bytes(), path, path.parent)
+
+    @classmethod
+    def parse(cls, text: bytes, path: Path, folder: Path) -> "Spec":
+        """Parse a specification.
+
+        **Arguments:**
+
+        - `text`: the specification.
+        - `path`: its file, for errors.
+        - `folder`: where the paths of files in it start.
+
+        **Raises:** `ValueError` that names the file, the field, and what is wrong.
+        """
         try:
             document = tomllib.loads(text.decode("utf-8"))
-            return cls._read(path, path.parent if folder is None else Path(folder), text, document)
+            return cls._read(path, folder, text, document)
         except RecursionError:
             raise ValueError(f"{path}: its brackets are nested too deeply") from None
         except ValueError as error:
@@ -144,6 +151,18 @@ class Spec:
                 f"{_MAX_CHUNKS}, so larger ones"
             )
         return spec
+
+    @property
+    def folders(self) -> list[Path]:
+        """Where the paths of files may start: the folder of the specification, then the current."""
+        return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
+
+    def find_file(self, name: str) -> Path | None:
+        """Find the file or folder that a path in the specification names, or `None`."""
+        if name.startswith("@"):
+            return bundled_names().get(name[1:])
+        paths = (folder / name for folder in self.folders)
+        return next((path for path in paths if os.path.exists(path)), None)
 
     @functools.cached_property
     def dimensions(self) -> dict[str, int]:

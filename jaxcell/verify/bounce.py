@@ -1,5 +1,3 @@
-from typing import Any
-
 import numpy as np
 import scipy.sparse
 import shapely
@@ -9,7 +7,7 @@ from scipy.sparse import csgraph
 from .. import bounce as bouncing
 from ..bounce import BounceGroups, LocalizationFilter
 from ..mapping import SimpleMap
-from ..space import CellSpace
+from ..space import CELL_BY_CELL, CellSpace, Motion
 from .comparison import Comparison, sample
 
 
@@ -25,8 +23,7 @@ def compare_images(
     bounce: float,
     *,
     only: Int[np.ndarray, "some"] | None = None,
-    step: float | None = None,
-    collision: str = "swept",
+    motion: Motion = CELL_BY_CELL,
 ) -> Comparison:
     """Compare the images of some cells with steps that shapely makes in the free space.
 
@@ -36,10 +33,10 @@ def compare_images(
     - `simple_map`: the map to compare.
     - `bounce`: its bouncing angle, in radians.
     - `only`: the cells to compare; by default 200 of all.
-    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+    - `motion`: how the robot moves.
     """
     z = sample(cells.size, _IMAGES) if only is None else only
-    target, clear = _targets(cells, z, step or cells.cell, collision)
+    target, clear = _targets(cells, z, motion)
     direction, position = np.divmod(z, cells.positions)
     bumps = target == position
     shift = round(bounce * cells.directions / (2 * np.pi))
@@ -54,7 +51,7 @@ def compare_images(
 
 
 def _targets(
-    cells: CellSpace, z: Int[np.ndarray, "cells"], step: float, collision: str
+    cells: CellSpace, z: Int[np.ndarray, "cells"], motion: Motion
 ) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
     """The position after a step from each cell, its own where the robot bumps; and whether that
     does not depend on what a step is that touches walls on both sides, or ends in a corner.
@@ -66,45 +63,40 @@ def _targets(
     shapely.prepare(grown)
     x, y, theta = cells.centre(z)
     start, ahead = np.stack([x, y], axis=1), np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    end = start + step * ahead
+    end = start + (motion.step or cells.cell) * ahead
     square = np.floor(np.round((end - cells.origin) / cells.cell, 9)).astype(int)
     limits = np.array(cells.free.shape[::-1])
     inside = ((square >= 0) & (square < limits)).all(axis=1)
     column, row = np.clip(square, 0, limits - 1).T
     inside &= cells.free[row, column]
 
-    def lines(aside: Float[np.ndarray, "cells 2"] | float = 0.0) -> np.ndarray:
-        return shapely.linestrings(np.stack([start + aside, end + aside], axis=1))
+    def parts(aside: Float[np.ndarray, "cells 2"] | float = 0.0) -> np.ndarray:
+        return motion.rule.part(np.stack([start + aside, end + aside], axis=1))
 
-    if collision == "endpoint":
-        # The space is closed: what is on a wall is in it.
-        free = shapely.covers(grown, shapely.points(end))
-        clear = np.ones(len(free), bool)
-    else:
-        # A step that touches a wall on one side only is free a little to the other side.
-        side = 10 * near * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
-        beside = shapely.covers(grown, lines(side)) | shapely.covers(grown, lines(-side))
-        touches = shapely.covers(grown, lines())
-        free = shapely.covers(shrunk, lines()) | (touches & beside)
-        clear = ~inside | free | ~touches
+    # A step that touches a wall on one side only is free a little to the other side.
+    side = 10 * near * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    beside = shapely.covers(grown, parts(side)) | shapely.covers(grown, parts(-side))
+    touches = shapely.covers(grown, parts())
+    free = shapely.covers(shrunk, parts()) | (touches & beside)
+    clear = ~inside | free | ~touches
     ends = cells.position_of_square[row, column]
     return np.where(inside & free, ends, z % cells.positions), clear
 
 
 def compare_straight(
-    cells: CellSpace, only: Int[np.ndarray, "some"] | None = None, **motion: Any
+    cells: CellSpace, only: Int[np.ndarray, "some"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
-    """The map of steps straight on, compared with shapely; `motion` is a step and a collision."""
-    straight = bouncing.bounce_map(cells, 0.0, **motion)
-    return straight, compare_images(cells, straight, 0.0, only=only, **motion)
+    """Make the map of steps straight on, and compare it with steps that shapely makes."""
+    straight = bouncing.bounce_map(cells, 0.0, motion=motion)
+    return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 
 
 def compare_groups(found: BounceGroups) -> list[Comparison]:
     """Compare periodic groups with the components of the graph of images, by scipy."""
     compared = []
     for i, bounce in enumerate(found.bounce.tolist()):
-        mapped = bouncing.bounce_map(found.cells, bounce, **found.motion)
-        compared.append(compare_images(found.cells, mapped, bounce, **found.motion))
+        mapped = bouncing.bounce_map(found.cells, bounce, motion=found.motion)
+        compared.append(compare_images(found.cells, mapped, bounce, motion=found.motion))
         by_group, away, around = _components(np.asarray(mapped.image))
         wrong = [
             f"cell {z}: its {name} is {ours[z]}, and {again[z]} by components"

@@ -1,10 +1,10 @@
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy.optimize
 import scipy.sparse
 
-from ..bounce import CoveragePolicy
+from ..bounce import CELL_BY_CELL, CoveragePolicy, Motion
 from ..mapping import SimpleMap
 from ..space import CellSpace
 from .bounce import compare_straight
@@ -22,7 +22,7 @@ def compare_coverage(
     reliability: float,
     *,
     weights: Literal["basin", "size"] = "basin",
-    **motion: Any,
+    motion: Motion = CELL_BY_CELL,
 ) -> list[Comparison]:
     """A mixture of bouncing policies against matrices made anew and general-purpose solvers.
 
@@ -32,7 +32,7 @@ def compare_coverage(
     - further ones: as for [`jaxcell.bounce.coverage_policy`][].
     """
     cells = policy.cells
-    straight, images = compare_straight(cells, **motion)
+    straight, images = compare_straight(cells, motion=motion)
     moved, ends, shares = [], [], []
     for i, bounce in enumerate(policy.bounce.tolist()):
         P = _matrix(cells, straight, bounce, error, reliability)

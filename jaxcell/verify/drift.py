@@ -6,7 +6,7 @@ from scipy.sparse import csgraph
 
 from ..base.certificate import Outcome
 from ..drift import SeaDrift, SeaVoyage
-from ..drift.ends import LayerEnds
+from ..drift.results.ends import LayerEnds
 from ..drift.results.sea_layers import SeaLayers
 from .comparison import Comparison, solve_transient
 

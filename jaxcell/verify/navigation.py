@@ -1,11 +1,9 @@
-from typing import Any
-
 import numpy as np
 import scipy.sparse
 from jaxtyping import Int
 from scipy.sparse import csgraph
 
-from ..bounce import Plan
+from ..bounce import CELL_BY_CELL, Motion, Plan
 from .bounce import compare_straight
 from .comparison import Comparison
 
@@ -15,7 +13,7 @@ _MAX_STATES = 300_000
 _SEARCH = "cost of the plan, by Dijkstra's algorithm on cells and the angle in use"
 
 
-def compare_plan(plan: Plan, **motion: Any) -> list[Comparison]:
+def compare_plan(plan: Plan, motion: Motion = CELL_BY_CELL) -> list[Comparison]:
     """Compare a plan with its steps by exact geometry, and with a search of the whole graph.
 
     The graph has a layer for each angle in use; in the last none has been used so far. That the
@@ -24,9 +22,9 @@ def compare_plan(plan: Plan, **motion: Any) -> list[Comparison]:
     **Arguments:**
 
     - `plan`: the plan, of method `"exact"`.
-    - `motion`: its `step` and `collision`, as for [`jaxcell.bounce.plan`][].
+    - `motion`: how its robot moves.
     """
-    straight, images = compare_straight(plan.cells, np.unique(plan.visited), **motion)
+    straight, images = compare_straight(plan.cells, np.unique(plan.visited), motion)
     directions, size = plan.cells.directions, plan.cells.size
     turns = np.rint(plan.roadmap.bounces * directions / (2 * np.pi)).astype(int) % directions
     if (turns.size + 1) * size > _MAX_STATES:

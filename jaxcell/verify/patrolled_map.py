@@ -2,7 +2,8 @@ import networkx as nx
 import numpy as np
 import shapely
 
-from ..patrol import PatrolledMap, Policy
+from ..patrol import PatrolledMap
+from ..patrol.map import Policy
 from .comparison import Comparison, sample
 
 

@@ -16,12 +16,12 @@ def compare_policy(found: LocalizationPolicy) -> list[Comparison]:
 
     - `found`: the policy.
     """
-    mapped = bounce_map(found.cells, found.bounces, **found.motion)
+    mapped = bounce_map(found.cells, found.bounces, motion=found.motion)
     images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)[0]
     compared = []
     for i, bounce in enumerate(found.bounces.tolist()):
         one = type(mapped)(mapped.image[i], mapped.bumped[i])
-        compared.append(compare_images(found.cells, one, bounce, **found.motion))
+        compared.append(compare_images(found.cells, one, bounce, motion=found.motion))
     wrong, starts = [], sample(found.cells.size, _STARTS)
     for start in starts.tolist():
         cell, state, left, bumps = start, found.policy.start(), np.arange(bumped.size), 0

@@ -1,12 +1,11 @@
 import itertools
-from typing import Any
 
 import networkx as nx
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from ..bounce import TeamTrajectory
+from ..bounce import CELL_BY_CELL, Motion, TeamTrajectory
 from ..bounce.joint import squares_of
 from ..mapping import SimpleMap
 from .bounce import compare_straight
@@ -18,7 +17,7 @@ _PLACES = 200
 
 
 def compare_team(
-    team: TeamTrajectory, bounces: Float[np.ndarray, "angles"], **motion: Any
+    team: TeamTrajectory, bounces: Float[np.ndarray, "angles"], motion: Motion = CELL_BY_CELL
 ) -> list[Comparison]:
     """Compare some steps of a joint trajectory with the rule of collisions, pair by pair.
 
@@ -28,7 +27,7 @@ def compare_team(
     - `bounces`, and `motion`: as for [`jaxcell.bounce.team_trajectory`][].
     """
     cells, visited = team.cells, np.unique(team.cell)
-    straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], **motion)
+    straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)
     angles = np.broadcast_to(bounces, team.starts.size)
     turns = np.rint(angles * cells.directions / (2 * np.pi)).astype(int)
     # The step before a part begins is the turn of one robot.

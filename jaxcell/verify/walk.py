@@ -8,7 +8,8 @@ import scipy.special
 
 from ..optimize import Linear, conic, shortest_tour
 from ..optimize.tour import on_walk
-from ..patrol import GraphPatrol, StrategyGame
+from ..patrol import GraphPatrol
+from ..patrol.walks import StrategyGame
 from .comparison import Comparison, sample, solve_transient
 
 

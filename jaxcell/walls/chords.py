@@ -136,7 +136,7 @@ def _followed(
         rows, pairs, level = *_finer(rows, pairs, level, slices), level - 1
     rows, pairs = _cut_at_corners(boundary, rows, pairs, low, high, gap)
     low, high = _ends(rows.slice, 0, slices, width)
-    met = Met.of(boundary, rows, pairs, low, high, displacement)
+    met = Met.of(boundary, rows, pairs, low, high, displacement, apart=True)
     kept = Met(*(part[..., met.keep] for part in met))
     return rows.take(pairs.row[met.keep]), pairs.wall[met.keep], kept
 

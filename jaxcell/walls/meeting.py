@@ -56,12 +56,16 @@ class Met(NamedTuple):
         low: Float[np.ndarray, "rows"],
         high: Float[np.ndarray, "rows"],
         displacement: float,
+        *,
+        apart: bool = False,
     ) -> "Met":
         """Find which walls are met, and where, from all of a stretch with all of a slice.
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
         at the four corners of the stretch and the slice. A wall is left out if no corner leads
-        to it, or if walls before it stand in the way of every ray.
+        to it, or if walls before it stand in the way of every ray. A ray from an end of a stretch
+        may graze a corner where all others meet a wall: it counts, unless the ends have rows of
+        their own (`apart`).
         """
         row, wall = pairs
         from_ = rows.wall[row]
@@ -117,9 +121,10 @@ class Met(NamedTuple):
             (_dot(boundary.tangent[after], normal) <= 0)
             & (_dot(ahead, boundary.normal[after]) > -ROUNDING),
         ]
-        first = whole & (lowest >= -ROUNDING) & ~(grazes[0] & (highest <= ROUNDING))
+        touched = (highest, lowest) if apart else (lowest, highest)
+        first = whole & (lowest >= -ROUNDING) & ~(grazes[0] & (touched[0] <= ROUNDING))
         last = whole & (highest <= length + ROUNDING)
-        last &= ~(grazes[1] & (lowest >= length - ROUNDING))
+        last &= ~(grazes[1] & (touched[1] >= length - ROUNDING))
         least = _times(np.maximum(np.minimum(near, far) - displacement, 0.0), stretch[0])
         most = _times(np.maximum(near, far) + displacement, stretch[1])
         most = np.minimum(most, _farthest_corner(boundary, rows, pairs) + displacement)

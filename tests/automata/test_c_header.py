@@ -56,14 +56,14 @@ def assert_agrees(program, filter, graph, count=15):
 
 
 @pytest.mark.parametrize("open_world", [False, True])
-def test_the_example_gives_the_colours_of_the_filter(labs, tmp_path, open_world):
+def test_compiled_example_gives_the_colours_of_the_filter(labs, tmp_path, open_world):
     for graph in labs.values():
         filter = Filter.of(subset_construction(*graph), open_world=open_world)
         assert_agrees(compiled(tmp_path, filter), filter, graph)
     assert_agrees(compiled(tmp_path, minimize(filter)), minimize(filter), graph)
 
 
-def test_the_header_is_c_plus_plus_too(labs, tmp_path):
+def test_header_compiles_as_cpp(labs, tmp_path):
     # An Arduino sketch is C++.
     graph = labs["b", 45]
     filter = Filter.of(subset_construction(*graph))
@@ -84,7 +84,7 @@ def test_tables_of_every_width(tmp_path, cells, width):
 
 
 @pytest.mark.parametrize(("states", "width"), [(255, 8), (256, 16), (65535, 16), (65536, 32)])
-def test_the_type_has_room_for_impossible(states, width):
+def test_state_type_has_room_for_impossible(states, width):
     # A circle where the robot senses nothing: all its states but the start by hand.
     transition = np.full((states, 2), -1, np.int32)
     transition[:-1, 0] = np.arange(1, states)
@@ -127,7 +127,7 @@ def test_any_name_makes_identifiers(labs, name):
     assert text == plain.replace("filter_", f"{prefix}_").replace("FILTER_", f"{prefix.upper()}_")
 
 
-def test_names():
+def test_names_become_identifiers():
     filter = Filter(
         transition=np.array([[0, -1]], np.int32),
         uncertainty=np.ones(1, np.int32),

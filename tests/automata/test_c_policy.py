@@ -64,7 +64,7 @@ def some_run(policy, rng):
     ("compiler", "standard", "states", "longest"),
     [("cc", "c99", 40, 5), ("cc", "c99", 300, 270), ("c++", "c++11", 40, 5)],
 )
-def test_the_header_does_what_the_policy_does(tmp_path, compiler, standard, states, longest):
+def test_compiled_header_follows_the_policy(tmp_path, compiler, standard, states, longest):
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler} to compile with")
     rng = np.random.default_rng(0)
@@ -96,7 +96,7 @@ def test_the_header_does_what_the_policy_does(tmp_path, compiler, standard, stat
     assert ends >= {(True, False), (False, True)}
 
 
-def test_the_tables_have_the_widths_that_are_said():
+def test_tables_have_the_reported_widths():
     policy = random_policy(np.random.default_rng(1), 300, 400)
     text = policy_to_c_header(policy)
     found = re.findall(r"static const uint(\d+)_t \w+\[", text)

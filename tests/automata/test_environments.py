@@ -7,7 +7,7 @@ from jaxcell.automata import Environments, Filter, subset_construction
 
 
 @given(data=st.data(), string=st.text("01", max_size=15), open_world=st.booleans())
-def test_each_map_is_filtered_by_itself(graphs, data, string, open_world):
+def test_maps_are_filtered_independently(graphs, data, string, open_world):
     maps = data.draw(st.lists(graphs, min_size=1, max_size=4))
     filters = {
         f"map {i}": Filter.of(subset_construction(*graph), open_world=open_world)
@@ -24,7 +24,7 @@ def test_each_map_is_filtered_by_itself(graphs, data, string, open_world):
         np.testing.assert_array_equal(cells, filters[name].cells(int(runs[name].states[-1])))
 
 
-def test_a_robot_finds_out_which_lab_it_is_in(labs):
+def test_robot_identifies_its_lab(labs):
     filters = {room: Filter.of(subset_construction(*labs[room, 45])) for room in "ab"}
     outcomes = set()
     for room in "ab":

@@ -71,7 +71,7 @@ def test_has_as_many_classes_as_automata_lib(machine):
 
 
 @given(machines(most=40))
-def test_the_classes_make_a_machine(machine):
+def test_images_of_a_class_are_in_one_class(machine):
     found = equivalence(*machine)
     firsts = [np.flatnonzero(found.label == one)[0] for one in range(found.count)]
     assert firsts == sorted(firsts)
@@ -81,7 +81,7 @@ def test_the_classes_make_a_machine(machine):
         np.testing.assert_array_equal(observation, observation[firsts][found.label])
 
 
-def test_a_long_corridor_and_a_code_that_must_be_entered_in_turn():
+def test_long_corridor_and_combination_lock():
     # A cell of the corridor is told by how far it is from the end, where it turns round.
     squares = 20_000
     cell = np.arange(2 * squares)
@@ -102,7 +102,7 @@ def test_a_long_corridor_and_a_code_that_must_be_entered_in_turn():
     np.testing.assert_array_equal(word[:-1], state[:digits] % 2)
 
 
-def test_refuses_what_is_no_machine():
+def test_bad_machines_are_refused():
     with pytest.raises(ValueError, match=r"images\[0, 1\] is 2; expected a state from 0 to 1"):
         equivalence(np.array([[0, 2]]), np.zeros((1, 2)))
     with pytest.raises(ValueError, match="expected at least one input and state"):

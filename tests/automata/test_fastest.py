@@ -21,7 +21,7 @@ def first_string(filter, uncertainty, longest):
 
 
 @given(data=st.data(), open_world=st.booleans())
-def test_equals_trying_all_strings(graphs, data, open_world):
+def test_string_is_the_first_of_all_that_localize(graphs, data, open_world):
     filter = Filter.of(subset_construction(*data.draw(graphs)), open_world=open_world)
     for uncertainty in (None, *(cycle.uncertainty for cycle in filter.cycles)):
         found = fastest_localization(filter, uncertainty)
@@ -34,7 +34,7 @@ def test_equals_trying_all_strings(graphs, data, open_world):
 
 
 @pytest.mark.parametrize("room", ["a", "b"])
-def test_labs(labs, room):
+def test_strings_of_labs(labs, room):
     filter = Filter.of(subset_construction(*labs[room, 45]))
     for cycle in filter.cycles:
         string = fastest_localization(filter, cycle.uncertainty)

@@ -78,7 +78,7 @@ def test_knowledge_cycles_are_the_closed_simple_cycles(graphs, data, open_world)
 
 
 @given(data=st.data(), string=strings)
-def test_a_state_is_what_is_possible(graphs, data, string):
+def test_cells_of_a_state_are_all_possible_cells(graphs, data, string):
     graph = data.draw(graphs)
     filter = filter_of(graph, open_world=True)
     run = filter.run(string)
@@ -98,7 +98,7 @@ def test_a_state_is_what_is_possible(graphs, data, string):
 
 
 @given(data=st.data(), string=strings)
-def test_a_closed_world_refuses_what_an_open_world_traps(graphs, data, string):
+def test_closed_world_refuses_strings_that_open_world_traps(graphs, data, string):
     graph = data.draw(graphs)
     closed, opened = filter_of(graph), filter_of(graph, open_world=True)
     run = opened.run(string)
@@ -147,7 +147,7 @@ def test_every_robot_is_localized_with_the_truth_among_its_cells(labs):
 
 
 @pytest.mark.parametrize("kind", [list, np.array, lambda bits: map(bool, bits)])
-def test_observations_of_every_kind(labs, kind):
+def test_observations_of_several_types(labs, kind):
     filter = filter_of(labs["a", 45])
     expected = filter.run("0100")
     np.testing.assert_array_equal(filter.run(kind([0, 1, 0, 0])).states, expected.states)
@@ -167,7 +167,7 @@ def test_other_digits_are_refused(labs):
         filter_of(labs["a", 45]).run("00x")
 
 
-def test_with_trap(labs):
+def test_with_trap_gives_the_open_world_filter(labs):
     for graph in labs.values():
         closed, opened = filter_of(graph), filter_of(graph, open_world=True)
         converted = closed.with_trap()
@@ -183,14 +183,14 @@ def test_with_trap(labs):
         assert opened.cells(opened.trap).size == 0
 
 
-def test_cells_of_no_state_are_refused(labs):
+def test_cells_of_missing_states_are_refused(labs):
     filter = filter_of(labs["a", 45])
     for state in (-1, 129):
         with pytest.raises(ValueError, match=f"state {state} does not exist; there are 129"):
             filter.cells(state)
 
 
-def test_cells_cannot_be_written(labs):
+def test_cells_are_read_only(labs):
     with pytest.raises(ValueError, match="read-only"):
         filter_of(labs["a", 45]).cells(0)[0] = 1
 
@@ -231,12 +231,12 @@ def parts(transition, **changes):
         (parts([[0, 1], [1, -1]], offsets=np.array([0, 3, 2])), "expected to rise from 0 to the 2"),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(arguments, message):
+def test_inconsistent_parts_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         Filter(**arguments)
 
 
-def test_a_cycle_that_an_edge_leaves_is_no_knowledge_cycle():
+def test_cycle_with_an_exit_is_no_knowledge_cycle():
     # Subset construction makes no such automaton, a caller may.
     filter = Filter(**parts([[1, -1], [0, 2], [2, -1]]))
     assert [cycle.states.tolist() for cycle in filter.cycles] == [[2]]

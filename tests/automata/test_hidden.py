@@ -66,7 +66,7 @@ def test_beliefs_are_those_of_all_paths(seed, observations):
 
 @few
 @cases
-def test_nowhere_is_a_coin_that_a_robot_may_turn_into_at_each_time(seed, observations):
+def test_nowhere_is_the_posterior_of_getting_lost_at_any_time(seed, observations):
     hidden = random_map(seed)
     state = Belief(hidden).start()
     for observation in observations:
@@ -100,7 +100,7 @@ def test_sets_are_those_of_all_paths(seed, observations):
     assert list(members) == state.tolist()
 
 
-def test_few_cells_are_followed_row_by_row_to_where_the_whole_matrix_leads():
+def test_row_selection_equals_the_whole_matrix():
     hidden = random_map(1, cells=40)
     one = np.eye(40)[7] / 2
     for event, part in enumerate((hidden.moves, *hidden.bumps)):
@@ -110,7 +110,7 @@ def test_few_cells_are_followed_row_by_row_to_where_the_whole_matrix_leads():
         np.testing.assert_array_equal(found, np.flatnonzero(again))
 
 
-def test_a_map_with_one_image_has_the_automaton_of_the_subset_construction():
+def test_map_with_one_image_gives_subset_construction():
     rng = np.random.default_rng(3)
     image, bumped = rng.integers(0, 30, 30), rng.random(30) < 0.3
     both = np.zeros((30, 60))
@@ -121,12 +121,12 @@ def test_a_map_with_one_image_has_the_automaton_of_the_subset_construction():
     np.testing.assert_array_equal(found.members, expected.members)
 
 
-def test_sets_that_outgrow_the_limit_are_refused():
+def test_sets_beyond_the_limit_are_refused():
     with pytest.raises(ValueError, match="more than the limit of 20; follow sets"):
         Bounded.of(random_map(1, 12)).automaton(limit=20)
 
 
-def test_a_belief_of_what_cannot_be_is_nowhere():
+def test_impossible_observation_makes_the_belief_nowhere():
     hidden = HiddenMap.of(np.eye(2), np.zeros((2, 2)), np.arange(2), np.ones(2) / 2)
     belief = Belief(hidden)
     state = belief.observe(belief.start(), 1)
@@ -135,7 +135,7 @@ def test_a_belief_of_what_cannot_be_is_nowhere():
     assert Bounded.of(hidden).estimate(np.empty(0, np.int32)).nowhere == 1
 
 
-def test_a_run_that_a_coin_explains_better_becomes_nowhere():
+def test_run_that_a_coin_explains_better_becomes_nowhere():
     # It moves nine times of ten, and the robot always bumps.
     moves, bumps = np.array([[0.95]]), np.array([[0.05]])
     belief = Belief(HiddenMap.of(moves, bumps, np.zeros(1, int), np.ones(1)))
@@ -179,7 +179,7 @@ def entropy_of_all_paths(hidden, weight):
 
 @few
 @given(st.integers(0, 10_000), st.lists(st.integers(0, 1), max_size=3))
-def test_a_belief_turns_so_that_the_next_bump_tells_most(seed, observations):
+def test_turn_minimises_the_entropy_at_the_next_bump(seed, observations):
     hidden = map_with_angles(seed)
     belief = Belief(hidden)
     state = belief.start()
@@ -200,7 +200,7 @@ def test_a_belief_turns_so_that_the_next_bump_tells_most(seed, observations):
 
 @few
 @given(st.integers(0, 10_000), st.lists(st.integers(0, 2), min_size=1, max_size=4))
-def test_a_run_is_looked_back_on_by_its_turns(seed, events):
+def test_smoothing_uses_the_turns_of_a_run(seed, events):
     hidden = map_with_angles(seed)
     paths, belief = all_paths(hidden, events), Belief(hidden)
     first = np.bincount([path[0] for path in paths], list(paths.values()), hidden.cells)
@@ -209,19 +209,19 @@ def test_a_run_is_looked_back_on_by_its_turns(seed, events):
     assert paths[tuple(best.tolist())] == pytest.approx(max(paths.values()))
 
 
-def test_a_robot_that_never_bumps_has_what_it_knows():
+def test_entropy_of_a_robot_that_never_bumps():
     hidden = HiddenMap.of(np.eye(4), np.zeros((4, 4)), np.arange(4), np.ones(4) / 4)
     assert expected_entropy(hidden, np.ones(4)) == 2
     assert expected_entropy(hidden, np.zeros(4)) == 0
     assert expected_entropy(hidden, np.array([0.5, 0.5, 5e-324, 0.0])) == 1
 
 
-def test_sets_are_for_one_angle():
+def test_sets_of_several_angles_are_refused():
     with pytest.raises(ValueError, match="expected a map of one angle, got 2"):
         Bounded.of(map_with_angles(0))
 
 
-def test_a_bump_does_not_depend_on_the_angle_after_it():
+def test_bump_probabilities_that_depend_on_the_angle_are_refused():
     with pytest.raises(ValueError, match="bumps: expected the same probability of a bump"):
         HiddenMap.of(
             np.zeros((2, 2)), [np.eye(2), np.eye(2) / 2], np.arange(2), np.array([0.5, 0.5])
@@ -229,13 +229,13 @@ def test_a_bump_does_not_depend_on_the_angle_after_it():
 
 
 @pytest.mark.parametrize("share", [0.0, -1.0, 1.5, float("nan")])
-def test_a_share_out_of_range_is_refused(share):
+def test_shares_out_of_range_are_refused(share):
     with pytest.raises(ValueError, match="share: expected more than 0 and at most 1"):
         Belief(random_map(0), share=share)
 
 
 @pytest.mark.parametrize("hidden", [random_map(5), map_with_angles(5, angles=3)])
-def test_a_file_gives_the_same_belief(tmp_path, hidden):
+def test_hidden_map_is_read_back(tmp_path, hidden):
     path = tmp_path / "belief.jxb"
     hidden.save(path)
     again = HiddenMap.load(path)
@@ -247,7 +247,7 @@ def test_a_file_gives_the_same_belief(tmp_path, hidden):
 
 
 @pytest.mark.parametrize("cut", [0, 10, 200])
-def test_a_damaged_file_is_refused_by_its_name(tmp_path, cut):
+def test_damaged_hidden_map_is_refused_with_its_file(tmp_path, cut):
     path = tmp_path / "belief.jxb"
     random_map(5).save(path)
     path.write_bytes(path.read_bytes()[:cut])
@@ -265,13 +265,13 @@ def test_a_damaged_file_is_refused_by_its_name(tmp_path, cut):
         (np.eye(2), np.ones(2), "start: expected a distribution"),
     ],
 )
-def test_what_is_no_hidden_map_is_refused(moves, start, match):
+def test_bad_hidden_maps_are_refused(moves, start, match):
     zero = np.zeros_like(moves)
     with pytest.raises(ValueError, match=match):
         HiddenMap.of(moves, zero, np.zeros(start.size, int), start)
 
 
-def test_a_large_map_is_read_back(tmp_path):
+def test_large_hidden_map_is_read_back(tmp_path):
     """The shares of the start are rounded in the file, and there are many of them."""
     cells = 50_000
     part = scipy.sparse.eye_array(cells) / 2
@@ -281,7 +281,7 @@ def test_a_large_map_is_read_back(tmp_path):
     np.testing.assert_allclose(again.start, hidden.start, atol=2.0**-30)
 
 
-def test_the_likeliest_path_of_a_map_whose_least_probabilities_were_rounded_to_0(tmp_path):
+def test_likeliest_path_allows_probabilities_rounded_to_0(tmp_path):
     moves = np.array([[1 - 1e-12, 1e-12], [0.0, 1.0]])
     HiddenMap.of(moves, 0 * moves, np.arange(2), np.array([0.9, 0.1])).save(tmp_path / "belief.jxb")
     hidden = HiddenMap.load(tmp_path / "belief.jxb")

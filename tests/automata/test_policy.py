@@ -51,7 +51,7 @@ def test_follows_observations(word, color, uncertainty, turn, cells):
     assert state.refuted == (color == 5)
 
 
-def test_says_which_observation_cannot_be():
+def test_impossible_observations_are_located():
     assert follow("0110").refuted_at == 1
     assert follow("1").refuted_at is None
     with pytest.raises(ValueError, match="observation 3: expected none, as the policy has ended"):
@@ -60,7 +60,7 @@ def test_says_which_observation_cannot_be():
         follow("2")
 
 
-def test_is_the_same_after_a_file(tmp_path):
+def test_policy_is_read_back(tmp_path):
     path = tmp_path / "policy.jxf"
     SMALL.save(path)
     again = Policy.load(path)
@@ -89,13 +89,13 @@ def test_is_the_same_after_a_file(tmp_path):
         ({"metadata": {"x": float("nan")}}, "metadata: expected a JSON object"),
     ],
 )
-def test_refuses_what_is_no_policy(changes, message):
+def test_bad_policies_are_refused(changes, message):
     changes = {k: v if k == "metadata" else np.int32(v) for k, v in changes.items()}
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(SMALL, **changes)
 
 
-def test_refuses_a_policy_without_an_end():
+def test_policy_without_an_end_is_refused():
     with pytest.raises(ValueError, match="target: expected no state to lead back to itself"):
         Policy(
             turn=np.int32([-1, 0, 0]),

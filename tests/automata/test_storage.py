@@ -33,7 +33,7 @@ def assert_same(a, b):
 
 
 @given(data=st.data(), open_world=st.booleans())
-def test_what_is_loaded_is_what_was_saved(saved, graphs, data, open_world):
+def test_filter_is_read_back(saved, graphs, data, open_world):
     _, _, path = saved
     metadata = data.draw(st.dictionaries(st.text(), st.none() | st.floats(-1, 1) | st.text()))
     automaton = subset_construction(*data.draw(graphs))
@@ -42,7 +42,7 @@ def test_what_is_loaded_is_what_was_saved(saved, graphs, data, open_world):
     assert_same(Filter.load(path), filter)
 
 
-def test_large_arrays(tmp_path):
+def test_large_arrays_are_read_back(tmp_path):
     rng = np.random.default_rng(0)
     arrays = {
         "noise": rng.integers(-(2**31), 2**31, 300_000).astype(np.int32),
@@ -66,7 +66,7 @@ def test_equal_filters_give_equal_bytes(saved):
 
 
 @given(data=st.data())
-def test_an_altered_byte_is_refused_or_means_nothing(saved, data):
+def test_altered_bytes_are_refused_or_have_no_effect(saved, data):
     """A zip file has some bytes that nobody reads."""
     filter, path, other = saved
     content = bytearray(path.read_bytes())
@@ -82,7 +82,7 @@ def test_an_altered_byte_is_refused_or_means_nothing(saved, data):
 
 
 @given(data=st.data())
-def test_a_truncated_file_is_refused(saved, data):
+def test_truncated_files_are_refused(saved, data):
     _, path, other = saved
     content = path.read_bytes()
     other.write_bytes(content[: data.draw(st.integers(0, len(content) - 1))])
@@ -130,7 +130,7 @@ WHOLE = {"header": header(b"{}"), "a": npy(np.arange(3, dtype=np.int32))}
         ),
     ],
 )
-def test_a_forged_file_is_refused(tmp_path, forged, message):
+def test_forged_files_are_refused(tmp_path, forged, message):
     forge(tmp_path / "x", **WHOLE)
     assert storage.read_arrays(tmp_path / "x")[1]["a"].tolist() == [0, 1, 3]
     forge(tmp_path / "x", **WHOLE | forged)
@@ -138,13 +138,13 @@ def test_a_forged_file_is_refused(tmp_path, forged, message):
         storage.read_arrays(tmp_path / "x")
 
 
-def test_without_a_header_it_is_not_ours(tmp_path):
+def test_files_without_header_are_refused(tmp_path):
     forge(tmp_path / "x", a=WHOLE["a"])
     with pytest.raises(ValueError, match="x: not a jaxcell file"):
         storage.read_arrays(tmp_path / "x")
 
 
-def test_a_file_of_an_earlier_version_is_refused_with_the_reason(tmp_path):
+def test_files_of_earlier_versions_are_refused_with_the_reason(tmp_path):
     (tmp_path / "x").write_bytes(b"jaxcell\0\1\0\0\0 and more")
     with pytest.raises(
         ValueError, match=r"x: it is of an earlier version .* make the filter again"
@@ -171,7 +171,7 @@ def arrays_of(filter):
         ({}, {"transition": np.zeros(260, np.int32)}, "breadth-first order|a trap"),
     ],
 )
-def test_a_file_of_something_else_is_refused(saved, header, change, message):
+def test_inconsistent_filter_files_are_refused(saved, header, change, message):
     filter, _, other = saved
     header = {"kind": "filter", "open_world": True, "metadata": {}} | header
     storage.write_arrays(other, header, arrays_of(filter) | change)
@@ -180,7 +180,7 @@ def test_a_file_of_something_else_is_refused(saved, header, change, message):
 
 
 @pytest.mark.parametrize("missing", ["kind", "open_world", "metadata"])
-def test_a_missing_field_is_named(saved, missing):
+def test_missing_fields_are_named(saved, missing):
     filter, _, other = saved
     header = {"kind": "filter", "open_world": True, "metadata": {}}
     del header[missing]
@@ -189,7 +189,7 @@ def test_a_missing_field_is_named(saved, missing):
         Filter.load(other)
 
 
-def test_a_failed_save_leaves_the_old_file(saved, tmp_path, monkeypatch):
+def test_failed_save_keeps_the_old_file(saved, tmp_path, monkeypatch):
     filter, _, _ = saved
     target = tmp_path / "kept.filter"
     target.write_bytes(b"old")
@@ -204,7 +204,7 @@ def test_a_failed_save_leaves_the_old_file(saved, tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["kept.filter"]
 
 
-def test_a_save_replaces_the_old_file(saved, tmp_path):
+def test_save_replaces_the_old_file(saved, tmp_path):
     filter, path, _ = saved
     target = tmp_path / "kept.filter"
     target.write_bytes(b"old")

@@ -44,18 +44,12 @@ def test_states_of_table_2_1(labs, room, angle, states):
     assert len(subset_construction(*labs[room, angle]).transition) == states
 
 
+@pytest.mark.parametrize("narrow", [0, 48, 10**9])
 @given(data=st.data())
-def test_equals_sets_one_by_one(graphs, data):
-    graph = data.draw(graphs)
-    assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
-
-
-@pytest.mark.parametrize("narrow", [0, 10**9])
-@given(data=st.data())
-def test_each_kind_of_level_alone_equals_sets_one_by_one(graphs, narrow, data):
+def test_equals_sets_one_by_one(graphs, narrow, data):
     graph = data.draw(graphs)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(subset, "_NARROW", narrow)
+        patch.setattr(subset, "NARROW", narrow)
         assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
 
 
@@ -103,9 +97,9 @@ def test_equals_automata_lib(graphs, data):
 
 
 @given(data=st.data(), bits=st.integers(0, 2))
-def test_equal_hashes_of_different_sets_do_not_matter(graphs, data, bits):
+def test_hash_collisions_do_not_change_the_automaton(graphs, data, bits):
     graph = data.draw(graphs)
-    random_words, seeds = subset._random_words, []
+    random_words, seeds = subset.random_words, []
 
     def weak_words(cells, seed):
         seeds.append(seed)
@@ -114,8 +108,8 @@ def test_equal_hashes_of_different_sets_do_not_matter(graphs, data, bits):
 
     for narrow in (0, 48):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(subset, "_random_words", weak_words)
-            patch.setattr(subset, "_NARROW", narrow)
+            patch.setattr(subset, "random_words", weak_words)
+            patch.setattr(subset, "NARROW", narrow)
             assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
     # Words of zero bits cannot tell any two sets apart.
     if bits == 0 and len(sets_one_by_one(*graph)[1]) > 1:
@@ -123,13 +117,13 @@ def test_equal_hashes_of_different_sets_do_not_matter(graphs, data, bits):
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint32, np.int64])
-def test_any_integers(labs, dtype):
+def test_images_of_any_integer_type(labs, dtype):
     image, observation = labs["a", 45]
     expected = lists(subset_construction(image, observation))
     assert lists(subset_construction(image.astype(dtype), observation)) == expected
 
 
-def test_a_single_cell():
+def test_map_of_one_cell():
     found = subset_construction(np.array([0]), np.array([True]))
     assert lists(found) == ([[-1, 0]], [[0]])
 
@@ -148,8 +142,8 @@ def test_bad_images_are_refused(image, message):
 
 
 @pytest.mark.parametrize("narrow", [0, 10**9])
-def test_the_limit_is_on_the_total_size(labs, narrow, monkeypatch):
-    monkeypatch.setattr(subset, "_NARROW", narrow)
+def test_limit_is_the_total_size(labs, narrow, monkeypatch):
+    monkeypatch.setattr(subset, "NARROW", narrow)
     image, observation = labs["a", 45]
     total = subset_construction(image, observation).members.size
     assert subset_construction(image, observation, limit=total).members.size == total

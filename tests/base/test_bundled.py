@@ -8,10 +8,9 @@ import pytest
 
 from jaxcell import bundled
 from jaxcell.base.bundled import bundled_names
-from jaxcell.base.files import name_in_results
+from jaxcell.base.paths import name_in_results
 from jaxcell.cli import main
 from jaxcell.sweep import Spec
-from jaxcell.sweep.files import find_file
 
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from jaxcell.bounce import bounce_groups, bounce_map, coverage_policy, noisy_bounce_map
 from jaxcell.bounce.coverage import coverage_target
 from jaxcell.mapping.classes import persistent_groups
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import CellSpace, Motion, Workspace
 
 
 # Always as many free squares, since each number of cells is compiled once.
@@ -63,8 +63,10 @@ def test_a_wall_of_any_shape_and_both_collision_rules():
     round_room = Workspace([(0, 0), (3, 0), (3.5, 1), (3, 2.2), (0, 2)], robot_radius=0.1)
     cells = CellSpace.of(round_room, 0.5, 12)
     for collision in ("swept", "endpoint"):
-        chain = noisy_bounce_map(cells, math.pi / 2, math.pi / 6, 0.5, collision=collision)
-        exact = bounce_map(cells, math.pi / 2, collision=collision)
+        chain = noisy_bounce_map(
+            cells, math.pi / 2, math.pi / 6, 0.5, motion=Motion(collision=collision)
+        )
+        exact = bounce_map(cells, math.pi / 2, motion=Motion(collision=collision))
         np.testing.assert_array_equal(np.asarray(chain.image)[0], exact.image)
         branches = (np.asarray(chain.probability) > 0).sum(axis=0)
         np.testing.assert_array_equal(branches, np.where(exact.bumped, 3, 1))
@@ -83,10 +85,14 @@ def test_the_whole_algorithm_against_dense_linear_algebra(collision):
     cells = room()
     bounces = np.radians([45, 90, 225])
     wanted = np.arange(1.0, cells.positions + 1)
-    found = coverage_policy(cells, bounces, math.pi / 4, 0.7, wanted, collision=collision)
+    found = coverage_policy(
+        cells, bounces, math.pi / 4, 0.7, wanted, motion=Motion(collision=collision)
+    )
     columns = []
     for bounce, got in zip(bounces, found.limiting, strict=True):
-        chain = noisy_bounce_map(cells, float(bounce), math.pi / 4, 0.7, collision=collision)
+        chain = noisy_bounce_map(
+            cells, float(bounce), math.pi / 4, 0.7, motion=Motion(collision=collision)
+        )
         average = time_average(chain.to_scipy().toarray())
         np.testing.assert_allclose(got.value, average, atol=1e-12)
         columns.append(average.reshape(8, -1).sum(axis=0))
@@ -185,7 +191,7 @@ def bad(n, index, value):
 @pytest.mark.parametrize(
     ("target", "message"),
     [
-        (np.ones(4), r"expected 13 numbers, one a position, or an image, got shape \(4,\)"),
+        (np.ones(4), r"expected 13 numbers, one per position, or an image, got shape \(4,\)"),
         (np.ones((2, 2, 3)), r"got shape \(2, 2, 3\)"),
         (np.ones((0, 3)), r"got shape \(0, 3\)"),
         (np.zeros(13), "0 at all positions"),

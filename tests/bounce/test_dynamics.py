@@ -1,7 +1,6 @@
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -11,16 +10,16 @@ from jaxcell.bounce import (
     bounce_image,
     bounce_map,
     bounce_shift,
-    cell_walls,
-    grid_moves,
     group_summary,
     moves,
     wall_groups,
     walls,
 )
 from jaxcell.bounce.headings import Headings
+from jaxcell.bounce.wall_tables import Walls
 from jaxcell.mapping import periodic_groups
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
+from jaxcell.space.steps import Steps
 
 
 def grids(free):
@@ -62,7 +61,7 @@ def eq_2_4(cells, direction, position, shift):
 def test_image_follows_the_equation(grid, shift):
     free, directions = grid
     cells = CellSpace.of_grid(free, directions)
-    result = bounce_map(cells, 2 * math.pi * shift / directions, collision="endpoint")
+    result = bounce_map(cells, 2 * math.pi * shift / directions, motion=ENDPOINT)
     pairs = [eq_2_4(cells, *divmod(z, cells.positions), shift) for z in range(cells.size)]
     np.testing.assert_array_equal(result.image, [image for image, _ in pairs])
     np.testing.assert_array_equal(result.bumped, [bumped for _, bumped in pairs])
@@ -84,7 +83,7 @@ def test_a_bump_turns_in_place_and_a_move_keeps_the_direction():
 
 def test_swept_moves_are_endpoint_moves():
     cells = CellSpace.of(CURVED, 0.4, 24)
-    swept, endpoint = (moves(cells, step=0.7, collision=c) for c in ("swept", "endpoint"))
+    swept, endpoint = (moves(cells, motion=Motion(0.7, c)) for c in ("swept", "endpoint"))
     swept, endpoint = (np.asarray(m.target)[np.asarray(m.way)] for m in (swept, endpoint))
     still = np.arange(cells.positions)
     assert ((swept == endpoint) | (swept == still)).all()
@@ -101,7 +100,7 @@ def test_swept_moves_are_endpoint_moves():
     ],
 )
 def test_both_routes_to_the_groups_agree(cells, collision, length):
-    options = {"step": length * cells.cell, "collision": collision}
+    options = {"motion": Motion(length * cells.cell, collision)}
     angles = 2 * np.pi * np.arange(24) / 24
     batch = bounce_groups(cells, angles, **options)
     images = bounce_map(cells, angles, **options).image
@@ -144,7 +143,7 @@ def test_totals_are_those_of_the_summary():
     turns = np.array([0, 1, 6, 9])
     angles = 2 * math.pi * turns / 24
     summary = vars(group_summary(cells, angles).totals())
-    for name, total in vars(wall_groups(cell_walls(cells), turns)).items():
+    for name, total in vars(wall_groups(Walls.of(Steps.of(cells, Motion())), turns)).items():
         np.testing.assert_array_equal(summary[name], total[0], err_msg=name)
     alone = group_summary(cells, angles[1]).totals()
     assert {name: int(total) for name, total in vars(alone).items()} == {
@@ -162,28 +161,13 @@ def test_both_routes_agree_on_random_grids(free, shift):
         np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), err_msg=name)
 
 
-def test_grids_of_one_shape_map_under_vmap():
-    rng = np.random.default_rng(2)
-    grids = rng.random((100, 5, 6)) > 0.25
-
-    @jax.jit
-    @jax.vmap
-    def all_of(free):
-        image = bounce_image(grid_moves(free, 8), 3).image
-        return periodic_groups(image, jnp.tile(free.ravel(), 8))
-
-    batch = jax.device_get(all_of(grids))
-    # What is expected is compiled for each grid.
-    for i, free in enumerate(grids[:2]):
-        cells = CellSpace.of_grid(free, 8)
-        expected = bounce_groups(cells, 3 * 2 * math.pi / 8)
-        for name in ("group", "step", "period"):
-            found = getattr(batch, name)[i].reshape(8, -1)
-            np.testing.assert_array_equal(
-                found[:, cells.square].ravel(), getattr(expected, name), err_msg=name
-            )
-            assert (found[:, ~free.ravel()] == -1).all()
-        assert int(batch.count[i]) == int(expected.count)
+def test_images_of_all_angles_are_mapped_under_vmap():
+    cells = CellSpace.of(CURVED, 0.4, 24)
+    shift = np.arange(24, dtype=np.int32)
+    found = jax.jit(jax.vmap(bounce_image, (None, 0)))(moves(cells), shift)
+    expected = bounce_map(cells, 2 * math.pi * shift / 24)
+    np.testing.assert_array_equal(found.image, expected.image)
+    np.testing.assert_array_equal(found.bumped, expected.bumped)
 
 
 def test_an_angle_is_a_whole_number_of_directions():
@@ -196,24 +180,17 @@ def test_an_angle_is_a_whole_number_of_directions():
         bounce_shift(math.nan, 8)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"step": 0.5}, "step: expected at least one cell, 1 m, got 0.5 m"),
-        ({"step": math.nan}, "step"),
-        ({"step": math.inf}, "step"),
-    ],
-)
-def test_refuses(options, message):
+@pytest.mark.parametrize("step", [0.5, math.nan, math.inf])
+def test_steps_shorter_than_a_cell_or_not_finite_are_refused(step):
     cells = CellSpace.of_grid(np.ones((3, 3), bool), 8)
-    with pytest.raises(ValueError, match=message):
-        moves(cells, **options)
+    with pytest.raises(ValueError, match=f"step: expected at least one cell, 1 m, got {step} m"):
+        moves(cells, motion=Motion(step))
 
 
 def test_a_step_of_many_cells_is_blocked_on_the_way():
     free = np.array([[1, 1, 0, 1, 1]], bool)
     cells = CellSpace.of_grid(free, 4)
-    over, on_the_way = (moves(cells, step=3.0, collision=c) for c in ("endpoint", "swept"))
+    over, on_the_way = (moves(cells, motion=Motion(3.0, c)) for c in ("endpoint", "swept"))
     assert np.asarray(over.target)[0, 0] == 2
     assert np.asarray(on_the_way.target)[0, 0] == 0
 
@@ -225,10 +202,10 @@ def test_a_step_longer_than_the_map_bumps_everywhere(collision):
         cells = CellSpace.of_grid(free, 8)
         image = np.roll(np.arange(cells.size), -3 * cells.positions)
         for step in (10.0, 1e9):
-            result = bounce_map(cells, math.radians(135), step=step, collision=collision)
+            result = bounce_map(cells, math.radians(135), motion=Motion(step, collision))
             np.testing.assert_array_equal(result.image, image)
             assert bool(result.bumped.all())
-    found = bounce_groups(cells, math.radians(135), step=1e9, collision=collision)
+    found = bounce_groups(cells, math.radians(135), motion=Motion(1e9, collision))
     assert (int(found.count), set(found.period.tolist())) == (cells.positions, {8})
-    room = walls(free[None], 8, step=1e9, collision=collision)
+    room = walls(free[None], 8, motion=Motion(1e9, collision))
     assert room.count.tolist() == [[free.size]]

@@ -7,15 +7,16 @@ from hypothesis.extra import numpy as hnp
 
 from jaxcell import bundled
 from jaxcell.bounce import (
+    Walls,
     bounce_map,
-    cell_walls,
     grid_groups,
     heading_filter_sizes,
     wall_groups,
     walls,
 )
 from jaxcell.mapping import periodic_groups
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import CellSpace, Motion, Workspace
+from jaxcell.space.steps import Steps
 
 
 # One shape, so that little is compiled.
@@ -77,8 +78,8 @@ def test_groups_of_all_angles_are_those_of_a_walk(free, setting, data):
     directions, collision, step = setting
     shift = data.draw(st.integers(0, directions - 1))
     angles = 2 * math.pi * np.arange(directions) / directions
-    found = grid_groups(free, angles, directions, step=step, collision=collision)
-    image, _, _ = image_of(free, directions, shift, step=step, collision=collision)
+    found = grid_groups(free, angles, directions, motion=Motion(step, collision))
+    image, _, _ = image_of(free, directions, shift, motion=Motion(step, collision))
     assert told(found, shift) == measured(image)
 
 
@@ -103,13 +104,15 @@ def test_groups_are_those_of_periodic_groups_in_a_larger_room():
 @settings(max_examples=20)
 def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, collision):
     angles = np.radians([45, 90, 135])
-    together = grid_groups(np.array(rooms), angles, 8, collision=collision)
-    sizes = heading_filter_sizes(walls(np.array(rooms), 8, collision=collision), np.array([1, 3]))
+    together = grid_groups(np.array(rooms), angles, 8, motion=Motion(collision=collision))
+    sizes = heading_filter_sizes(
+        walls(np.array(rooms), 8, motion=Motion(collision=collision)), np.array([1, 3])
+    )
     for i, free in enumerate(rooms):
-        alone = grid_groups(free, angles, 8, collision=collision)
+        alone = grid_groups(free, angles, 8, motion=Motion(collision=collision))
         for angle in range(3):
             assert told(together, i, angle) == told(alone, angle)
-        only = walls(free[None], 8, collision=collision)
+        only = walls(free[None], 8, motion=Motion(collision=collision))
         np.testing.assert_array_equal(heading_filter_sizes(only, np.array([1, 3]))[0], sizes[i])
 
 
@@ -117,7 +120,7 @@ def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, collision):
 def test_filter_has_the_sets_that_observations_leave(free, setting, data):
     directions, collision, step = setting
     shift = data.draw(st.integers(0, directions - 1))
-    image, bumped, positions = image_of(free, directions, shift, step=step, collision=collision)
+    image, bumped, positions = image_of(free, directions, shift, motion=Motion(step, collision))
     start = frozenset(range(positions))
     states, left = {start}, [start]
     while left:
@@ -128,7 +131,7 @@ def test_filter_has_the_sets_that_observations_leave(free, setting, data):
                 states.add(following)
                 left.append(following)
     shifts = np.arange(directions)
-    known = walls(free[None], directions, step=step, collision=collision)
+    known = walls(free[None], directions, motion=Motion(step, collision))
     assert heading_filter_sizes(known, shifts)[0, shift] == len(states)
 
 
@@ -142,8 +145,8 @@ def test_refusals():
     free = np.ones((2, 3, 4), bool)
     with pytest.raises(ValueError, match=r"bounce: 10 deg is not a whole number of the 8"):
         grid_groups(free, math.radians(10), 8)
-    with pytest.raises(ValueError, match=r"step: expected at least one square, got 0.5"):
-        grid_groups(free, math.radians(90), 8, step=0.5)
+    with pytest.raises(ValueError, match=r"step: expected at least one cell, 1 m, got 0.5"):
+        grid_groups(free, math.radians(90), 8, motion=Motion(0.5))
     free[1] = False
     with pytest.raises(ValueError, match=r"free: expected a free square .*, got none in number 1"):
         grid_groups(free, math.radians(90), 8)
@@ -154,7 +157,9 @@ def test_refusals():
 def test_walls_of_a_map_tell_its_groups(name, cell, directions, collision):
     cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), cell, directions)
     shift = np.arange(directions)
-    found = wall_groups(cell_walls(cells, collision=collision), shift)
+    found = wall_groups(Walls.of(Steps.of(cells, Motion(collision=collision))), shift)
     for turn in shift.tolist():
-        image = bounce_map(cells, 2 * math.pi * turn / directions, collision=collision).image
+        image = bounce_map(
+            cells, 2 * math.pi * turn / directions, motion=Motion(collision=collision)
+        ).image
         assert told(found, 0, turn) == measured(np.asarray(image))

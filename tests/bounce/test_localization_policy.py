@@ -6,8 +6,9 @@ from hypothesis import given, settings, strategies as st
 
 from jaxcell import bundled, space
 from jaxcell.automata import adaptive_choice, equivalence
-from jaxcell.bounce import AdaptivelyLocalized, bounce_map, cell_walls, localization_policy
-from jaxcell.space import CellSpace
+from jaxcell.bounce import AdaptivelyLocalized, Walls, bounce_map, localization_policy
+from jaxcell.space import ENDPOINT, CellSpace, Motion
+from jaxcell.space.steps import Steps
 from jaxcell.verify import compare_policy
 
 
@@ -72,13 +73,13 @@ def test_a_robot_is_localized_as_far_as_its_angles_tell(free, shifts, goal, data
 def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, fixed):
     # With one angle their filters leave up to four (Alam 2018, Table 2.2).
     cells = lab(name)
-    found = localization_policy(cells, np.radians([45, 135]), collision="endpoint")
+    found = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT)
     assert (found.classes, found.largest_uncertainty, found.localized_to_one) == (152, 1, 1.0)
     assert (found.worst_bumps, found.optimal, found.fixed_bumps) == (worst, True, fixed)
     for start in range(cells.size):
         run = found.drive(start)
         assert run.candidates.tolist() == [run.end]
-    best = localization_policy(cells, np.radians([45, 135]), aim="mean", collision="endpoint")
+    best = localization_policy(cells, np.radians([45, 135]), aim="mean", motion=ENDPOINT)
     assert best.optimal
     assert best.bumps_needed.sum() == mean
     assert best.mean_bumps <= found.mean_bumps
@@ -86,7 +87,7 @@ def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, f
 
 def test_the_machine_of_walls_is_that_of_cells():
     cells = lab("lab_b")
-    images, lengths, behind = cell_walls(cells).machine([1, 3])
+    images, lengths, behind = Walls.of(Steps.of(cells, Motion())).machine([1, 3])
     assert behind.size + behind.sum() == cells.size
     roots = [np.flatnonzero(behind >= steps) for steps in range(int(behind.max()) + 1)]
     found = localization_policy(cells, np.radians([45, 135]))
@@ -97,17 +98,17 @@ def test_the_machine_of_walls_is_that_of_cells():
 
 
 def test_one_angle_tells_less_and_says_so():
-    found = localization_policy(lab("lab_a"), [math.radians(45)], collision="endpoint")
+    found = localization_policy(lab("lab_a"), [math.radians(45)], motion=ENDPOINT)
     assert (found.classes, found.largest_uncertainty, found.answered) == (94, 4, False)
     assert "no choice" in found.remarks[0].lower()
-    known = localization_policy(lab("lab_a"), [math.radians(45)], "class", collision="endpoint")
+    known = localization_policy(lab("lab_a"), [math.radians(45)], "class", motion=ENDPOINT)
     assert known.answered
     assert known.worst_bumps == found.worst_bumps
 
 
 def test_a_search_that_ends_at_its_limit_says_what_holds():
     cells = lab("lab_a")
-    cut = localization_policy(cells, np.radians([45, 135]), collision="endpoint", limit=100)
+    cut = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT, limit=100)
     assert not cut.optimal
     assert cut.searched == 1
     assert cut.least <= 11 <= cut.worst_bumps

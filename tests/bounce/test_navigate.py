@@ -6,10 +6,11 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse
+import zarr
 from hypothesis import given, strategies as st
 
 from jaxcell.bounce import AllPlans, all_plans, bounce_map, plan, replay
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
 
 
 # With as many free squares in each, so that all share one compiled program.
@@ -161,8 +162,8 @@ def test_plans_are_cheapest_paths_of_the_literal_roadmap(free, shifts, weights, 
     ("cells", "bounces", "options"),
     [
         (room(9, 13), LAB, {}),
-        (room(7, 20, seed=1), -LAB, {"collision": "endpoint"}),
-        (ROUND, np.deg2rad([30, 105, 225]), {"step": 0.65}),
+        (room(7, 20, seed=1), -LAB, {"motion": ENDPOINT}),
+        (ROUND, np.deg2rad([30, 105, 225]), {"motion": Motion(0.65)}),
     ],
 )
 def test_all_costs_are_those_of_dijkstra(cells, bounces, options):
@@ -259,18 +260,18 @@ def test_layers_differ_from_the_exact_search():
 
 
 @pytest.mark.parametrize("keep", [1, 0.5])
-def test_plans_come_back_from_their_file(tmp_path, keep):
+def test_plans_are_the_same_when_read_from_their_store(tmp_path, keep):
     cells = room(6, 9)
     reports = []
     plans = all_plans(cells, LAB, keep, 9)
     direct = all_plans(
-        cells, LAB, keep, 9, file=tmp_path / "a.nc", progress=lambda *at: reports.append(at)
+        cells, LAB, keep, 9, store=tmp_path / "a.zarr", progress=lambda *at: reports.append(at)
     )
-    plans.save(tmp_path / "b.nc")
+    plans.save(tmp_path / "b.zarr")
     entries = plans.roadmap.entry.size
     assert reports[-1] == (entries, entries)
-    files = tmp_path / "a.nc", tmp_path / "b.nc"
-    for loaded in (direct, *(AllPlans.load(file, cells) for file in files)):
+    stores = tmp_path / "a.zarr", tmp_path / "b.zarr"
+    for loaded in (direct, *(AllPlans.load(store, cells) for store in stores)):
         np.testing.assert_array_equal(loaded.costs(), plans.costs())
         np.testing.assert_array_equal(loaded.actions(), plans.actions())
         some = np.array([40, 3, 3, 130])
@@ -282,12 +283,12 @@ def test_plans_come_back_from_their_file(tmp_path, keep):
             assert_same(found, expected)
 
 
-def test_the_file_says_how_to_read_a_cost(tmp_path):
+def test_the_store_explains_how_to_read_a_cost(tmp_path):
     import xarray as xr
 
     cells = room(6, 9)
-    plans = all_plans(cells, LAB, file=tmp_path / "plans.nc")
-    with xr.open_dataset(tmp_path / "plans.nc") as file:
+    plans = all_plans(cells, LAB, store=tmp_path / "plans.zarr")
+    with xr.open_zarr(tmp_path / "plans.zarr", consolidated=False) as file:
         keep, wall, length = file.keep, file.wall.values, file.length.values
         s, g = np.divmod(np.arange(cells.size**2), cells.size)
         e = file.entry_of.values[g]
@@ -299,34 +300,35 @@ def test_the_file_says_how_to_read_a_cost(tmp_path):
     np.testing.assert_array_equal(plans.costs().ravel(), expected)
 
 
-def test_a_file_is_written_whole_or_not_at_all(tmp_path):
+def test_a_store_is_written_whole_or_not_at_all(tmp_path):
     def stop(done, total):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        all_plans(room(6, 9), LAB, file=tmp_path / "plans.nc", progress=stop)
+        all_plans(room(6, 9), LAB, store=tmp_path / "plans.zarr", progress=stop)
     assert not list(tmp_path.iterdir())
     with pytest.raises(FileNotFoundError, match="there is no folder"):
-        all_plans(room(6, 9), LAB, file=tmp_path / "none" / "plans.nc")
+        all_plans(room(6, 9), LAB, store=tmp_path / "none" / "plans.zarr")
 
 
-def test_other_files_are_refused(tmp_path):
-    import xarray as xr
+def test_other_stores_are_refused(tmp_path):
+    def refused(name, message, error=ValueError, cells=None):
+        with pytest.raises(error, match=message):
+            AllPlans.load(tmp_path / name, cells or room(6, 9))
 
-    with pytest.raises(FileNotFoundError, match=r"none\.nc: there is no such file"):
-        AllPlans.load(tmp_path / "none.nc", room(6, 9))
-    (tmp_path / "text.nc").write_text("plans")
-    with pytest.raises(ValueError, match=r"text\.nc: expected a NetCDF file of plans"):
-        AllPlans.load(tmp_path / "text.nc", room(6, 9))
-    xr.Dataset({"cost": ("x", [1])}).to_netcdf(tmp_path / "other.nc")
-    with pytest.raises(ValueError, match=r"other\.nc: expected a file of plans"):
-        AllPlans.load(tmp_path / "other.nc", room(6, 9))
-    xr.Dataset({"cost": ("x", [1])}).to_netcdf(tmp_path / "old.nc", format="NETCDF3_CLASSIC")
-    with pytest.raises(ValueError, match=r"old\.nc: expected a NetCDF .*: it is of version 3"):
-        AllPlans.load(tmp_path / "old.nc", room(6, 9))
-    all_plans(room(6, 9), LAB, file=tmp_path / "small.nc")
-    with pytest.raises(ValueError, match=r"small\.nc: positions: expected 15 as in the cells, got"):
-        AllPlans.load(tmp_path / "small.nc", two_rooms())
+    refused("none.zarr", r"none\.zarr: there is no such file", FileNotFoundError)
+    (tmp_path / "text.zarr").write_text("plans")
+    refused("text.zarr", r"text\.zarr: expected a Zarr store of plans")
+    zarr.create_group(tmp_path / "other.zarr")
+    refused("other.zarr", r"other\.zarr: expected a store of plans; its format is not")
+    all_plans(room(6, 9), LAB, store=tmp_path / "small.zarr")
+    message = r"small\.zarr: positions: expected 15 as in the cells, got"
+    refused("small.zarr", message, cells=two_rooms())
+    small = zarr.open_group(tmp_path / "small.zarr", mode="r+")
+    del small["length"]
+    refused("small.zarr", r"small\.zarr: .*length")
+    small.create_array("length", shape=(10**9,), dtype=np.int32)
+    refused("small.zarr", r"small\.zarr: length: expected the shape")
 
 
 @pytest.mark.parametrize(
@@ -345,7 +347,7 @@ def test_other_files_are_refused(tmp_path):
         ({"keep": 3, "change": 2}, "change: expected at least what keeping the angle costs, 3"),
         ({"change": 1e18}, "change: 1e.18 is too much beside keep 1"),
         ({"change": 10**18}, "change: 1e.18 is too much beside keep 1"),
-        ({"step": 0.5}, "step: expected at least one cell"),
+        ({"motion": Motion(0.5)}, "step: expected at least one cell"),
     ],
 )
 def test_refuses(arguments, message):

@@ -11,7 +11,7 @@ from jaxcell.base.bundled import bundled
 from jaxcell.bounce import bounce_map, localization_filter, localization_policy
 from jaxcell.bounce.localization import off_centre
 from jaxcell.bounce.localization.off_centre import OffCentre, filter_shares, policy_shares
-from jaxcell.space import CellSpace, cell_strides
+from jaxcell.space import CELL_BY_CELL, CellSpace, Motion, cell_strides
 
 
 def at_centres(cells, index, **motion):
@@ -31,8 +31,8 @@ def at_centres(cells, index, **motion):
 @pytest.mark.parametrize("name", ["lab_a", "cafe", "slanted"])
 def test_robots_at_centres_move_as_the_cells_do(name, collision):
     cells = CellSpace.load(bundled(name))
-    mapped = bounce_map(cells, math.pi / 2, collision=collision)
-    robots = at_centres(cells, np.arange(cells.size), collision=collision)
+    mapped = bounce_map(cells, math.pi / 2, motion=Motion(collision=collision))
+    robots = at_centres(cells, np.arange(cells.size), motion=Motion(collision=collision))
     bumped = robots.advance()
     robots.turn(bumped * cells.directions // 4)
     np.testing.assert_array_equal(bumped, mapped.bumped)
@@ -54,7 +54,7 @@ def test_robots_off_the_centre_bump_where_rays_do(name, collision):
     cells = CellSpace.load(bundled(name))
     room = Room(cells.workspace.free_space)
     forward, left = cell_strides(cells.directions, cells.cell, cells.cell).T
-    robots = OffCentre.drawn(cells, 500, 1, collision=collision)
+    robots = OffCentre.drawn(cells, 500, 1, motion=Motion(collision=collision))
     point = (robots.offset + robots.square) * cells.cell + cells.origin
     assert inside(room, point).all()
     for _ in range(12):
@@ -79,7 +79,7 @@ def test_robots_off_the_centre_bump_where_rays_do(name, collision):
 
 def test_a_filter_loses_no_robot_that_starts_at_a_centre(monkeypatch):
     cells = CellSpace.load(bundled("cafe"))
-    motion = {"step": None, "collision": "swept"}
+    motion = CELL_BY_CELL
     filter = localization_filter(bounce_map(cells, math.radians(90)))
     policy = localization_policy(cells, np.radians([90.0, 135.0]))
     # Of starts anywhere, most are lost; a share of these is placed wrongly without notice.
@@ -105,4 +105,4 @@ def test_a_grid_of_squares_loses_no_robot_along_the_axes():
     free[1, 1] = False
     cells = CellSpace.of_grid(free, 4)
     filter = localization_filter(bounce_map(cells, math.pi / 2))
-    assert filter_shares(filter, cells, 1, {}) == (0, 0)
+    assert filter_shares(filter, cells, 1) == (0, 0)

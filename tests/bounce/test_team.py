@@ -17,7 +17,7 @@ from jaxcell.bounce import (
     team_trajectory,
 )
 from jaxcell.bounce.joint import joint_image, joint_orbits, squares_of
-from jaxcell.space import CellSpace
+from jaxcell.space import CellSpace, Motion
 
 
 @st.composite
@@ -42,7 +42,7 @@ def states_of(cells, robots, seed, count):
 def orbits(cells, shift, states, *, step):
     """The orbits of joint states, on the host; of one length, as each is compiled."""
     joint = joint_orbits(
-        moves(cells, step=step),
+        moves(cells, motion=Motion(step)),
         *jax.device_put(
             (squares_of(cells), np.asarray(shift, np.int32), np.asarray(states, np.int32))
         ),
@@ -54,7 +54,7 @@ def orbits(cells, shift, states, *, step):
 def one_step(cells, shift, state, step=None):
     """The joint image of a single joint state."""
     arrays = squares_of(cells), np.asarray(shift, np.int32), np.asarray(state, np.int32)
-    return joint_image(moves(cells, step=step), *jax.device_put(arrays))
+    return joint_image(moves(cells, motion=Motion(step)), *jax.device_put(arrays))
 
 
 class Oracle:
@@ -62,7 +62,7 @@ class Oracle:
 
     def __init__(self, cells, shifts, step):
         self.cells, self.shifts = cells, shifts
-        alone = bounce_map(cells, 0.0, step=step * cells.cell)
+        alone = bounce_map(cells, 0.0, motion=Motion(step * cells.cell))
         self.image, self.walled = np.asarray(alone.image).tolist(), np.asarray(alone.bumped)
         # Two robots that meet do so at a whole multiple of the inverse of their relative speed.
         speeds = range(1, 2 * math.ceil(step) + 1)
@@ -282,7 +282,7 @@ def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
         cells,
         start,
         shift * 2 * math.pi / 8,
-        step=step,
+        motion=Motion(step),
         max_parts=max_parts,
         part_steps=part_steps,
     )
@@ -381,7 +381,7 @@ def test_a_robot_alone_can_run_out_of_turns():
         ([0, 1], math.nan, {}, "bounce: nan deg"),
         ([0], 0.0, {"max_parts": 0}, "max_parts: expected at least 1, got 0"),
         ([0], 0.0, {"part_steps": 0}, "part_steps: expected at least 1, got 0"),
-        ([0], 0.0, {"step": 0.2}, "step: expected at least one cell"),
+        ([0], 0.0, {"motion": Motion(0.2)}, "step: expected at least one cell"),
     ],
 )
 def test_refuses(starts, bounces, options, message):

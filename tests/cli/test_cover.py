@@ -11,7 +11,7 @@ from PIL import Image
 from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.cli import main
 from jaxcell.markov.solving import solve, stationary
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Workspace
 
 
 MAPS = Path(__file__).parents[2] / "data" / "maps"
@@ -35,7 +35,7 @@ def policy(target=None, **options):
 
 def test_prints_what_the_library_gives(capsys):
     status, found, _ = run(capsys, *ARGS, "--collision", "endpoint")
-    expected = policy(collision="endpoint")
+    expected = policy(motion=ENDPOINT)
     assert status == 0
     assert [p["alpha"] for p in found["policies"]] == pytest.approx(expected.alpha.tolist())
     assert [p["bounce_deg"] for p in found["policies"]] == [45, 90]

@@ -81,7 +81,7 @@ def behaviours(duration, **options):
     for layer in range(3):
         water = drift.Water.of(currents, layer)
         flow = drift.Flow.of(currents, layer).mean()
-        chain = drift.drift_map(water, flow, duration, **options)
+        chain = drift.drift_map(water, flow, drift.DriftStep(duration, **options))
         found.append(drift.long_term_behaviour(chain, duration))
     return currents, found
 
@@ -201,7 +201,7 @@ def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
     _, found, _ = run(capsys, "--depths", 0, "--bounds", *part)
     currents = drift.open_currents(GYRES, depths=0, bounds=part)
     layer = [drift.Water.of(currents)], [drift.Flow.of(currents).repeated()]
-    nearest = drift.nearest_step(*layer, **drift.METHODS["drifters"])
+    nearest = drift.nearest_step(*layer, drift.METHODS["drifters"]).duration
     assert found["duration_s"] == pytest.approx(nearest)
     assert (found["spread"], found["edge"]) == ("sampled", "exit")
     assert found["layers"][0]["self_image_share"] < 0.1
@@ -443,7 +443,7 @@ def test_writes_its_results(capsys, tmp_path):
 def test_bad_input_is_one_line_and_status_2(capsys, monkeypatch, args, message):
     # It is refused before anything is mapped.
     monkeypatch.delattr("jaxcell.drift.results.layer.drift_maps")
-    monkeypatch.delattr("jaxcell.drift.truth.distance.drift_maps")
+    monkeypatch.delattr("jaxcell.drift.validation.distance.drift_maps")
     status, found, error = run(capsys, *args)
     assert (status, found) == (2, None)
     assert error.count("\n") == 1

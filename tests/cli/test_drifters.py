@@ -60,7 +60,7 @@ def test_the_two_gyres_are_found_in_trajectories(capsys, tmp_path):
         (("--cell", 91), "--cell: expected more than 0 and at most 90 degrees, got 91"),
         (("--samples", 1), "--samples: expected 2 or more, got 1"),
         (("--least", 1000), "--least: no cell has 1000 moves in 432000 s; the most has 28"),
-        (("--bounds", 0, 0, 1, 1), "--bounds: no drifter was there"),
+        (("--bounds", 0, 0, 1, 1), "--bounds: no drifter was within them"),
         (
             ("--after", -1),
             "--after: expected more than 0 and at most 50000 days, 10,000 times the lag, got -1",
@@ -76,4 +76,4 @@ def test_a_file_without_trajectories_is_named(capsys):
     gyres = bundled("gyres")
     status, found, error = run(capsys, file=gyres)
     assert (status, found) == (2, None)
-    assert error.startswith(f"jaxcell drifters: {gyres}: lon: nothing says which drifter is meant")
+    assert error.startswith(f"jaxcell drifters: {gyres}: lon: the drifters along")

@@ -8,7 +8,7 @@ import xarray as xr
 
 from jaxcell.bounce import plan, replay
 from jaxcell.cli import main
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import CellSpace, Motion, Workspace
 
 
 MAPS = Path(__file__).parents[2] / "data" / "maps"
@@ -54,7 +54,7 @@ def test_the_plan_leads_to_the_goal(capsys, lab):
 def test_weights_and_motion_are_passed_on(capsys, lab):
     args = (LAB, *BOUNCES, "--start", 5, "--goal", 100, "--keep", 0.5, "--change", 3)
     _, found, _ = navigate(capsys, *args, "--collision", "endpoint", "--step", 1.4)
-    expected = plan(lab, np.radians([45, 90, 135]), 5, 100, 0.5, 3, step=1.4, collision="endpoint")
+    expected = plan(lab, np.radians([45, 90, 135]), 5, 100, 0.5, 3, motion=Motion(1.4, "endpoint"))
     assert found["cost"] == expected.cost
     np.testing.assert_allclose(np.radians(found["actions_deg"]), expected.actions)
 

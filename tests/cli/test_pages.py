@@ -1,4 +1,4 @@
-"""What README and the pages of the site say: every block of code runs, and every command."""
+"""Run every block of code and every command of README and the pages of the site."""
 
 import ast
 import re
@@ -21,7 +21,7 @@ FENCE = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.DOTALL | re
 INCLUDED = re.compile(r'^--8<-- "([^":]+)"$', re.MULTILINE)
 GALLERY = ROOT / "docs" / "pages" / "gallery.md"
 SHOWN = re.findall(r"\(pictures/(\w+)\.png", GALLERY.read_text(encoding="utf-8"))
-# The sections of these stand by themselves, and take seconds.
+# The sections of these pages are independent, and take seconds.
 LONG = ("create.md", "current.md")
 
 
@@ -50,7 +50,7 @@ def blocks(page):
 
 
 def commands(block):
-    """The lines of a block of commands, without remarks."""
+    """The lines of a block of commands, without comments."""
     return [re.sub(r"\s+# .*", "", line) for line in block.body.splitlines()]
 
 
@@ -65,7 +65,7 @@ def test_blocks_are_of_known_kinds(page):
         if block.title:
             assert Path(block.title).name == block.title
         elif block.language == "text":
-            assert before in ("python", "sh"), "text below code is what it prints"
+            assert before in ("python", "sh"), "a block of text is the output of the code above"
         elif block.language == "python":
             ast.parse(block.body)
         else:
@@ -98,9 +98,9 @@ def test_links_lead_somewhere(page):
 
 @pytest.fixture
 def as_users_have_it(tmp_path, monkeypatch, few_drifters):
-    """An empty folder, a terminal of 80 letters, JAX not as strict as in these tests, few cells."""
+    """An empty folder, a terminal of 80 columns, JAX with its usual promotions, and few cells."""
     monkeypatch.setenv("COLUMNS", "80")
-    # Calibrations of robots are kept there.
+    # The folder of calibrations of robots.
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxcell.bounce.slip.fine_cells.MAX_CELLS", 3000)
@@ -109,17 +109,17 @@ def as_users_have_it(tmp_path, monkeypatch, few_drifters):
 
 
 def do(line):
-    """Give a command, or what stands for it; nobody watches an emulated robot."""
+    """Run a command or its substitute; emulated robots run fast."""
     if (instead := substitute(line)) is not None:
         instead(line)
         return
     name, *words = shlex.split(line)
-    assert name == "jaxcell", f"{line}: it is run in no form; add one to tests/documented.py"
+    assert name == "jaxcell", f"{line}: no test runs it; add a substitute to tests/documented.py"
     assert main(words + ["--speedup", "1000"] * ("--simulate" in words)) == 0, line
 
 
 def run(section, capsys):
-    """Do what the blocks of a section say, from the first to the last."""
+    """Run the blocks of a section in order."""
     names, printed, before = {}, "", ""
     for block in section:
         if block.title:
@@ -153,7 +153,7 @@ def test_each_substitute_stands_for_a_line_of_a_page():
 
 
 def check_lines(printed, shown):
-    """Check that a command printed the lines of a page, of which `...` stands for any others."""
+    """Check that a command printed the lines of a page; `...` stands for any lines."""
     rest = [line.rstrip() for line in printed.splitlines()]
     after_gap = False
     for line in shown.splitlines():
@@ -183,19 +183,19 @@ def test_lines_of_a_page_are_those_of_its_command():
         if section
     ],
 )
-def test_it_does_what_it_says(section, capsys):
+def test_sections_run_as_written(section, capsys):
     run(section, capsys)
 
 
 @pytest.fixture(scope="module")
 def pictures():
-    """How the pictures of the gallery are made, by their names."""
+    """The commands and recordings of the pictures of the gallery, by name."""
     return runpy.run_path(str(ROOT / "data" / "pictures" / "make_pictures.py"))["PICTURES"]
 
 
 @pytest.mark.usefixtures("as_users_have_it")
 @pytest.mark.parametrize("picture", SHOWN)
-def test_the_commands_of_a_picture(pictures, picture):
+def test_the_commands_of_a_picture_make_its_recording(pictures, picture):
     for line in pictures[picture].commands:
         do(f"jaxcell {line}")
     assert Path("runs", pictures[picture].recording).exists()
@@ -203,13 +203,13 @@ def test_the_commands_of_a_picture(pictures, picture):
 
 def test_one_place_says_which_tables_of_the_dissertation_agree():
     others = [*ROOT.glob("data/*/README.md"), *ROOT.glob("experiments/**/README.md")]
-    said = {
+    claims = {
         page
         for page in [*PAGES, *others]
         for sentence in re.split(r"\.\s|\n\n|\|", page.read_text(encoding="utf-8"))
         if re.search(r"Tables? \d\.\d", sentence) and re.search(r"\bagree", sentence)
     }
-    assert said == {ROOT / "experiments" / "README.md"}
+    assert claims == {ROOT / "experiments" / "README.md"}
     page = (ROOT / "docs" / "pages" / "dissertation.md").read_text(encoding="utf-8")
     for part in ("summary", "figures"):
         assert f'--8<-- "experiments/README.md:{part}"' in page

@@ -13,15 +13,10 @@ import xarray as xr
 from jaxcell.base.certificate import Certificate
 from jaxcell.cli import main
 from jaxcell.optimize import Graph, minimum_commute
-from jaxcell.patrol import (
-    MaximinCapture,
-    maximin_capture,
-    random_walk,
-    walk_capture_probabilities,
-    walk_hitting_times,
-)
+from jaxcell.patrol import maximin_capture, random_walk
 from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.files.graph_saving import save_graph
+from jaxcell.patrol.walks import MaximinCapture, walk_capture_probabilities, walk_hitting_times
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"

@@ -9,11 +9,7 @@ import pytest
 import xarray as xr
 
 from jaxcell.cli import main
-from jaxcell.patrol import (
-    capture_probabilities,
-    cell_graph,
-    distributed_policies,
-)
+from jaxcell.patrol import capture_probabilities, cell_graph, distributed_policies
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 

@@ -20,7 +20,7 @@ SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 @pytest.fixture
 def patrol_file(tmp_path):
     """Three robots that go from cell to cell at random."""
-    image = free_steps(map_cells("lab_b.json", directions=4), 1.0, "swept")
+    image = free_steps(map_cells("lab_b.json", directions=4))
     walks = [
         (image, np.random.default_rng(seed).dirichlet(np.ones(4), LAB.positions).T)
         for seed in range(3)
@@ -80,7 +80,7 @@ def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
 
 def test_an_intruder_is_reported_from_where_it_is_seen(patrol_file, capsys):
     # Two steps from the start, so that it is not seen at once.
-    ways = free_steps(map_cells("lab_b.json", directions=4), 1.0, "swept")
+    ways = free_steps(map_cells("lab_b.json", directions=4))
     sees = visible_cells(LAB, 1.6)
     hidden = next(int(z) for z in ways[:, ways[:, 0]].ravel() if not sees[0, z])
     x, y, _ = map(float, LAB.centre(hidden))

@@ -1,11 +1,29 @@
 """Small files in the layout of real products, each with a current that is known."""
 
 import numpy as np
+import pytest
 import xarray as xr
+
+from jaxcell.drift import open_currents
 
 
 ROWS, COLUMNS, RECORDS = 5, 6, 3
 LON, LAT = 12.0 + 0.25 * np.arange(COLUMNS), 40.0 + 0.25 * np.arange(ROWS)
+
+
+def write(folder, dataset, name="sea.nc", encoding=None, **options):
+    """Write a dataset without fill values that it does not declare."""
+    encoding = encoding or {name: {"_FillValue": None} for name in dataset.variables}
+    dataset.to_netcdf(folder / name, engine="netcdf4", encoding=encoding, **options)
+    return folder / name
+
+
+def refused(path, message, **choice):
+    """Reading is refused in one line, which begins with the path and has a message."""
+    with pytest.raises(ValueError, match=message) as caught:
+        open_currents(path, **choice)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
 
 
 def numbers(records=RECORDS, rows=ROWS, columns=COLUMNS):

@@ -9,12 +9,12 @@ from seas import double_gyre, sea, seas
 from jaxcell import examples
 from jaxcell.base import memory
 from jaxcell.base.certificate import Outcome
-from jaxcell.drift.advection import flow_map
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.chains import METHODS, drift_map, drift_maps
-from jaxcell.drift.ends import LayerEnds
 from jaxcell.drift.flow import Flow, crossing_time
-from jaxcell.drift.truth.diagnosis import diagnose, group_counts
+from jaxcell.drift.maps import drift_map, drift_maps, flow_map
+from jaxcell.drift.results.ends import LayerEnds
+from jaxcell.drift.step import METHODS, DriftStep
+from jaxcell.drift.validation.diagnosis import diagnose, group_counts
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups
 
@@ -98,7 +98,7 @@ class Loops:
 def test_equals_the_definition(currents, spread, edge, data):
     rho = data.draw(st.sampled_from([0.0, 0.3, 0.8, 1.0]))
     water, flow = Water.of(currents), Flow.of(currents)
-    chain = drift_map(water, flow, 1.0, rho=rho, spread=spread, edge=edge)
+    chain = drift_map(water, flow, DriftStep(1.0, rho=rho, spread=spread, edge=edge))
     expected = Loops(currents).matrix(spread, rho, edge)
     np.testing.assert_allclose(chain.to_scipy().toarray(), expected[:, :-1], atol=1e-12)
     np.testing.assert_allclose(chain.leaving, expected[:, -1], atol=1e-12)
@@ -109,7 +109,7 @@ def test_equals_the_definition(currents, spread, edge, data):
 @given(seas(), st.sampled_from(["uniform", "exit"]), st.integers(1, 3))
 def test_sampled_counts_points(currents, edge, samples):
     water, flow = Water.of(currents), Flow.of(currents)
-    chain = drift_map(water, flow, 1.0, spread="sampled", samples=samples, edge=edge)
+    chain = drift_map(water, flow, DriftStep(1.0, spread="sampled", samples=samples, edge=edge))
     expected = np.zeros((water.cells, water.cells + 1))
     places = (np.arange(samples) + 0.5) / samples - 0.5
     along = [np.asarray(axis) for axis in flow.rate[0]]
@@ -148,7 +148,7 @@ def test_sampled_counts_points(currents, edge, samples):
 def test_uniform_current_with_an_exit():
     # Two cells a step to the East: the third step is off a grid of five columns at the latest.
     currents = sea(np.full((3, 5), 2.0), np.zeros((3, 5)), dx=1.0, dy=1.0)
-    chain = drift_map(Water.of(currents), Flow.of(currents), 1.0, rho=1.0, edge="exit")
+    chain = drift_map(Water.of(currents), Flow.of(currents), DriftStep(1.0, rho=1.0, edge="exit"))
     found = long_term_behaviour(chain, 3600)
     assert found.groups.count == 0
     assert found.transient.domiciles == ((-1,),)
@@ -159,7 +159,7 @@ def test_uniform_current_with_an_exit():
 
 def test_a_turned_current_reaches_three_cells():
     currents = sea(np.full((5, 5), 2.0), np.zeros((5, 5)), dx=1.0, dy=1.0)
-    chain = drift_map(Water.of(currents), Flow.of(currents), 1.0, rho=0.6, edge="exit")
+    chain = drift_map(Water.of(currents), Flow.of(currents), DriftStep(1.0, rho=0.6, edge="exit"))
     # From the middle: two to the East, or sqrt(2) to the East and as far to either side.
     row = chain.to_scipy().toarray()[12]
     assert {int(cell): round(row[cell], 12) for cell in np.flatnonzero(row)} == {
@@ -172,7 +172,7 @@ def test_a_turned_current_reaches_three_cells():
 @given(seas(), st.sampled_from(["turned", "all"]), st.sampled_from(["uniform", "exit"]))
 def test_behaviour_equals_the_definition(currents, spread, edge):
     water, flow = Water.of(currents), Flow.of(currents)
-    chain = drift_map(water, flow, 1.0, spread=spread, edge=edge)
+    chain = drift_map(water, flow, DriftStep(1.0, spread=spread, edge=edge))
     found = long_term_behaviour(chain, 1800)
     matrix = chain.to_scipy().toarray()
     graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
@@ -206,8 +206,8 @@ def test_the_double_gyre_has_a_group_in_each_gyre_and_a_border_between_them():
     currents = double_gyre(21, 42, inward=1.0)
     water, flow = Water.of(currents), Flow.of(currents)
     duration = 3 * crossing_time(water, flow)
-    options = {"method": "rk4", "steps": 4}
-    found = long_term_behaviour(drift_map(water, flow, duration, **options), duration)
+    options = {"method": "rk4", "substeps": 4}
+    found = long_term_behaviour(drift_map(water, flow, DriftStep(duration, **options)), duration)
     group = water.on_grid(np.asarray(found.groups.group), -1)
     # The middles of the gyres, to which the water goes.
     assert np.argwhere(group >= 0).tolist() == [[10, 10], [10, 31]]
@@ -221,9 +221,9 @@ def test_the_double_gyre_has_a_group_in_each_gyre_and_a_border_between_them():
     assert hours[kind == 2].mean() > max(hours[kind == k].mean() for k in (0, 1))
     # The two gyres are alike.
     np.testing.assert_allclose(found.limiting.weights, 0.5, atol=1e-9)
-    check = diagnose(water, flow, found.groups, duration, **options)
+    check = diagnose(water, flow, found.groups, DriftStep(duration, **options))
     assert check.warning is None
-    shift = np.hypot(*np.asarray(flow_map(water, flow, duration, **options)))
+    shift = np.hypot(*np.asarray(flow_map(water, flow, DriftStep(duration, **options))))
     assert check.mean_shift == pytest.approx(shift.mean())
 
 
@@ -231,21 +231,21 @@ def test_a_short_step_is_warned_of():
     currents = double_gyre()
     water, flow = Water.of(currents), Flow.of(currents)
     duration = crossing_time(water, flow) / 3
-    groups = persistent_groups(drift_map(water, flow, duration, rho=1.0))
-    check = diagnose(water, flow, groups, duration)
+    groups = persistent_groups(drift_map(water, flow, DriftStep(duration, rho=1.0)))
+    check = diagnose(water, flow, groups, DriftStep(duration))
     assert check.self_image > 0.5
     assert check.locked > 50
     assert check.warning is not None
     assert "are mapped to themselves: the grid, and not the water" in check.warning
-    shift = np.hypot(*np.asarray(flow_map(water, flow, duration)))
+    shift = np.hypot(*np.asarray(flow_map(water, flow, DriftStep(duration))))
     assert check.mean_shift == pytest.approx(shift.mean())
 
 
 def test_many_groups_of_one_cell_are_warned_of():
     currents = double_gyre(inward=0.0)
     water, flow = Water.of(currents), Flow.of(currents)
-    duration = 1.2 * crossing_time(water, flow)
-    check = diagnose(water, flow, persistent_groups(drift_map(water, flow, duration)), duration)
+    step = DriftStep(1.2 * crossing_time(water, flow))
+    check = diagnose(water, flow, persistent_groups(drift_map(water, flow, step)), step)
     assert check.self_image < 0.5
     assert check.warning is not None
     assert "persistent groups are cells that water flows out of" in check.warning
@@ -256,12 +256,12 @@ def test_groups_of_one_cell_may_be_where_the_current_runs_ashore():
     wet = np.arange(8) < np.full((5, 1), 7)
     currents = sea(0.5 * wet, np.zeros(wet.shape), wet, dx=1.0, dy=1.0)
     water, flow = Water.of(currents), Flow.of(currents)
-    options = {"method": "rk4", "steps": 4}
+    options = {"method": "rk4", "substeps": 4}
     groups = persistent_groups(
-        drift_map(water, flow, 4.0, spread="sampled", edge="exit", **options)
+        drift_map(water, flow, DriftStep(4.0, spread="sampled", edge="exit", **options))
     )
     assert water.column[np.asarray(groups.group) >= 0].tolist() == [6] * 5
-    check = diagnose(water, flow, groups, 4.0, **options)
+    check = diagnose(water, flow, groups, DriftStep(4.0, **options))
     assert (check.locked, check.ashore, check.warning) == (0, 5, None)
 
 
@@ -273,8 +273,8 @@ def test_pieces_of_water_are_told_apart():
     nothing = np.full((6, 9), 0.1)
     currents = sea(nothing, nothing, wet, dx=1.0, dy=1.0)
     water, flow = Water.of(currents), Flow.of(currents)
-    groups = persistent_groups(drift_map(water, flow, 1.0, spread="all"))
-    check = diagnose(water, flow, groups, 1.0)
+    groups = persistent_groups(drift_map(water, flow, DriftStep(1.0, spread="all")))
+    check = diagnose(water, flow, groups, DriftStep(1.0))
     assert check.pieces.tolist() == [24, 1, 16]
     # With all neighbours, every connected piece is one group, and says nothing of the flow.
     assert (check.groups, check.whole_pieces, check.locked) == (3, 3, 0)
@@ -284,11 +284,16 @@ def test_groups_depend_on_rho_only_at_its_ends():
     currents = double_gyre()
     water, flow = Water.of(currents), Flow.of(currents)
     duration = crossing_time(water, flow)
-    counts = group_counts(water, flow, [duration, 2 * duration], [1.0, 0.9, 0.2])
-    assert counts.shape == (2, 3)
+    counts = np.stack(
+        [
+            group_counts(water, flow, [DriftStep(k * duration, rho=rho) for k in (1, 2)])
+            for rho in (1.0, 0.9, 0.2)
+        ],
+        axis=1,
+    )
     assert (counts[:, 1] == counts[:, 2]).all()
     assert (counts[:, 0] > counts[:, 1]).all()
-    alone = persistent_groups(drift_map(water, flow, 2 * duration, rho=0.2)).count
+    alone = persistent_groups(drift_map(water, flow, DriftStep(2 * duration, rho=0.2))).count
     assert counts[1, 2] == alone
 
 
@@ -298,11 +303,14 @@ def test_a_period_is_the_product_of_its_records():
     currents = sea(east, north, random.random((6, 7)) < 0.9, dx=1800.0, dy=1800.0)
     water, flow = Water.of(currents), Flow.of(currents)
     for edge in ("uniform", "exit"):
-        found = drift_maps(water, flow.repeated(), 3600.0, edge=edge, method="euler")
+        found = drift_maps(water, flow.repeated(), DriftStep(3600.0, edge=edge, method="euler"))
         product = np.eye(water.cells)
         for record in range(3):
             steady = Flow.of(currents, record=record)
-            product = product @ drift_map(water, steady, 3600.0, edge=edge).to_scipy().toarray()
+            product = (
+                product
+                @ drift_map(water, steady, DriftStep(3600.0, edge=edge)).to_scipy().toarray()
+            )
         for value in np.eye(water.cells)[::5]:
             np.testing.assert_allclose(found.push(value, 3), value @ product, atol=1e-12)
             np.testing.assert_allclose(found.pull(value, 3), product @ value, atol=1e-12)
@@ -313,7 +321,7 @@ def test_a_tide_brings_a_drifter_back():
     east = np.array([2.0, -2.0])[:, None, None] * np.ones((2, 5, 9))
     currents = sea(east, 0 * east, dx=1.0, dy=1.0, hours=1 / 3600)
     water, flow = Water.of(currents), Flow.of(currents)
-    tide = drift_maps(water, flow.repeated(), 1.0, rho=1.0)
+    tide = drift_maps(water, flow.repeated(), DriftStep(1.0, rho=1.0))
     matrix = np.stack([tide.push(value, 2) for value in np.eye(water.cells)])
     inner = np.flatnonzero((water.column > 0) & (water.column < 6) & ~water.boundary)
     np.testing.assert_array_equal(matrix[inner], np.eye(water.cells)[inner])
@@ -323,7 +331,9 @@ def test_an_eddy_that_lets_go_of_drifters_almost_never_has_a_finite_time():
     currents = double_gyre(21, 42)
     water, flow = Water.of(currents), Flow.of(currents)
     duration = 2 * crossing_time(water, flow)
-    chain = drift_map(water, flow, duration, spread="sampled", edge="exit", method="rk4", steps=4)
+    chain = drift_map(
+        water, flow, DriftStep(duration, spread="sampled", edge="exit", method="rk4", substeps=4)
+    )
     found = long_term_behaviour(chain, duration)
     # Nothing is persistent, and yet it takes about 3 10^12 steps to leave.
     assert found.transient.domiciles == ((-1,),)
@@ -350,7 +360,7 @@ def test_an_eddy_that_lets_go_of_drifters_almost_never_has_a_finite_time():
 def test_bad_options_are_refused(options, message):
     currents = double_gyre(4, 8)
     with pytest.raises(ValueError, match=message):
-        drift_map(Water.of(currents), Flow.of(currents), **options)
+        drift_map(Water.of(currents), Flow.of(currents), DriftStep(**options))
 
 
 def test_bad_periods_and_durations_are_refused():
@@ -362,12 +372,12 @@ def test_bad_periods_and_durations_are_refused():
     with pytest.raises(ValueError, match="more than the 7200 s from the first record to the last"):
         several.repeated(7200)
     with pytest.raises(ValueError, match="multiple of the period, 10800 s, such as 3600 s, got 40"):
-        drift_maps(water, several.repeated(), 4000)
+        drift_maps(water, several.repeated(), DriftStep(4000))
     with pytest.raises(ValueError, match="a positive number of seconds, got -1"):
         long_term_behaviour(Chain(np.array([[0]]), np.ones((1, 1))), -1)
     other = persistent_groups(Chain(np.array([[0]]), np.ones((1, 1))))
     with pytest.raises(ValueError, match="a map of 32 cells, got those of one of 1"):
-        diagnose(water, flow, other)
+        diagnose(water, flow, other, DriftStep())
 
 
 def eddy(leak):
@@ -411,7 +421,7 @@ def test_who_surely_leaves_is_known_without_a_solve(monkeypatch):
     # Of a layer it is told where a table of all ends would be too large, too.
     water = Water.of(sea(*np.zeros((2, 1, 5))))
     np.testing.assert_allclose(LayerEnds(water, behaviour).leaving, [1, 1, 0, 0.5, 0])
-    monkeypatch.setattr("jaxcell.drift.ends._MAX_TABLE", -1)
+    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_TABLE", -1)
     np.testing.assert_array_equal(LayerEnds(water, behaviour).leaving, [1, 1, 0, np.nan, 0])
 
 
@@ -420,7 +430,7 @@ def test_remedies_are_none_that_are_taken():
     water, flow = Water.of(currents), Flow.of(currents)
     short, good = (
         diagnose(water, flow, persistent_groups(drift_map(water, flow, step)), step)
-        for step in (10.0, 4 * crossing_time(water, flow))
+        for step in map(DriftStep, (10.0, 4 * crossing_time(water, flow)))
     )
     assert short.remedies("turned") == short.remedies("all") == ("duration", "spread")
     assert short.remedies("sampled") == ("duration",)
@@ -434,4 +444,4 @@ def test_a_map_of_ten_million_cells_is_refused_with_what_it_needs(monkeypatch):
     monkeypatch.setattr(Water, "cells", 10_000_000)
     needs = "drift map of 10,000,000 cells of water needs about 9.0 GB of memory, and 4.0 GB"
     with pytest.raises(MemoryError, match=needs):
-        drift_map(water, flow, **METHODS["drifters"])
+        drift_map(water, flow, METHODS["drifters"])

@@ -16,7 +16,7 @@ def gyres():
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
     steps = [factor * drift.crossing_time(water, flow) for factor in (1, 2, 4)]
     method = drift.METHODS["drifters"]
-    return water, {step: drift.drift_map(water, flow, step, **method) for step in steps}
+    return water, {step: drift.drift_map(water, flow, method.lasting(step)) for step in steps}
 
 
 def test_each_gyre_is_nearly_closed_whatever_the_step(gyres):

@@ -5,9 +5,10 @@ import pytest
 from seas import double_gyre, sea
 
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.chains import drift_map
 from jaxcell.drift.flow import Flow, crossing_time
-from jaxcell.drift.truth.coherent import agreement, ftle, ridges
+from jaxcell.drift.maps import drift_map
+from jaxcell.drift.step import DriftStep
+from jaxcell.drift.validation.coherent import agreement, ftle, ridges
 from jaxcell.drift.water import Water
 
 
@@ -88,7 +89,9 @@ def test_borders_lie_on_ridges_in_the_double_gyre():
     currents = double_gyre(21, 42)
     water, flow = Water.of(currents), Flow.of(currents)
     crossing = crossing_time(water, flow)
-    chain = drift_map(water, flow, crossing, spread="sampled", edge="exit", method="rk4", steps=4)
+    chain = drift_map(
+        water, flow, DriftStep(crossing, spread="sampled", edge="exit", method="rk4", substeps=4)
+    )
     found = long_term_behaviour(chain, crossing)
     ridge = ridges(water, ftle(water, flow, 20 * crossing, steps=200))
     # Each half is a group; in the very middle of each there is a cell by itself.

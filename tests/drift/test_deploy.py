@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 from random_chains import matrices
 
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.deploy import (
+from jaxcell.drift.deployment import (
     coverage_curve,
     deployment_cells,
     minimum_deployment,

@@ -7,7 +7,7 @@ from scipy.special import ndtr
 from seas import sea
 
 from jaxcell import drift
-from jaxcell.drift.truth.drifters import diffuse
+from jaxcell.drift.validation.drifters import diffuse
 
 
 SIDE, STEP = 31, 3600.0
@@ -38,7 +38,7 @@ def heat(steps):
 
 def test_drifters_spread_by_the_heat_kernel(river):
     water, flow = river
-    chain = drift.drift_map(water, flow, STEP, **SAMPLED)
+    chain = drift.drift_map(water, flow, drift.DriftStep(STEP, **SAMPLED))
     middle = int(water.number[SIDE // 2, SIDE // 2])
     after = np.zeros(water.cells)
     after[middle] = 1.0
@@ -55,12 +55,12 @@ def test_drifters_spread_by_the_heat_kernel(river):
 def test_without_diffusion_the_map_is_that_of_the_current(river):
     water, flow = river
     still = drift.Flow(flow.rate, flow.time)
-    chain = drift.drift_map(water, still, STEP, **SAMPLED)
+    chain = drift.drift_map(water, still, drift.DriftStep(STEP, **SAMPLED))
     assert chain.image.shape[0] == 2
     with pytest.raises(ValueError, match="expected spread 'sampled'"):
-        drift.drift_map(water, flow, STEP)
+        drift.drift_map(water, flow, drift.DriftStep(STEP))
     with pytest.raises(ValueError, match="expected 10 at most"):
-        drift.drift_map(water, flow, 1e4 * STEP, **SAMPLED)
+        drift.drift_map(water, flow, drift.DriftStep(1e4 * STEP, **SAMPLED))
     with pytest.raises(ValueError, match="expected 0 m²/s or more"):
         drift.Flow.of(sea(np.ones((2, 2)), np.ones((2, 2))), diffusivity=-1)
 
@@ -74,7 +74,7 @@ def test_replayed_drifters_diffuse_as_the_map_does(river):
     spread = np.asarray(moved.x)[-1].std(), np.asarray(moved.y)[-1].std()
     assert spread == pytest.approx(2 * [np.sqrt(1 / 12 + 4 * SPREAD**2)], rel=0.03)
     assert np.asarray(moved.x)[-1].mean() == pytest.approx(SIDE // 2 + 2, abs=0.05)
-    chain = drift.drift_map(water, flow, STEP, **SAMPLED)
+    chain = drift.drift_map(water, flow, drift.DriftStep(STEP, **SAMPLED))
     (near,) = drift.distances(water, flow, [(chain, STEP)])
     assert near.total_variation[0] < 0.05
     assert near.drifters_left[0] == pytest.approx(near.map_left[0], abs=0.02)

@@ -5,7 +5,7 @@ import pytest
 from seas import sea
 
 from jaxcell import bundled, drift
-from jaxcell.drift.truth.distance import Distance
+from jaxcell.drift.validation.distance import Distance, Sampling, nearest_maps
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def eddies():
 def test_a_map_that_is_the_current_is_at_no_distance(eastward):
     water, flow = eastward
     step = 2 * drift.crossing_time(water, flow)
-    chain = drift.drift_map(water, flow, step, **drift.METHODS["drifters"])
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(step))
     hours = 3600 / step
     # As slow as it must be for 6 and 24 h to be 1 and 4 steps.
     slow = drift.Flow(flow.rate / (6 * hours), flow.time, flow.wraps)
@@ -45,7 +45,7 @@ def test_a_closed_edge_holds_what_leaves(eastward):
     water, flow = eastward
     step = 6 * 3600.0
     slow = drift.Flow(2 * flow.rate / (step * float(flow.rate.max())), flow.time, flow.wraps)
-    chain = drift.drift_map(water, slow, step, **drift.METHODS["source"])
+    chain = drift.drift_map(water, slow, drift.METHODS["source"].lasting(step))
     (found,) = drift.distances(water, slow, [(chain, step)])
     np.testing.assert_allclose(found.map_left, 0, atol=1e-12)
     np.testing.assert_allclose(found.drifters_left, [2 / 9, 8 / 9])
@@ -69,7 +69,7 @@ def test_it_is_that_from_drifters_released_by_chance():
     )
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
     step = 7200.0
-    chain = drift.drift_map(water, flow.mean(), step, **drift.METHODS["drifters"])
+    chain = drift.drift_map(water, flow.mean(), drift.METHODS["drifters"].lasting(step))
     (found,) = drift.distances(water, flow, [(chain, step)])
     anywhere = np.ones(water.cells, bool)
     drifted = drift.simulate_drifters(
@@ -79,19 +79,18 @@ def test_it_is_that_from_drifters_released_by_chance():
     np.testing.assert_allclose(found.total_variation, expected.total_variation, atol=0.03)
 
 
-def test_a_cell_with_few_drifters_is_told_from_one_with_none(eddies, monkeypatch):
+def test_a_cell_with_few_drifters_is_told_from_one_with_none(eddies):
     """However many cells there are, so many begin in each that their number says something."""
     water, flow = eddies
     step = 2 * drift.crossing_time(water, flow)
-    maps = [(drift.drift_map(water, flow, step, **drift.METHODS["drifters"]), step)]
+    maps = [(drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(step)), step)]
     (many,) = drift.distances(water, flow, maps)
-    monkeypatch.setattr("jaxcell.drift.truth.distance._DRIFTERS", water.cells)
-    (few,) = drift.distances(water, flow, maps)
+    (few,) = drift.distances(water, flow, maps, Sampling(drifters=water.cells))
     assert many.total_variation.max() < 0.1
     np.testing.assert_allclose(few.total_variation, many.total_variation, atol=0.05)
 
 
-def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward, monkeypatch):
+def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward):
     water, flow = eastward
     options = drift.METHODS["drifters"]
     # It flows across a cell in five hours on average, and turns every six hours.
@@ -101,9 +100,10 @@ def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward, monkeypatch):
     slow = drift.crossing_time(water, tide.mean()) / (5 * 3600)
     tide = drift.Flow(rate * slow, tide.time, flow.wraps)
     steps = [5 * 3600.0 * factor for factor in (1, 2, 4)]
-    maps = [(drift.drift_map(water, tide.mean(), step, **options), step) for step in steps]
+    maps = [(drift.drift_map(water, tide.mean(), options.lasting(step)), step) for step in steps]
     worst = [one.total_variation.max() for one in drift.distances(water, tide, maps)]
-    found = drift.nearest_step([water], [tide], **options)
+    found = drift.nearest_step([water], [tide], options).duration
     assert found == pytest.approx(steps[int(np.argmin(worst))])
-    monkeypatch.setattr("jaxcell.drift.truth.distance._MAX_FOR_TRIALS", 0)
-    assert drift.nearest_step([water], [tide], **options) == pytest.approx(10 * 3600)
+    found, made = nearest_maps([water], [tide], [tide.mean()], options, most_cells=0)
+    assert found.duration == pytest.approx(10 * 3600)
+    assert made is None

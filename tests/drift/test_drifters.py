@@ -4,9 +4,10 @@ import pytest
 from scipy.stats import wasserstein_distance
 from seas import double_gyre, sea
 
-from jaxcell.drift.chains import drift_map
 from jaxcell.drift.flow import Flow, crossing_time
-from jaxcell.drift.truth.drifters import compare, simulate_drifters
+from jaxcell.drift.maps import drift_map
+from jaxcell.drift.step import DriftStep
+from jaxcell.drift.validation.drifters import compare, simulate_drifters
 from jaxcell.drift.water import Water
 
 
@@ -70,7 +71,7 @@ def test_disturbed_drifters_are_turned(getkey):
 def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     currents = sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0)
     water, flow = Water.of(currents), Flow.of(currents)
-    chain = drift_map(water, flow, 900.0, rho=1.0, edge="exit")
+    chain = drift_map(water, flow, DriftStep(900.0, rho=1.0, edge="exit"))
     drifted = simulate_drifters(getkey(), water, flow, [40, 55, 70], 900.0, 100, drifters=300)
     found = compare(water, chain, drifted)
     assert found.hours.tolist() == [1, 12, 24]
@@ -84,7 +85,7 @@ def test_distances_are_those_of_the_definitions(getkey):
     currents = double_gyre(12, 24)
     water, flow = Water.of(currents), Flow.of(currents)
     duration = crossing_time(water, flow)
-    chain = drift_map(water, flow, duration, edge="exit")
+    chain = drift_map(water, flow, DriftStep(duration, edge="exit"))
     steps = round(12 * 3600 / duration)
     drifted = simulate_drifters(
         getkey(), water, flow, [100, 101], duration, steps, drifters=3000, rho=0.8
@@ -118,7 +119,9 @@ def test_sampling_a_cell_is_nearer_to_the_drifters_than_its_centre(getkey):
     apart = {}
     for spread, rho in (("sampled", 1.0), ("turned", 1.0), ("turned", 0.6)):
         chain = drift_map(
-            water, flow, duration, rho=rho, spread=spread, edge="exit", method="rk4", steps=8
+            water,
+            flow,
+            DriftStep(duration, rho=rho, spread=spread, edge="exit", method="rk4", substeps=8),
         )
         apart[spread, rho] = compare(water, chain, drifted)
     first = {way: found.total_variation[0] for way, found in apart.items()}
@@ -144,9 +147,9 @@ def test_bad_input_is_refused(getkey):
         run(drifters=0)
     with pytest.raises(ValueError, match="duration: expected a number of seconds other than 0"):
         run(duration=0.0)
-    chain = drift_map(water, flow, 900.0)
-    with pytest.raises(ValueError, match=r"hours: expected some from 0 to 0.5, got \[1, 12, 24\]"):
+    chain = drift_map(water, flow, DriftStep(900.0))
+    with pytest.raises(ValueError, match=r"hours: expected times from 0 to 0.5, got \[1, 12, 24\]"):
         compare(water, chain, run(drifters=2))
-    other = drift_map(*(of(double_gyre(3, 3)) for of in (Water.of, Flow.of)), 900.0)
+    other = drift_map(*(of(double_gyre(3, 3)) for of in (Water.of, Flow.of)), DriftStep(900.0))
     with pytest.raises(ValueError, match="chain: expected one of 32 cells, got one of 9"):
         compare(water, other, run(drifters=2))

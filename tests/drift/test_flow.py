@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given
 from seas import sea, seas
 
-from jaxcell.drift.advection import advect, carried, flow_map
+from jaxcell.drift.advection import advect, carried
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.maps import flow_map
+from jaxcell.drift.step import DriftStep
 from jaxcell.drift.water import Water
 
 
@@ -79,7 +81,7 @@ def nearest(water, origin, x, y):
 @given(seas())
 def test_landing_is_the_nearest_cell_of_the_same_water(currents):
     water, flow = Water.of(currents), Flow.of(currents)
-    right, up = np.asarray(flow_map(water, flow, 1.0))
+    right, up = np.asarray(flow_map(water, flow, DriftStep(1.0)))
     x, y = water.column + right, water.row + up
     found = water.landing(x[None], y[None])[0]
     gone = water.landing(x[None], y[None], exits=True)[0]
@@ -101,7 +103,7 @@ def test_a_strip_of_land_is_not_crossed():
     east = np.full((1, 5), 2.0)
     water = still(1, 5, [[[True, True, False, True, True]]])
     flow = Flow.of(sea(east, 0 * east, [[[True, True, False, True, True]]], dx=1.0, dy=1.0))
-    right, _ = np.asarray(flow_map(water, flow, 1.0))
+    right, _ = np.asarray(flow_map(water, flow, DriftStep(1.0)))
     assert water.landing((water.column + right)[None], np.zeros((1, 4)))[0].tolist() == [1, 1, 3, 3]
 
 
@@ -110,7 +112,7 @@ def test_a_strip_of_land_is_not_crossed():
 def test_uniform_flow_shifts_all_cells_alike(method, steps):
     currents = sea(np.full((4, 6), 0.5), np.full((4, 6), -0.25), dx=1800.0, dy=450.0)
     water, flow = Water.of(currents), Flow.of(currents)
-    shift = np.asarray(flow_map(water, flow, 7200, method=method, steps=steps))
+    shift = np.asarray(flow_map(water, flow, DriftStep(7200, method=method, substeps=steps)))
     np.testing.assert_allclose(shift[0], 2.0, rtol=1e-12)
     np.testing.assert_allclose(shift[1], -4.0, rtol=1e-12)
 
@@ -119,7 +121,7 @@ def test_uniform_flow_shifts_all_cells_alike(method, steps):
 def test_a_current_to_the_east_goes_east_on_a_rotated_grid(angle_deg):
     angle = math.radians(angle_deg)
     currents = sea(np.ones((3, 3)), np.zeros((3, 3)), dx=500.0, dy=2000.0, angle=angle)
-    right, up = np.asarray(flow_map(Water.of(currents), Flow.of(currents), 1000.0))
+    right, up = np.asarray(flow_map(Water.of(currents), Flow.of(currents), DriftStep(1000.0)))
     x, y = right * 500, up * 2000
     east, north = x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)
     np.testing.assert_allclose(east, 1000, rtol=1e-12)
@@ -158,7 +160,7 @@ def test_solid_body_rotation():
 def test_euler_is_one_step_of_the_current_at_the_centre():
     currents = rotation(7)
     water, flow = Water.of(currents), Flow.of(currents)
-    right, up = np.asarray(flow_map(water, flow, 600.0))
+    right, up = np.asarray(flow_map(water, flow, DriftStep(600.0)))
     u, v = (currents[name].values[0, 0][water.row, water.column] for name in "uv")
     np.testing.assert_allclose(right, u * 0.6, rtol=1e-12)
     np.testing.assert_allclose(up, v * 0.6, rtol=1e-12)
@@ -199,11 +201,16 @@ def test_the_default_step_drifts_one_cell_on_average():
     currents = sea(*random.normal(size=(2, 5, 8, 9)), random.random((8, 9)) < 0.8, dx=800.0)
     water, flow = Water.of(currents), Flow.of(currents)
     duration = crossing_time(water, flow)
-    shifts = [flow_map(water, Flow.of(currents, record=record), duration) for record in range(5)]
+    shifts = [
+        flow_map(water, Flow.of(currents, record=record), DriftStep(duration))
+        for record in range(5)
+    ]
     assert np.mean([np.hypot(*np.asarray(shift)).mean() for shift in shifts]) == pytest.approx(1)
     steady = Flow.of(currents, record=2)
-    found = flow_map(water, steady)
-    np.testing.assert_array_equal(found, flow_map(water, steady, crossing_time(water, steady)))
+    found = flow_map(water, steady, DriftStep())
+    np.testing.assert_array_equal(
+        found, flow_map(water, steady, DriftStep(crossing_time(water, steady)))
+    )
 
 
 def test_works_under_jit_vmap_and_grad():
@@ -247,16 +254,22 @@ def test_layers_have_cells_of_their_own():
     [
         (lambda c: Water.of(c, 1), "layer 1 does not exist; there are 1"),
         (lambda c: Flow.of(c, 0, 3), "record 3 does not exist; there are 1"),
-        (lambda c: flow_map(Water.of(c), Flow.of(c), 0), "other than 0, got 0"),
-        (lambda c: flow_map(Water.of(c), Flow.of(c), math.nan), "got nan"),
-        (lambda c: flow_map(Water.of(c), Flow.of(c), 1.0, steps=0), "steps: expected 1 or more"),
+        (lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(0)), "other than 0, got 0"),
+        (lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(math.nan)), "got nan"),
         (
-            lambda c: flow_map(Water.of(c), Flow.of(c), 1.0, method="leap"),
+            lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(1.0, substeps=0)),
+            "substeps: expected 1 or more",
+        ),
+        (
+            lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(1.0, method="leap")),
             "method: expected 'euler' or 'rk4', got 'leap'",
         ),
-        (lambda c: flow_map(Water.of(c), Flow.of(c)), "the water stands still everywhere"),
         (
-            lambda c: flow_map(still(2, 2), Flow.of(c), 1.0),
+            lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep()),
+            "the water stands still everywhere",
+        ),
+        (
+            lambda c: flow_map(still(2, 2), Flow.of(c), DriftStep(1.0)),
             r"over the \[2, 2\] squares of this water, got one over \[3, 3\]",
         ),
     ],

@@ -51,7 +51,7 @@ def moved(water, other, shift):
 
 def chains(currents, **options):
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-    return water, flow, drift.drift_map(water, flow, 1.0, **options)
+    return water, flow, drift.drift_map(water, flow, drift.DriftStep(1.0, **options))
 
 
 def same_partition(first, second):
@@ -105,8 +105,8 @@ def test_groups_and_times_do_not_know_where_columns_begin(seed):
     np.testing.assert_allclose(times, found.absorption.value, rtol=1e-9)
     leaving = np.asarray(again.probability.leaving)[to]
     np.testing.assert_allclose(leaving, found.probability.leaving, atol=1e-9)
-    expected = drift.diagnose(water, flow, found.groups, 1.0)
-    told = drift.diagnose(other, turned_flow, again.groups, 1.0)
+    expected = drift.diagnose(water, flow, found.groups, drift.DriftStep(1.0))
+    told = drift.diagnose(other, turned_flow, again.groups, drift.DriftStep(1.0))
     assert told.warning == expected.warning
     assert (told.locked, told.whole_pieces) == (expected.locked, expected.whole_pieces)
     assert sorted(told.pieces.tolist()) == sorted(expected.pieces.tolist())
@@ -142,7 +142,7 @@ def test_voyages_do_not_know_where_columns_begin():
         waters = [drift.Water.of(currents, layer) for layer in range(2)]
         flows = [drift.Flow.of(currents, layer) for layer in range(2)]
         layers = [
-            drift.drift_map(one, flow, 1.0, edge="exit")
+            drift.drift_map(one, flow, drift.DriftStep(1.0, edge="exit"))
             for one, flow in zip(waters, flows, strict=True)
         ]
         both = drift.Sea.of(waters, layers)
@@ -209,7 +209,9 @@ def test_distances_go_the_shorter_way_round():
     drifted = drift.Drifters(x, 0 * x + 2, cell, 3600.0)
     whole = np.arange(water.cells, dtype=np.int32)[None]
     stays = drift.drift_map(
-        water, drift.Flow(jnp.zeros((1, 2, ROWS, COLUMNS)), jnp.zeros(1), True), 1.0, edge="exit"
+        water,
+        drift.Flow(jnp.zeros((1, 2, ROWS, COLUMNS)), jnp.zeros(1), True),
+        drift.DriftStep(1.0, edge="exit"),
     )
     assert (np.asarray(stays.image) == whole).all()
     assert drift.compare(water, stays, drifted, [0, 1]).transport.tolist() == [0, 1]
@@ -243,10 +245,10 @@ def test_a_flow_of_another_kind_is_refused():
     here = globe()
     plain = drift.Flow.of(copies(here).isel(x=slice(COLUMNS)))
     with pytest.raises(ValueError, match="flow: wraps: expected True as for this water, got False"):
-        drift.drift_map(drift.Water.of(here), plain, 1.0)
+        drift.drift_map(drift.Water.of(here), plain, drift.DriftStep(1.0))
     waters = [drift.Water.of(one) for one in (here, copies(here).isel(x=slice(COLUMNS)))]
     both = [
-        drift.drift_map(w, f, 1.0)
+        drift.drift_map(w, f, drift.DriftStep(1.0))
         for w, f in zip(waters, (drift.Flow.of(here), plain), strict=True)
     ]
     with pytest.raises(ValueError, match="layers 0 and 1: only one of them goes round the Earth"):

@@ -7,6 +7,7 @@ import pytest
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.drift import (
+    DriftStep,
     Flow,
     Sea,
     Water,
@@ -37,11 +38,11 @@ def surface():
 def test_each_eddy_of_the_surface_gathers_drifters(surface):
     water, flow = surface
     step = crossing_time(water, flow)
-    found = long_term_behaviour(drift_map(water, flow, step), step)
+    found = long_term_behaviour(drift_map(water, flow, DriftStep(step)), step)
     # One in the western basin and two in the eastern one, and water that leads to any of them.
     assert found.groups.size.tolist() == [17, 26, 61]
     assert found.transient.domiciles == ((0,), (1,), (2,), (0, 1, 2))
-    assert diagnose(water, flow, found.groups, step).warning is None
+    assert diagnose(water, flow, found.groups, DriftStep(step)).warning is None
     chosen = deployment_cells(found)
     assert reachable(found.chain, chosen.cells).all()
     # As in the source, it takes longest where it is open in which group a drifter ends.
@@ -53,7 +54,7 @@ def test_each_eddy_of_the_surface_gathers_drifters(surface):
 def test_ridges_part_the_domains_of_its_eddies(surface):
     water, flow = surface
     step = crossing_time(water, flow)
-    chain = drift_map(water, flow, step, spread="sampled", edge="exit")
+    chain = drift_map(water, flow, DriftStep(step, spread="sampled", edge="exit"))
     found = long_term_behaviour(chain, step)
     assert found.groups.count == 3
     ridge = ridges(water, ftle(water, flow, 20 * step, steps=200))
@@ -67,7 +68,7 @@ def test_an_eddy_that_holds_drifters_beyond_all_numbers():
     water, flow = Water.of(currents), Flow.of(currents)
     step = 0.9 * crossing_time(water, flow)
     # The matrix of the times is singular to rounding.
-    found = long_term_behaviour(drift_map(water, flow, step), step)
+    found = long_term_behaviour(drift_map(water, flow, DriftStep(step)), step)
     assert found.absorption.certificate.outcome is not Outcome.CONVERGED
     assert reachable(found.chain, deployment_cells(found).cells).all()
     with pytest.raises(RuntimeError, match="absorption_times"):
@@ -80,7 +81,7 @@ def test_a_voyage_past_such_an_eddy():
     waters = [Water.of(currents, layer) for layer in layers]
     flows = [Flow.of(currents, layer) for layer in layers]
     step = np.mean([crossing_time(*one) for one in zip(waters, flows, strict=True)])
-    maps = [drift_map(*one, float(step)) for one in zip(waters, flows, strict=True)]
+    maps = [drift_map(*one, DriftStep(float(step))) for one in zip(waters, flows, strict=True)]
     sea = Sea.of(waters, maps)
     for goal in (120, 400):
         voyage = discounted_voyage(sea, goal)

@@ -32,7 +32,7 @@ def test_the_map_is_that_of_single_cells(globe, spread, edge):
     assert water.wraps == globe
     duration = 1.5e6 if globe else 3400.0
     options = {"rho": 0.7, "spread": spread, "edge": edge}
-    P = drift.drift_map(water, flow, duration, **options).to_scipy()
+    P = drift.drift_map(water, flow, drift.DriftStep(duration, **options)).to_scipy()
     one = Drifter(currents, water, 0, duration, **options)
     for z in np.random.default_rng(0).choice(water.cells, 60, replace=False).tolist():
         expected = one.images(z)

@@ -51,7 +51,7 @@ def test_cells_are_in_the_polygon_of_their_centre(tmp_path, currents, turn):
 def test_the_exchange_is_that_of_drifters(tmp_path, currents):
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
     step, steps = 3 * 3600.0, 1
-    chain = drift.drift_map(water, flow, step, **drift.METHODS["drifters"])
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(step))
     inside = np.stack([water.column < 5, (water.column >= 5) & (water.column < 9)])
     found = drift.Exchange(np.array(["west", "east"]), inside, chain, 3.0, steps)
     for region, row, left in zip(inside, found.share, found.left, strict=True):
@@ -96,7 +96,7 @@ def test_what_is_wrong_with_regions_is_said(tmp_path, currents):
     for polygons, wrong in (
         ({"far": far}, "'far': no centre of a water cell"),
         ({"way": line}, "'way': expected a polygon, got LineString"),
-        ({}, "expected some, of different names"),
+        ({}, "expected one or more, of different names"),
     ):
         with pytest.raises(ValueError, match=wrong):
             drift.read_regions(write(path, polygons), water)

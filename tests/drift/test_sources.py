@@ -8,14 +8,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from drift import products
+from drift.products import write
 
 from jaxcell.drift import open_currents
-
-
-def write(folder, dataset, name="sea.nc"):
-    encoding = {name: {"_FillValue": None} for name in dataset.variables}
-    dataset.to_netcdf(folder / name, encoding=encoding)
-    return folder / name
 
 
 def months(folder):

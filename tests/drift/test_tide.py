@@ -11,6 +11,7 @@ import xarray as xr
 from seas import sea
 
 from jaxcell import bundled, drift, study, verify
+from jaxcell.drift.validation.distance import Sampling
 from jaxcell.mapping import Chain, ChainSequence
 
 
@@ -28,8 +29,8 @@ def strait(rows=5, columns=8):
 @pytest.fixture(scope="module")
 def both():
     """Found with the tide, and by the mean of the records."""
-    options = drift.METHODS["drifters"]
-    return [drift.SeaDrift.of(strait(), STEP, mean=mean, **options) for mean in (False, True)]
+    step = drift.METHODS["drifters"].lasting(STEP)
+    return [drift.SeaDrift.of(strait(), step, mean=mean) for mean in (False, True)]
 
 
 def test_a_current_goes_on_from_its_last_record_to_its_first():
@@ -205,35 +206,33 @@ def test_layers_of_different_phases_are_refused():
 
 
 def test_too_many_phases_are_left_for_the_mean(monkeypatch):
-    monkeypatch.setattr("jaxcell.drift.results.sea_drift._MAX_STATES", 100)
-    found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
+    monkeypatch.setattr(drift.SeaDrift, "largest", 100)
+    found = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
     assert found.phases is None
     assert found.remarks[0].startswith(
         "The current has 160 cells at its 4 phases, and 100 are as many as take minutes; "
     )
     monkeypatch.setattr("jaxcell.base.memory.free", lambda: 1000)
     monkeypatch.setattr("jaxcell.base.memory.check", lambda *_: None)
-    monkeypatch.setattr("jaxcell.drift.results.sea_drift._MAX_STATES", 1000)
-    found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
+    monkeypatch.setattr(drift.SeaDrift, "largest", 1000)
+    found = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(STEP))
     assert "which need about 0.0 GB of memory, and 0.0 GB are free;" in found.remarks[0]
 
 
 def test_a_step_is_made_to_fit_the_period():
-    found = drift.SeaDrift.of(strait(), 1.2 * STEP, **drift.METHODS["drifters"])
+    found = drift.SeaDrift.of(strait(), drift.METHODS["drifters"].lasting(1.2 * STEP))
     assert found.step == pytest.approx(4 * STEP / 3)
     assert found.remarks[0].startswith("A step takes 14400 s in place of 12960 s, to fit the 12 h")
 
 
-def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
+def test_drifters_begin_in_separate_parts_of_a_large_sea():
     currents = strait(rows=6, columns=12).isel(time=slice(1))
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-    chain = drift.drift_map(water, flow, STEP, **drift.METHODS["drifters"])
-    for name, value in (("_DRIFTERS", 400), ("_PART", 3)):
-        monkeypatch.setattr(f"jaxcell.drift.truth.distance.{name}", value)
-    (found,) = drift.distances(water, flow, [(chain, STEP)])
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(STEP))
+    sampling = Sampling(drifters=400, part=3)
+    (found,) = drift.distances(water, flow, [(chain, STEP)], sampling)
     assert found.cells == 36
     assert found.total_variation.max() < 0.4
-    monkeypatch.undo()
     (found,) = drift.distances(water, flow, [(chain, STEP)])
     assert found.cells == 72
 

@@ -6,7 +6,7 @@ import xarray as xr
 from hypothesis import given, strategies as st
 
 from jaxcell import drift, mapping, markov
-from jaxcell.drift.observed.counted import located
+from jaxcell.drift.observed.moves import located
 
 
 # Three drifters of 4, 2 and 3 observations, the first of which crosses the date line.
@@ -102,7 +102,7 @@ def test_decoded_times_of_a_dataset_in_hand_are_read():
         (lambda d: d.assign(rowsize=("traj", [4.5, 2.5, 2])), "rowsize: .* that are none of obs"),
         (lambda d: d.assign(rowsize=("traj", [4, 5, np.nan])), "rowsize: .* that are none of obs"),
         (lambda d: d.assign(rowsize=(("a", "b"), [[4, 5]])), "rowsize: .* that are none of obs"),
-        (lambda d: d.drop_vars("rowsize"), "longitude: nothing says which drifter is meant along"),
+        (lambda d: d.drop_vars("rowsize"), "longitude: the drifters along obs are unknown"),
         (
             lambda d: d.assign(latitude=d.start_lon),
             "latitude: expected dimensions of .'obs',., got",
@@ -128,7 +128,7 @@ def test_boxes_go_on_beyond_the_date_line():
     moves = drift.count_moves(first, whole, 6 * 3600.0)
     lon = moves.water.lon[moves.water.row, moves.water.column]
     assert lon[moves.begin].tolist() == [179.5, 179.5, -179.5]
-    with pytest.raises(ValueError, match="bounds: no drifter was there"):
+    with pytest.raises(ValueError, match="bounds: no drifter was within them"):
         drift.boxes(first, 1.0, (0, 0, 10, 10))
 
 

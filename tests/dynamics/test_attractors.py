@@ -40,7 +40,7 @@ KEEPING = {
 
 
 @pytest.mark.parametrize("name", KEEPING)
-def test_groups_of_maps_that_keep_volumes_are_those_of_brute_force(name):
+def test_groups_of_volume_preserving_maps_equal_brute_force(name):
     map, box = KEEPING[name]
     found = dynamics.basins(map, box)
     image = []
@@ -74,7 +74,7 @@ def test_orbits_on_a_torus_keep_their_fractions():
     assert (by_orbits.basin == 0).all()
 
 
-def test_orbits_are_merged_as_pairs_of_them_are():
+def test_merged_orbits_equal_merging_of_all_pairs():
     box = Box([0, 0], [1, 1], [9, 9], ["periodic", "sink"])
     orbit = np.random.default_rng(0).uniform([-1, 0], [2, 1], (15, 2, 2))
     meet = nx.Graph()
@@ -91,7 +91,7 @@ def test_orbits_are_merged_as_pairs_of_them_are():
 
 
 @pytest.mark.parametrize(("kind", "label"), [("periodic", [0, 0]), ("sink", [0, 1])])
-def test_orbits_at_the_two_ends_of_a_periodic_axis_are_one(kind, label):
+def test_orbits_across_a_periodic_axis_are_merged(kind, label):
     orbit = np.array([0.999, 0.001])[:, None, None]
     assert merged(Box([0], [1], [9], kind), orbit, 0).tolist() == label
 
@@ -103,7 +103,7 @@ def test_starts_are_even_among_the_cells_of_a_group(chunk, monkeypatch):
     image = np.random.default_rng(1).permutation(60).astype(np.int32)
     groups = groups_on_host(np.append(image, np.array([60, 61], np.int32)))
     chosen = np.array([1, 2])
-    found = attractors._cells_of(box, groups, chosen, 3)
+    found = attractors.cells_of(box, groups, chosen, 3)
     _, label = connected_components(csr_array((np.ones(60), (np.arange(60), image))))
     for k, cells in zip(chosen, found, strict=True):
         own = np.flatnonzero(np.asarray(groups.group)[:60] == k)
@@ -111,18 +111,18 @@ def test_starts_are_even_among_the_cells_of_a_group(chunk, monkeypatch):
         assert np.unique(label[own]).size == 1
 
 
-def test_of_many_groups_the_others_lead_where_their_orbits_do(monkeypatch):
+def test_groups_without_orbits_get_the_attractors_of_their_cells(monkeypatch):
     # A step is shorter than half a cell around the middle, where each cell is a group.
     box = Box([-1], [1], [40])
     slow = dynamics.flow(lambda x, p: -x, 0.1, 1)
     all_of_them = dynamics.basins(slow, box)
-    monkeypatch.setattr(attractors, "_MAX_GROUPS", 3)
+    monkeypatch.setattr(attractors, "MAX_GROUPS", 3)
     few = dynamics.basins(slow, box)
     assert few.groups == all_of_them.groups > 6
     assert all_of_them.basin.tolist() == few.basin.tolist() == [0] * 40
 
 
-def test_groups_whose_orbits_come_to_no_known_attractor_are_told(monkeypatch):
+def test_groups_that_reach_no_known_attractor_are_reported(monkeypatch):
     # Eight wells, of which two are followed, as long as nothing starts anywhere else.
     box = Box([0], [8], [80])
 
@@ -130,7 +130,7 @@ def test_groups_whose_orbits_come_to_no_known_attractor_are_told(monkeypatch):
         return jnp.floor(x) + 0.5 + 0.3 * (x - jnp.floor(x) - 0.5)
 
     assert dynamics.basins(wells, box).attractors == 8
-    monkeypatch.setattr(attractors, "_MAX_GROUPS", 2)
+    monkeypatch.setattr(attractors, "MAX_GROUPS", 2)
     (few,) = basins_of_each(wells, box, [None], scattered=1, seed=1)
     assert few.attractors < 8
     assert few.nowhere_share == 1 - few.attractors / 8
@@ -145,7 +145,7 @@ def test_remarks_on_single_attractors_are_few():
     assert len(turn.remarks) < 10
 
 
-def test_orbits_that_end_at_no_finite_point_lead_nowhere():
+def test_orbits_that_diverge_lead_nowhere():
     """As those do that do not come back to a section, where cells around an equilibrium stay."""
 
     def fades(x, p):

@@ -21,7 +21,7 @@ def boxes(draw):
 
 
 @given(boxes())
-def test_the_centre_of_a_cell_is_in_it(corners):
+def test_centre_of_a_cell_is_in_the_cell(corners):
     box = Box(*corners)
     cells = np.arange(box.size, dtype=np.int32)
     assert (box.index(box.centre(cells)) == cells).all()
@@ -29,7 +29,7 @@ def test_the_centre_of_a_cell_is_in_it(corners):
 
 
 @given(boxes(), st.data())
-def test_points_are_found_as_numpy_finds_them(corners, data):
+def test_cells_of_points_equal_numpy(corners, data):
     box = Box(*corners)
     place = np.array(
         data.draw(st.lists(st.floats(-3, 9), min_size=box.dimensions, max_size=box.dimensions))
@@ -50,7 +50,7 @@ def test_points_are_found_as_numpy_finds_them(corners, data):
     assert found == (np.ravel_multi_index(expected, box.cells) if inside else box.outside)
 
 
-def test_an_edge_belongs_to_the_upper_cell_and_the_last_to_none():
+def test_edge_belongs_to_the_upper_cell_and_the_last_edge_to_none():
     box = Box([0], [1], [10])
     edges = np.linspace(0, 1, 11)[:, None]
     assert box.index(edges).tolist() == list(range(11))
@@ -69,7 +69,7 @@ def test_numpy_and_jax_agree_under_jit_and_vmap():
     assert jax.eval_shape(lambda at: box.centre(at, jnp.float32), cells).dtype == jnp.float32
 
 
-def test_cells_are_apart_by_the_shorter_way_round():
+def test_distance_on_periodic_axes_is_the_shorter_one():
     box = Box([0, 0], [1, 5], [10, 10], ["periodic", "sink"])
     assert box.apart(np.array([[7, 7], [-12, -9], [5, 0]])).tolist() == [[3, 7], [2, 9], [5, 0]]
     np.testing.assert_allclose(jax.jit(box.apart)(np.array([9.5, 9.5])), [0.5, 9.5])
@@ -90,7 +90,7 @@ def test_far_points_do_not_overflow():
         (([0] * 4, [1] * 4, [1000] * 4), "more than the 2,147,483,646"),
     ],
 )
-def test_bad_boxes_are_refused_in_one_line(arguments, said):
+def test_bad_boxes_are_refused(arguments, said):
     with pytest.raises(ValueError, match=said) as refused:
         Box(*arguments)
     assert "\n" not in str(refused.value)

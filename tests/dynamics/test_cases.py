@@ -91,7 +91,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_groups_are_those_that_were_published(name):
+def test_groups_equal_published_groups(name):
     map, box, params, periods, lost, longest, largest = CASES[name]
     found = dynamics.basins(map, box, params)
     assert Counter(found.group_period.tolist()) == periods
@@ -103,7 +103,7 @@ def test_groups_are_those_that_were_published(name):
     assert sorted(basin[: found.groups])[::-1][: len(largest)] == largest
 
 
-def test_a_bijection_has_as_many_groups_as_published():
+def test_bijection_has_the_published_number_of_groups():
     box = Box([-14, -14], [14, 14], [151, 151])
     image = dynamics.images(gingerbread, box)
     groups = periodic_groups(np.append(image, [box.outside, box.nowhere]).astype(np.int32))
@@ -115,7 +115,7 @@ def test_a_bijection_has_as_many_groups_as_published():
 
 
 @pytest.mark.parametrize("time", [0.5, 2.0])
-def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
+def test_pendulum_has_two_attractors_for_any_duration(time):
     box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, int(time / 0.05)), box, {"T": 0.5})
     assert found.groups > 2
@@ -125,7 +125,7 @@ def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
     assert found.several_share < 0.01
 
 
-def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
+def test_basin_share_of_pendulum_equals_monte_carlo():
     box = Box([-np.pi, -10], [np.pi, 10], [151, 151], ["periodic", "sink"])
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})
     # 0.152 of 10,000 starts of bSTAB, 0.1523 of a grid of 150^2.
@@ -136,7 +136,7 @@ def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
     assert found.remarks == ()
 
 
-def test_crossing_times_leave_few_cells_where_they_are():
+def test_crossing_times_leave_few_cells_mapped_to_themselves():
     box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
     coarse = Box(box.lower, box.upper, [11, 11], box.axes)
     slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), coarse, {"T": 0.5})
@@ -149,7 +149,7 @@ def test_crossing_times_leave_few_cells_where_they_are():
     assert crossing.fraction.min() == pytest.approx(0.152, abs=0.04)
 
 
-def test_henons_map_has_one_attractor_and_loses_the_rest():
+def test_henon_map_has_one_attractor_and_other_cells_leave():
     found = dynamics.basins(systems.henon.map, systems.henon.box, systems.henon.params)
     assert (found.groups, found.attractors) == (4, 1)
     # 0.43249 of grids of 1000^2 and 2000^2.
@@ -158,7 +158,7 @@ def test_henons_map_has_one_attractor_and_loses_the_rest():
     assert found.period.tolist() == [0]
 
 
-def test_a_cycle_of_a_whole_number_of_steps_is_one_attractor():
+def test_cycle_of_a_whole_number_of_steps_is_one_attractor():
     # Round in four steps, between which are a thousand cells.
     ring = dynamics.flow(lambda x, p: jnp.stack([2.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
     found = dynamics.basins(ring, Box([0, 0], [1, 1], [4000, 3], ["periodic", "sink"]))
@@ -179,7 +179,7 @@ def test_orbits_and_cells_agree_where_cells_are_fine(axes):
     assert not any("random starts" in said for said in by_cells.remarks)
 
 
-def test_orbits_find_what_coarse_cells_do_not():
+def test_orbits_find_attractors_that_coarse_cells_miss():
     box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
     flow = dynamics.flow(pendulum, 0.05, 20)
     coarse = dynamics.basins(flow, box, {"T": 0.5})
@@ -190,7 +190,7 @@ def test_orbits_find_what_coarse_cells_do_not():
     assert found.fraction.min() == pytest.approx(0.152, abs=0.035)
 
 
-def test_orbits_that_leave_are_followed_as_far_as_it_is_said():
+def test_orbits_that_leave_are_followed_for_the_given_mappings():
     def back(x, p):
         return jnp.where(jnp.abs(x) > 1, x / 10, jnp.where(jnp.abs(x) > 0.5, 3 * x, 0.9 * x))
 
@@ -202,7 +202,7 @@ def test_orbits_that_leave_are_followed_as_far_as_it_is_said():
     assert not any("out of the box" in one for one in dynamics.basins(back, box, follow=1).remarks)
 
 
-def test_a_periodic_axis_that_the_map_does_not_respect_is_named():
+def test_axis_that_the_map_does_not_keep_periodic_is_named():
     box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
     with pytest.warns(UserWarning, match="The axis x0 is periodic"):
         torn = dynamics.continuation(lambda x, p: x * p["rate"], box, {"rate": [0.5, 1.0]})
@@ -217,7 +217,7 @@ def test_a_periodic_axis_that_the_map_does_not_respect_is_named():
     assert not any("periodic" in one for one in twice.remarks)
 
 
-def test_what_is_not_finite_is_not_outside():
+def test_images_that_are_not_finite_are_not_outside():
     def map(x, p):
         return jnp.where(x < 0.25, jnp.inf - jnp.inf, jnp.where(x < 0.5, x + 10, x))
 
@@ -238,7 +238,7 @@ def test_morse_sets_of_a_product():
     assert (len(sets), edges.nnz) == (25, 119)
 
 
-def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
+def test_cover_of_lorenz_attractor_equals_gaio():
     def lorenz(x, p):
         return jnp.stack(
             [10 * (x[1] - x[0]), 28 * x[0] - x[1] - x[0] * x[2], x[0] * x[1] - 0.4 * x[2]]
@@ -251,7 +251,7 @@ def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     assert dynamics.unstable_set(dynamics.flow(lorenz, 0.01, 10), box, start).size == 33_320
 
 
-def test_attractors_that_come_near_to_each_other_are_two():
+def test_near_attractors_are_not_merged():
     # A chaotic one and a cycle, less than half a cell apart. Attractors.jl: 0.645 of 1,000 starts,
     # 0.18 and 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
     box = Box([-3] * 3, [3] * 3, [63] * 3)
@@ -261,7 +261,7 @@ def test_attractors_that_come_near_to_each_other_are_two():
     assert sum("take basins by orbits" in said for said in found.remarks) == 3
 
 
-def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
+def test_magnetic_pendulum_has_three_attractors():
     # Of starts at rest; on their way orbits leave the thin box around that, and come back.
     system = systems.magnetic
     box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [25, 25, 1, 1])
@@ -284,7 +284,7 @@ def test_fractions_of_the_pendulum_along_its_torque():
     assert found.vanishes.tolist() == [4, 4]
 
 
-def test_a_section_of_van_der_pol_has_its_period():
+def test_section_of_van_der_pol_has_its_period():
     def field(x, p):
         return jnp.stack([x[1], p["mu"] * (1 - x[0] ** 2) * x[1] - x[0]])
 
@@ -318,7 +318,7 @@ def test_periods_of_the_logistic_map_double():
 
 
 @pytest.mark.parametrize("axes", [4, 5, 6])
-def test_boxes_of_many_axes_have_the_product_of_the_groups_of_each(axes):
+def test_groups_of_product_maps_are_products_of_groups(axes):
     kinds = ["sink", "periodic", "clamp"] * 2
     box = Box([-2] * axes, [2] * axes, [4, 5, 3, 4, 2, 3][:axes], kinds[:axes])
     rates = np.array([1.4, 2.0, 3.0, -0.7, 1.0, -1.5])[:axes]
@@ -342,7 +342,7 @@ def test_boxes_of_many_axes_have_the_product_of_the_groups_of_each(axes):
 
 
 @pytest.mark.parametrize("axes", [4, 5])
-def test_wells_of_many_axes_are_as_many_as_corners(axes):
+def test_number_of_wells_is_a_power_of_2(axes):
     box = Box([-2] * axes, [2] * axes, [4] * axes)
     found = dynamics.basins(lambda x, p: jnp.sign(x) * 0.6 + 0.1 * x, box)
     assert found.attractors == 2**axes
@@ -354,7 +354,7 @@ def test_wells_of_many_axes_are_as_many_as_corners(axes):
     assert len({*zip(corner.tolist(), found.basin.tolist(), strict=True)}) == 2**axes
 
 
-def test_turns_in_three_planes_of_six_axes_come_back_together():
+def test_turns_in_three_planes_have_a_common_period():
     # By a quarter, a quarter the other way, and a half: four mappings, but in the middle.
     box = Box([-1] * 6, [1] * 6, [3] * 6)
 

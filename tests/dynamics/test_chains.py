@@ -14,7 +14,7 @@ def limiting(chain):
     return np.asarray(markov.limiting_distribution(chain, mapping.persistent_groups(chain)).value)
 
 
-def test_the_chain_of_the_logistic_map_is_that_of_ulam():
+def test_chain_of_logistic_map_equals_ulams_matrix():
     cells, samples = 64, 400
     chain = dynamics.chain(
         lambda x, p: 4 * x * (1 - x), Box([0], [1], [cells], "clamp"), samples=samples
@@ -35,7 +35,7 @@ def test_the_chain_of_the_logistic_map_is_that_of_ulam():
     assert np.abs(limiting(chain) - density).sum() < 0.2
 
 
-def test_noise_makes_the_gaussian_of_ornstein_and_uhlenbeck():
+def test_noisy_decay_has_the_ornstein_uhlenbeck_gaussian():
     time = 0.1
     box, decay = Box([-4], [4], [200], "clamp"), np.exp(-time)
     noise = np.sqrt((1 - decay**2) / 2)
@@ -72,7 +72,7 @@ def test_noise_by_quadrature_has_the_moments_of_a_linear_map():
 UNSEEN = 0.5826
 
 
-def test_ornstein_and_uhlenbeck_leave_after_the_time_of_the_quadrature():
+def test_exit_time_of_ornstein_uhlenbeck_equals_quadrature():
     time = 0.01
     end = 2 - UNSEEN * np.sqrt(time)
     noise = np.sqrt((1 - np.exp(-2 * time)) / 2)
@@ -100,26 +100,26 @@ def well():
 
 
 @pytest.mark.parametrize(("to", "expected"), [(0.0, 18.42615845), (1.0, 41.03428027)])
-def test_a_well_is_left_after_the_time_of_the_quadrature(well, to, expected):
+def test_exit_time_of_a_well_equals_quadrature(well, to, expected):
     chain, target, places = well(-2.2, to, "clamp")
     times = np.asarray(markov.hitting_times(chain, target).value)
     assert np.interp(-1, places, times) * 0.01 == pytest.approx(expected, rel=0.04)
 
 
-def test_the_committor_of_a_well_is_that_of_the_quadrature(well):
+def test_committor_of_a_well_equals_quadrature(well):
     chain, target, places = well(-0.7 + UNSEEN * 0.05, 0.7, "sink")
     found = np.asarray(markov.arrival_probabilities(chain, target).value)
     np.testing.assert_allclose(np.interp([-0.35, 0], places, found), [0.1587850585, 0.5], atol=0.01)
 
 
-def test_what_leaves_the_box_goes_to_the_sink():
+def test_images_outside_the_box_go_to_the_sink():
     box = Box([0], [1], [4])
     chain = dynamics.chain(lambda x, p: x + 0.5, box, samples=8)
     np.testing.assert_allclose(chain.leaving, [0, 0, 1, 1])
     assert chain.to_scipy().toarray()[:2, 2:].tolist() == [[1, 0], [0, 1]]
 
 
-def test_a_key_makes_the_same_chain_again():
+def test_chain_is_reproducible_from_its_key():
     box = Box([0], [1], [8], "periodic")
     one, same, other = (
         dynamics.chain(lambda x, p: x, box, noise=0.3, key=jax.random.key(k)) for k in (1, 1, 2)
@@ -143,7 +143,7 @@ def test_bad_options_are_refused(options, said):
         dynamics.chain(lambda x, p: x, Box([0], [1], [4]), **options)
 
 
-def test_the_duffing_chain_has_the_groups_of_sun_and_xiong():
+def test_groups_of_duffing_chain_equal_sun_and_xiong():
     def duffing(t, x, p):
         return jnp.stack([x[1], -0.25 * x[1] - 0.05 * x[0] - x[0] ** 3 + 8.5 * jnp.cos(t)])
 
@@ -165,7 +165,7 @@ def test_the_duffing_chain_has_the_groups_of_sun_and_xiong():
 SLIP = (135, 16), (134, 17), (135, 17)
 
 
-def test_a_well_of_uncertain_damping_has_the_groups_of_sun_and_xiong():
+def test_groups_of_uncertain_damping_equal_sun_and_xiong():
     def well(x, p):
         return jnp.stack([x[1], -x[2] * x[1] + x[0] - x[0] ** 3, 0.0 * x[2]])
 

@@ -17,12 +17,12 @@ def mapped(map, *point):
     return jax.jit(map)(np.array(point), None)
 
 
-def test_a_flow_turns_by_its_time():
+def test_flow_turns_by_its_time():
     quarter = dynamics.flow(turning, np.pi / 200, 100)
     np.testing.assert_allclose(mapped(quarter, 1.0, 0.0), [0, -1], atol=1e-8)
 
 
-def test_a_strobe_sees_the_phase_of_the_force():
+def test_strobe_follows_the_phase_of_the_force():
     # x' = cos(t) comes back after a period, x' = cos(t)^2 is pi farther.
     back = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None], 2 * np.pi, 100)
     on = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None] ** 2, 2 * np.pi, 100)
@@ -30,7 +30,7 @@ def test_a_strobe_sees_the_phase_of_the_force():
     np.testing.assert_allclose(mapped(on, 0.3), [0.3 + np.pi], atol=1e-9)
 
 
-def test_a_section_of_a_spiral_is_its_return_map():
+def test_section_of_a_spiral_is_its_return_map():
     # r' = -r / 10, a turn in 2 pi: a return multiplies the radius by exp(-pi / 5).
     def spiral(x, p):
         return jnp.stack([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]])
@@ -48,7 +48,7 @@ def test_a_section_of_a_spiral_is_its_return_map():
     np.testing.assert_allclose(mapped(returns, 2.0), [expected], rtol=1e-6)
 
 
-def test_a_section_that_is_never_met_is_nowhere():
+def test_section_without_return_maps_nowhere():
     away = dynamics.section(
         lambda x, p: jnp.ones(2),
         lambda x, p: x[1],
@@ -61,20 +61,7 @@ def test_a_section_that_is_never_met_is_nowhere():
     assert dynamics.images(away, box).tolist() == [box.nowhere] * 4
 
 
-def test_a_ball_bounces_to_the_height_of_its_energy():
-    # From height 1 at rest, g = 2: down after 1 s at speed 2, up again at 1.6, highest 0.8 s later.
-    ball = dynamics.impacts(
-        lambda x, p: jnp.stack([x[1], -2.0 + 0 * x[0]]),
-        lambda x, p: x[0],
-        lambda x, p: jnp.stack([0.0 * x[0], -0.8 * x[1]]),
-        dt=0.07,
-        steps=1,
-    )
-    fine = dynamics.impacts(ball.flow.field, ball.surface, ball.reset, dt=1.8 / 40, steps=40)
-    np.testing.assert_allclose(mapped(fine, 1.0, 0.0), [0.64, 0.0], atol=1e-6)
-
-
-def test_images_in_chunks_are_those_of_all_at_once(monkeypatch):
+def test_images_in_chunks_equal_images_at_once(monkeypatch):
     box = Box([-2, -2], [2, 2], [40, 30])
     flow = dynamics.flow(turning, 0.1, 7)
     whole = dynamics.images(flow, box)
@@ -86,7 +73,7 @@ def test_images_in_chunks_are_those_of_all_at_once(monkeypatch):
         assert whole[cell] == int(box.index(np.asarray(end)))
 
 
-def test_crossing_takes_each_cell_as_far_as_it_says():
+def test_crossing_moves_each_cell_by_the_given_distance():
     box = Box([-8, -8], [8, 8], [64, 64])
     flow = dynamics.flow(turning, 0.01, crossed=3, max_steps=2000)
     image = dynamics.images(flow, box)
@@ -111,7 +98,7 @@ def test_points_outside_are_followed_back():
     assert dynamics.images(back, box, follow=1).tolist() == [2, 2, 1, 1]
 
 
-def test_half_a_step_tells_of_a_coarse_one():
+def test_half_steps_reveal_coarse_steps():
     box = Box([-2, -2], [2, 2], [64, 64])
 
     def changed(map):

@@ -24,11 +24,11 @@ def test_basin_stability_weighs_starts(found):
     np.testing.assert_allclose(left, [0.5, 0.5])
 
 
-def test_minimal_critical_shocks_are_those_of_attractors_jl(found):
+def test_minimal_critical_shocks_equal_attractors_jl(found):
     np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
 
 
-def test_times_and_shocks_are_those_of_attractors_jl(found):
+def test_times_and_shocks_equal_attractors_jl(found):
     # There sums over a basin are divided by all nine starts.
     share = np.array([2 / 3, 1 / 3])
     np.testing.assert_allclose(share * found.mean_steps, [5 / 9, 2 / 9])
@@ -40,7 +40,7 @@ def test_times_and_shocks_are_those_of_attractors_jl(found):
     np.testing.assert_allclose(dynamics.basin_stability(found, within=0.5), [1 / 9, 1 / 9])
 
 
-def test_times_are_those_of_a_flow():
+def test_convergence_times_equal_those_of_a_flow():
     # x' = -1, to a floor at 0.05: each mapping lasts 0.2 and goes two cells.
     flow = dynamics.flow(lambda x, p: jnp.where(x < 0.1, 0.0, -1.0), 0.1, 2)
     found = dynamics.basins(flow, Box([0], [1], [10]))
@@ -49,7 +49,7 @@ def test_times_are_those_of_a_flow():
     assert early[0] == pytest.approx(np.mean(found.step <= 2))
 
 
-def test_times_of_crossings_are_those_of_one_cell_after_the_other():
+def test_crossing_times_equal_cell_by_cell_times():
     dt, crossed, most, cells = 0.05, 3, 100, 40
     flow = dynamics.flow(lambda x, p: -x, dt, crossed=crossed, max_steps=most)
     found = dynamics.basins(flow, Box([0], [1], [cells]))
@@ -73,7 +73,7 @@ def test_times_of_crossings_are_those_of_one_cell_after_the_other():
     assert dynamics.basin_stability(found, within=2.0)[0] == np.mean(expected <= 2)
 
 
-def test_times_of_returns_are_those_of_turns():
+def test_return_times_equal_those_of_turns():
     spiral = dynamics.section(
         lambda x, p: jnp.array([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]]),
         lambda x, p: x[1],
@@ -100,7 +100,7 @@ def test_newtons_method_has_basins_of_wada():
         dynamics.wada(dynamics.basins(lambda x, p: x / 2, Box([-1], [1], [9])))
 
 
-def test_shocks_go_round_periodic_axes():
+def test_shocks_wrap_around_periodic_axes():
     box = Box([0, 0], [8, 1], [8, 1], ["periodic", "sink"])
 
     def map(x, p):
@@ -128,7 +128,7 @@ def test_entropy_of_a_straight_boundary_is_that_of_halves():
     assert whole == pytest.approx(np.log(2) / 5)
 
 
-def test_a_smooth_boundary_has_exponent_one():
+def test_smooth_boundary_has_exponent_1():
     box = Box([-1, -1], [1, 1], [200, 200])
     found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
     exponent, share = dynamics.uncertainty_exponent(found)
@@ -136,7 +136,7 @@ def test_a_smooth_boundary_has_exponent_one():
     np.testing.assert_allclose(share[:3], [0.01, 0.02, 0.03])
 
 
-def test_a_fractal_boundary_has_the_exponent_and_the_entropy_of_attractors_jl():
+def test_exponent_and_entropy_of_fractal_boundary_equal_attractors_jl():
     def grebogi(x, p):
         angle = x[0] + 1.32 * jnp.sin(2 * x[0]) - 0.9 * jnp.sin(4 * x[0]) - x[1] * jnp.sin(x[0])
         return jnp.stack([angle, -0.3 * jnp.cos(x[0])])
@@ -151,14 +151,14 @@ def test_a_fractal_boundary_has_the_exponent_and_the_entropy_of_attractors_jl():
     assert 0.59 < mixed < 0.62
 
 
-def test_overlap_of_a_basin_with_itself_is_whole(found):
+def test_overlap_of_a_basin_with_itself_is_1(found):
     np.testing.assert_allclose(dynamics.overlap(found, found), np.eye(2))
     other = dynamics.basins(lambda x, p: x, Box([0], [1], [2]))
     with pytest.raises(ValueError, match="the same box"):
         dynamics.overlap(found, other)
 
 
-def test_attractors_are_matched_by_where_they_are():
+def test_attractors_are_matched_by_place():
     def well(x, p):
         # Fixed points at 0.2 and at 0.8, the second only from p = 1 on.
         return jnp.where((x > 0.5) & (p["p"] >= 1), 0.8, 0.2) + 0.01 * p["p"]
@@ -172,7 +172,7 @@ def test_attractors_are_matched_by_where_they_are():
     np.testing.assert_allclose(found.fraction[0], [1, 0])
 
 
-def test_what_becomes_of_attractors_is_reported():
+def test_changes_of_attractors_are_reported():
     def steps(x, p):
         # To 0.1, 0.5 and 0.9, if not ever more of them from the right have gone or leave.
         left = jnp.where(x < 0.7, 0.5, jnp.where(p["p"] >= 1, 0.5, 0.9))
@@ -186,7 +186,7 @@ def test_what_becomes_of_attractors_is_reported():
 
 
 @pytest.mark.parametrize("by", ["cells", "orbits"])
-def test_parameters_in_a_batch_are_those_one_by_one(by):
+def test_batch_of_parameters_equals_one_by_one(by):
     def well(x, p):
         return x + p["rate"] * (x - x**3) + p["shift"]
 
@@ -200,7 +200,7 @@ def test_parameters_in_a_batch_are_those_one_by_one(by):
         np.testing.assert_allclose(member.orbit, alone.orbit)
 
 
-def test_an_attractor_that_goes_round_is_matched_where_it_is():
+def test_attractor_across_a_periodic_axis_is_matched():
     def ring(x, p):
         # At a height of 0.47, and what is above 0.5 leaves; then at 0.53, where all go.
         lost = (p["p"] < 1) & (x[1] > 0.5)

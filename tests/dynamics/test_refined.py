@@ -11,7 +11,7 @@ def sloping(x, p):
     return jnp.where(x[0] + 0.37 * x[1] > 0.113, jnp.array([0.8, 0.5]), jnp.array([-0.8, 0.5]))
 
 
-def test_a_line_is_refined_to_its_exact_share():
+def test_line_is_refined_to_its_exact_share():
     found = dynamics.basins(sloping, Box([-1, -1], [1, 1], [20, 20]))
     fine = dynamics.refined(sloping, found, 5)
     right = (1 - 0.113) / 2
@@ -28,7 +28,7 @@ def henon(x, p):
     return jnp.stack([1 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]])
 
 
-def test_refined_basins_are_those_of_finer_cells():
+def test_refined_basins_equal_those_of_finer_cells():
     coarse = dynamics.basins(henon, Box([-2, -2], [2, 2], [101, 101]))
     fine = dynamics.refined(henon, coarse, 2)
     # 0.43249 of 2000^2 cells; of 101^2, 0.4287.
@@ -39,7 +39,7 @@ def test_refined_basins_are_those_of_finer_cells():
     assert np.diff(x).min() == pytest.approx(4 / 404)
 
 
-def test_boundaries_go_round_periodic_axes():
+def test_boundaries_wrap_around_periodic_axes():
     def halves(x, p):
         return jnp.where((x > 0.25) & (x < 0.7), 0.5, 0.0)
 
@@ -58,7 +58,7 @@ def test_one_basin_has_no_boundary():
     assert np.isnan(fine.exponent)
 
 
-def test_a_cover_by_subdivision_is_the_attractor_and_what_leads_to_it():
+def test_cover_is_the_attractor_and_its_unstable_sets():
     # x' = x - x^3 across, y' = -3 y: from (-1, 0) to (1, 0), through the saddle between them.
     flow = dynamics.flow(lambda x, p: jnp.stack([x[0] - x[0] ** 3, -3 * x[1]]), 0.1, 5)
     cover = dynamics.relative_attractor(flow, Box([-2, -2], [2, 2], [5, 5]), levels=5)
@@ -69,7 +69,7 @@ def test_a_cover_by_subdivision_is_the_attractor_and_what_leads_to_it():
     assert cover[:, 0].max() > 1 - width
 
 
-def test_a_cover_of_henons_attractor_holds_its_orbit():
+def test_cover_of_henon_attractor_holds_its_orbit():
     box = Box([-2, -2], [2, 2], [8, 8])
     cover = dynamics.relative_attractor(henon, box, levels=5)
     fine = Box([-2, -2], [2, 2], [256, 256])
@@ -81,7 +81,7 @@ def test_a_cover_of_henons_attractor_holds_its_orbit():
     assert len(cover) < 0.03 * fine.size
 
 
-def test_a_cantor_set_between_basins_has_the_exponent_of_its_dimension():
+def test_exponent_of_cantor_boundary_is_its_codimension():
     def thirds(x, p):
         # What is left for ever is Cantor's set; both halves of each gap go to another end.
         middle = jnp.where(x < 0.5, -0.5, 1.5)

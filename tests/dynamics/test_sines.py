@@ -10,7 +10,7 @@ from jaxcell.space import Box
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("name", ["sin", "cos"])
-def test_sines_are_those_of_the_library(name, dtype):
+def test_sines_equal_those_of_the_library(name, dtype):
     rng = np.random.default_rng(0)
     angles = np.concatenate([rng.uniform(-far, far, 20_000) for far in (1e-3, 4.0, 6e4)])
     angles = np.concatenate([angles, np.arange(-9, 9) * np.pi / 2]).astype(dtype)
@@ -24,7 +24,7 @@ def test_sines_are_those_of_the_library(name, dtype):
     assert abs(float(ends[2])) <= 1
 
 
-def test_sines_within_a_function_are_replaced_and_the_rest_is_as_before():
+def test_only_sines_of_a_function_are_replaced():
     @jax.jit
     def inner(x):
         return jnp.sin(x) + jnp.where(x > 0, jnp.cos(x), 2.0)
@@ -43,7 +43,7 @@ def test_sines_within_a_function_are_replaced_and_the_rest_is_as_before():
     assert " cosine(" not in compiled
 
 
-def test_a_flow_has_no_sine_of_the_library_in_its_steps():
+def test_compiled_flow_has_no_library_sine():
     swing = dynamics.flow(lambda x, p: jnp.stack([x[1], p["T"] - jnp.sin(x[0])]), 0.1, 5)
     points = Box([-3, -3], [3, 3], [9, 9]).centre(np.arange(81))
     mapped = jax.jit(jax.vmap(lambda x: swing(x, {"T": 0.5})))

@@ -48,7 +48,7 @@ def own(tmp_path):
     return f"{path}:well"
 
 
-def test_a_system_of_ones_own_has_all_that_ours_have(own, tmp_path, capsys):
+def test_user_system_has_all_views_of_built_in_systems(own, tmp_path, capsys):
     assert run(["dynamics", own, "--params", "edge=0.8", "--out", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [row["fraction"] for row in found["basins"]] == [0.8, 0.2]
@@ -62,7 +62,7 @@ def test_a_system_of_ones_own_has_all_that_ours_have(own, tmp_path, capsys):
     assert sum(labels[k].startswith("attractor") for k in picture[0]) == 2
 
 
-def test_of_four_axes_two_are_drawn_and_the_cut_is_told(tmp_path, capsys):
+def test_two_of_four_axes_are_drawn_and_the_cut_is_reported(tmp_path, capsys):
     path = tmp_path / "four.py"
     path.write_text(FOUR)
     asked = ["dynamics", f"{path}:wells", "--json", "--out", str(tmp_path)]
@@ -91,7 +91,7 @@ def test_of_four_axes_two_are_drawn_and_the_cut_is_told(tmp_path, capsys):
     assert "The maps go along a and b, at c = 0, d = 0." in text
 
 
-def test_several_values_follow_the_attractors(own, tmp_path, capsys):
+def test_several_values_give_a_continuation(own, tmp_path, capsys):
     assert run(["dynamics", own, "--params", "edge=0.5:1:3", "--out", str(tmp_path), "--json"]) == 0
     capsys.readouterr()
     with xr.open_dataset(tmp_path / "dynamics.nc") as saved:
@@ -107,9 +107,7 @@ def test_several_values_follow_the_attractors(own, tmp_path, capsys):
     assert "A time of the slider `edge x 100` is the value times 100." in text
 
 
-def test_a_periodic_axis_that_is_none_is_said_once_and_before_cells_are_mapped(
-    tmp_path, capsys, monkeypatch
-):
+def test_torn_periodic_axis_is_reported_once_before_cells_are_mapped(tmp_path, capsys, monkeypatch):
     path = tmp_path / "torn.py"
     path.write_text(
         "from jaxcell import dynamics, space\n"
@@ -127,8 +125,8 @@ def test_a_periodic_axis_that_is_none_is_said_once_and_before_cells_are_mapped(
     assert capsys.readouterr().err.splitlines()[-2:] == [said, "jaxcell dynamics: mapped"]
 
 
-def test_a_sweep_that_was_cut_off_goes_on_where_it_was(own, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
+def test_interrupted_sweep_is_resumed(own, tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
     ran = []
     run_alone = study.Dynamics.run
 
@@ -157,7 +155,7 @@ def test_a_sweep_that_was_cut_off_goes_on_where_it_was(own, tmp_path, monkeypatc
     ("system", "cells", "peak"),
     [("duffing", 1000, 0.36e9), ("henon", 3000, 0.53e9), ("thomas", 120, 0.39e9)],
 )
-def test_basins_take_what_was_measured(system, cells, peak):
+def test_estimate_of_basins_is_the_measured_memory(system, cells, peak):
     asked = study.Dynamics(system=system, cells=(cells,))
     assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
 
@@ -184,7 +182,7 @@ print((peak - before - sum(array.nbytes for array in kept)) / one.box.size)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
-def test_basins_take_16_bytes_a_cell_beside_the_result():
+def test_basins_take_16_bytes_per_cell_beside_the_result():
     # Programs that are not optimized keep what is between their steps.
     run = subprocess.run(
         [sys.executable, "-c", MEASURED],
@@ -196,7 +194,7 @@ def test_basins_take_16_bytes_a_cell_beside_the_result():
     assert float(run.stdout) <= 16
 
 
-def test_what_does_not_fit_is_refused_with_the_number(own, monkeypatch):
+def test_boxes_beyond_the_memory_are_refused_with_the_number(own, monkeypatch):
     monkeypatch.setattr("jaxcell.base.memory.free", lambda: 10**9)
     small = study.Dynamics(system=own, cells=(1_000,))
     assert small.memory() < 10**9
@@ -217,7 +215,7 @@ def test_what_does_not_fit_is_refused_with_the_number(own, monkeypatch):
         ({"cells": (0,)}, "cells: axis 0 has 0"),
     ],
 )
-def test_bad_questions_are_refused_in_one_line(asked, said):
+def test_bad_parameters_are_refused_in_one_line(asked, said):
     with pytest.raises(ValueError, match=re.escape(said)) as refused:
         study.Dynamics(**{"system": "duffing", **asked}).run()
     assert "\n" not in str(refused.value)
@@ -225,7 +223,7 @@ def test_bad_questions_are_refused_in_one_line(asked, said):
 
 # Those that no published case is of.
 @pytest.mark.parametrize("name", ["pendulum", "thomas"])
-def test_our_systems_have_attractors(name):
+def test_built_in_systems_have_attractors(name):
     found = study.Dynamics(system=name, cells=(11,)).run()
     assert found.attractors >= 1
     assert found.fraction.sum() + found.outside_share + found.nowhere_share == pytest.approx(1)

@@ -1,4 +1,4 @@
-"""NetCDF files: currents, targets, plans, and whatever `jaxcell info` is given.
+"""NetCDF files: currents, targets, and whatever `jaxcell info` is given.
 
 Bytes of a file of version 4 that are wrong may crash the HDF5 library itself, which no reader can
 prevent, so all is read in another process.
@@ -93,29 +93,6 @@ def target_of_positions():
         "dims": {"position": 6},
         "attributes": {},
         "variables": {"worth": variable(("position",), np.arange(6.0))},
-    }
-
-
-def plans():
-    number = "i4"
-    return {
-        "dims": {"cell": 4, "angle": 1, "wall_index": 2, "entry_index": 2},
-        "attributes": {
-            **{"format": "jaxcell-plans", "format_version": np.int64(1), "jaxcell_version": "0"},
-            **{"keep": np.int64(1), "change": np.int64(100), "method": "exact", "space": "{}"},
-        },
-        "variables": {
-            "wall": variable(("cell",), [0, 0, 1, 1], number),
-            "length": variable(("cell",), [1, 0, 1, 0], number),
-            "turned": variable(("angle", "wall_index"), [[2, 0]], number),
-            "bounces": variable(("angle",), [3.14]),
-            "wall_cell": variable(("wall_index",), [1, 3], number),
-            "entry": variable(("entry_index",), [0, 2], number),
-            "entry_of": variable(("cell",), [0, -1, 1, -1], number),
-            "cost": variable(("entry_index", "wall_index"), [[1, 2], [2, 1]], number),
-            "layer": variable(("entry_index", "wall_index"), [[0, 0], [0, 0]], "i1"),
-            "turn": variable(("entry_index", "angle", "wall_index"), [[[0, 0]], [[0, 0]]], "i1"),
-        },
     }
 
 
@@ -228,7 +205,7 @@ def changed(draw, make):
         elif described["attributes"]:
             key = draw(st.sampled_from(sorted(described["attributes"])))
             described["attributes"][key] = draw(
-                st.sampled_from(["", "x", 0, -1.5, [1, 2], "[" * 50_000, "{", "é", "jaxcell-plans"])
+                st.sampled_from(["", "x", 0, -1.5, [1, 2], "[" * 50_000, "{", "é"])
             )
     return described
 
@@ -236,8 +213,7 @@ def changed(draw, make):
 FILES = {
     "currents": [currents, roms],
     "target": [target, target_of_positions],
-    "plans": [plans],
-    "info": [currents, plans],
+    "info": [currents, target],
 }
 readers = pytest.mark.parametrize("reader", FILES)
 

@@ -33,7 +33,7 @@ def test_equals_the_definition(matrix):
 
 
 @given(matrices())
-def test_domicile_is_what_can_reach_a_group(matrix):
+def test_domicile_has_the_cells_that_can_reach_a_group(matrix):
     found = persistent_groups(Chain.from_scipy(matrix))
     reach = reachable(matrix)
     assert found.domicile.shape == (found.count, len(matrix))
@@ -44,7 +44,7 @@ def test_domicile_is_what_can_reach_a_group(matrix):
 
 
 @given(matrices())
-def test_period_is_that_of_the_returns(matrix):
+def test_period_is_the_gcd_of_return_times(matrix):
     found = persistent_groups(Chain.from_scipy(matrix))
     group, phase = np.asarray(found.group), np.asarray(found.phase)
     for number in range(found.count):
@@ -77,7 +77,7 @@ def test_a_simple_map_has_its_periodic_groups(image):
     assert (np.asarray(found.domicile).sum(axis=0) == 1).all()
 
 
-def test_the_sink_opens_a_class():
+def test_leaking_class_is_not_persistent():
     circle = np.array([[0, 1.0], [1, 0]])
     assert persistent_groups(Chain.from_scipy(circle)).count == 1
     circle[1, 0] = 0.999
@@ -89,9 +89,9 @@ def test_the_sink_opens_a_class():
     assert leaky.phase.tolist() == [-1, -1]
 
 
-def test_a_table_of_domiciles_that_is_too_large_is_refused(monkeypatch):
+def test_too_large_table_of_domiciles_is_refused(monkeypatch):
     found = persistent_groups(Chain(np.arange(3)[None], np.ones((1, 3))))
-    monkeypatch.setattr(classes, "_LARGEST_TABLE", 8)
+    monkeypatch.setattr(classes, "LARGEST_TABLE", 8)
     with pytest.raises(ValueError, match=r"3 groups x 3 cells .* reaching\(group\)"):
         _ = found.domicile
     assert found.reaching(1).tolist() == [False, True, False]

@@ -49,7 +49,7 @@ def test_many_groups():
     assert found.domiciles == tuple(tuple(range(n - 1 - k, n)) for k in range(n))
 
 
-def test_nothing_is_transient():
+def test_chain_without_transient_cells():
     chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
     found = transient_groups(chain, persistent_groups(chain))
     assert (found.group.tolist(), found.domiciles, found.size.tolist()) == ([-1, -1], (), [])

@@ -27,7 +27,7 @@ def matrices(draw, leaky=True):
 
 
 @given(matrices())
-def test_there_and_back(matrix):
+def test_chain_of_matrix_has_that_matrix(matrix):
     chain = Chain.from_scipy(matrix)
     back = chain.to_scipy()
     np.testing.assert_array_equal(back.toarray(), matrix)
@@ -53,7 +53,7 @@ def test_push_and_pull_are_products(matrix, random):
 
 
 @given(matrices(), st.randoms(use_true_random=False))
-def test_no_mass_is_lost_but_to_the_sink(matrix, random):
+def test_mass_is_lost_only_to_the_sink(matrix, random):
     chain = Chain.from_scipy(matrix)
     p = np.array([random.random() for _ in matrix])
     kept = np.asarray(chain.push(jax.device_put(p))).sum()
@@ -61,7 +61,7 @@ def test_no_mass_is_lost_but_to_the_sink(matrix, random):
     assert kept + gone == pytest.approx(p.sum(), rel=1e-12)
 
 
-def test_leaving_tells_a_leak_from_rounding():
+def test_leaving_separates_leaks_from_rounding():
     tenth = np.full(10, 0.1)
     matrix = np.zeros((10, 10))
     matrix[0] = tenth
@@ -74,7 +74,7 @@ def test_leaving_tells_a_leak_from_rounding():
 
 
 @pytest.mark.parametrize("cells", [1, 9])
-def test_small_and_larger_ones(cells):
+def test_small_and_large_chains(cells):
     matrix = np.triu(np.ones((cells, cells))) / cells
     chain, v = Chain.from_scipy(matrix), np.arange(1.0, cells + 1)
     np.testing.assert_array_equal(chain.to_scipy().toarray(), matrix)
@@ -82,7 +82,7 @@ def test_small_and_larger_ones(cells):
     np.testing.assert_allclose(chain.pull(jax.device_put(v)), matrix @ v, rtol=1e-13)
 
 
-def test_it_does_not_change_with_the_arrays_it_was_made_of():
+def test_chain_does_not_share_memory_with_its_arguments():
     # Whether JAX would share memory depends on where it lies.
     for cells in range(1000, 1020):
         image = np.tile(np.arange(cells, dtype=np.int32), (1, 1))
@@ -98,7 +98,7 @@ def test_several_slots_of_a_cell_may_share_an_image():
     assert chain.to_scipy().toarray().tolist() == [[0, 1], [0.5, 0.5]]
 
 
-def test_a_slot_of_probability_0_is_no_edge():
+def test_slot_of_probability_0_is_no_edge():
     chain = Chain(np.array([[0, 1], [1, 0]]), np.array([[1.0, 1.0], [0.0, 0.0]]))
     assert chain.to_scipy().nnz == 2
 
@@ -110,7 +110,7 @@ def test_zeros_kept_in_a_sparse_matrix_are_no_edges():
     assert matrix.nnz == 3, "the argument is left as it was"
 
 
-def test_under_jit_and_vmap():
+def test_chain_works_under_jit_and_vmap():
     chain = Chain.from_scipy(np.array([[0.5, 0.5, 0], [0, 0, 1], [0.2, 0.3, 0.4]]))
     ps = jnp.eye(3)
 
@@ -158,12 +158,12 @@ def test_bad_arrays_are_refused(image, probability, message):
         Chain(np.array(image), np.array(probability))
 
 
-def test_a_matrix_that_is_not_square_is_refused():
+def test_matrix_that_is_not_square_is_refused():
     with pytest.raises(ValueError, match=r"as many rows as columns, got \(2, 3\)"):
         Chain.from_scipy(np.ones((2, 3)) / 3)
 
 
-def test_the_matrix_is_made_once_and_stays_as_it_is():
+def test_matrix_is_made_once_and_read_only():
     chain = Chain(np.array([[1, 0]]), np.array([[0.5, 1.0]]))
     matrix = chain.to_scipy()
     assert chain.to_scipy() is matrix

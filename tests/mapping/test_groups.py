@@ -102,7 +102,7 @@ def test_one_long_cycle_and_one_long_transient(cells):
     np.testing.assert_array_equal(periodic_groups(chain).step, np.arange(cells))
 
 
-def test_under_vmap():
+def test_groups_work_under_vmap():
     rng = np.random.default_rng(0)
     images = rng.integers(0, 30, (7, 30)).astype(np.int32)
     batch = jax.device_get(jax.vmap(periodic_groups)(images))
@@ -111,7 +111,7 @@ def test_under_vmap():
 
 
 @given(functional_graphs(), st.data())
-def test_cells_that_do_not_count_are_left_out(image, data):
+def test_excluded_cells_have_no_group(image, data):
     seeds = data.draw(st.lists(st.sampled_from(range(len(image))), min_size=1))
     counts = np.zeros(len(image), bool)
     for z in seeds:
@@ -154,7 +154,7 @@ def section_of(image, chosen, slots):
 
 
 @given(functional_graphs(), st.data())
-def test_a_section_tells_the_groups_of_all_cells(image, data):
+def test_section_gives_the_groups_of_all_cells(image, data):
     expected = sequential(image)
     cycles = np.flatnonzero(expected[1] == 0)
     more = data.draw(st.sets(st.sampled_from(range(len(image)))))
@@ -176,7 +176,7 @@ def test_a_section_tells_the_groups_of_all_cells(image, data):
         assert int(groups.count) == expected[3]
 
 
-def test_a_batch_of_sections():
+def test_batch_of_sections_equals_one_by_one():
     rng = np.random.default_rng(1)
     images = rng.integers(0, 30, (5, 30)).astype(np.int32)
     sections = [section_of(image, range(30), 32)[0] for image in images]

@@ -19,18 +19,18 @@ def same(one, other):
 def both(image):
     """Peeled and walked, in JAX's own kind of arrays."""
     doubled = doubled_groups(jnp.asarray(image))
-    same(peel._peeled_groups(image), doubled)
+    same(peel.peeled_groups(image), doubled)
     same(walked_groups(jnp.asarray(image)), doubled)
 
 
 @given(st.lists(st.integers(0, 63), min_size=64, max_size=64))
-def test_peeling_and_walking_change_nothing(images):
+def test_peeling_and_walking_equal_doubling(images):
     both(np.array(images, np.int32))
 
 
 @pytest.mark.parametrize("front", [0, 200])
-def test_one_front_after_another_changes_nothing(monkeypatch, front):
-    monkeypatch.setattr("jaxcell.mapping.peel._FRONT", front)
+def test_peeling_by_fronts_equals_doubling(monkeypatch, front):
+    monkeypatch.setattr("jaxcell.mapping.peel.FRONT", front)
     rng = np.random.default_rng(1)
     both(rng.integers(0, 3000, 3000).astype(np.int32))
     both(rng.permutation(3000).astype(np.int32))
@@ -40,7 +40,7 @@ def test_one_front_after_another_changes_nothing(monkeypatch, front):
     both(np.where(cells % 30 < 29, cells + 1, rng.integers(0, 3000, 3000)).astype(np.int32))
 
 
-def test_maps_are_peeled_where_that_drops_much_and_walked_else(monkeypatch):
+def test_only_maps_that_lose_many_cells_are_peeled(monkeypatch):
     rng = np.random.default_rng(2)
     random, permuted = rng.integers(0, 64_000, 64_000), rng.permutation(64_000)
     peeled = []
@@ -49,8 +49,8 @@ def test_maps_are_peeled_where_that_drops_much_and_walked_else(monkeypatch):
         peeled.append(image)
         return walked_groups(image)
 
-    monkeypatch.setattr("jaxcell.mapping.peel._MANY", 64_000)
-    monkeypatch.setattr("jaxcell.mapping.peel._peeled_groups", of_peeled)
+    monkeypatch.setattr("jaxcell.mapping.peel.MANY", 64_000)
+    monkeypatch.setattr("jaxcell.mapping.peel.peeled_groups", of_peeled)
     for image in (random, permuted):
         periodic_groups(image)
         jax.jit(periodic_groups)(image)
@@ -59,7 +59,7 @@ def test_maps_are_peeled_where_that_drops_much_and_walked_else(monkeypatch):
 
 
 @pytest.mark.parametrize("of", [np.ones((4, 5000)), np.ones(5000)])
-def test_a_walk_is_one_function_of_machine_code(of):
+def test_walk_compiles_to_one_machine_code_function(of):
     """Arrays are neither copied nor passed from kernel to kernel in each step of a loop."""
     walk = walked_groups if of.ndim == 1 else jax.vmap(walked_groups)
     compiled = jax.jit(walk).lower(of.astype(np.int32)).compile().as_text()
@@ -69,7 +69,7 @@ def test_a_walk_is_one_function_of_machine_code(of):
     assert len(loops) <= of.ndim - 1
 
 
-def test_a_batch_of_walks_with_cells_that_do_not_count():
+def test_batch_of_walks_with_excluded_cells_equals_doubling():
     rng = np.random.default_rng(3)
     image, where = rng.integers(0, 64, (5, 64)), rng.random((5, 64)) < 0.7
     # The image of a cell that counts counts.
@@ -78,12 +78,12 @@ def test_a_batch_of_walks_with_cells_that_do_not_count():
     same(jax.vmap(periodic_groups)(*batch), jax.vmap(doubled_groups)(*batch))
 
 
-def test_a_map_without_cells_has_no_groups():
+def test_map_without_cells_has_no_groups():
     assert int(periodic_groups(np.zeros(0, np.int32)).count) == 0
 
 
-def test_peeling_takes_16_bytes_a_cell_beside_the_map_and_the_groups(monkeypatch):
-    monkeypatch.setattr("jaxcell.mapping.peel._PART", 1 << 12)
+def test_peeling_takes_16_bytes_per_cell_beside_map_and_groups(monkeypatch):
+    monkeypatch.setattr("jaxcell.mapping.peel.PART", 1 << 12)
     cells = 1 << 18
     image = np.random.default_rng(4).integers(0, cells // 2, cells, np.int32)
     peel.groups_on_host(image)

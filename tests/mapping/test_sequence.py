@@ -39,7 +39,7 @@ def product(matrices, start=0, steps=PHASES):
     return found
 
 
-def test_it_pushes_and_pulls_like_the_product(tide):
+def test_push_and_pull_equal_the_product(tide):
     matrices, sequence = tide
     values = np.random.default_rng(1).random(CELLS)
     for start, steps in ((0, 3), (2, 5), (1, 0)):
@@ -50,7 +50,7 @@ def test_it_pushes_and_pulls_like_the_product(tide):
         np.testing.assert_allclose(sequence.pull(values, steps, start), whole @ values)
 
 
-def test_groups_are_those_of_the_product(tide):
+def test_groups_equal_those_of_the_product(tide):
     matrices, sequence = tide
     whole = product(matrices)
     graph = nx.from_numpy_array(whole, create_using=nx.DiGraph)
@@ -74,14 +74,14 @@ def test_groups_are_those_of_the_product(tide):
     np.testing.assert_array_equal(parts.size, expected.size)
 
 
-def test_a_group_may_take_several_periods():
+def test_group_may_span_several_periods():
     turn = np.roll(np.eye(4), 1, axis=1)
     sequence = ChainSequence.of([Chain.from_scipy(turn), Chain.from_scipy(np.eye(4))])
     found = persistent_groups(sequence)
     assert (found.count, found.period.tolist(), found.phase.tolist()) == (1, [4], [0, 1, 2, 3])
 
 
-def test_arrivals_are_those_of_iterating_the_matrices(tide):
+def test_arrivals_equal_iterating_the_matrices(tide):
     matrices, sequence = tide
     there = np.zeros(CELLS, bool)
     there[[0, 5]] = True
@@ -104,7 +104,7 @@ def test_arrivals_are_those_of_iterating_the_matrices(tide):
         assert time[start] == pytest.approx(total, rel=1e-8)
 
 
-def test_in_the_long_run_it_is_where_the_product_is(tide):
+def test_limiting_distribution_equals_that_of_the_product(tide):
     matrices, sequence = tide
     unrolled = sequence.unrolled
     groups = persistent_groups(unrolled)

@@ -9,7 +9,6 @@ from random_chains import matrices
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov import arrival
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival, mean_product
 from jaxcell.markov.hitting import hitting_times
 from jaxcell.markov.passage import first_passage
@@ -103,20 +102,20 @@ def test_distinct_starts_equal_all_sets_of_starts(robots):
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.data())
-def test_the_mean_product(values, data):
+def test_mean_product_is_the_mean_over_all_sets(values, data):
     count = data.draw(st.integers(1, len(values)))
     sets = [math.prod(chosen) for chosen in itertools.combinations(values, count)]
     found = mean_product(np.array([values, values[::-1]]), count)
     np.testing.assert_allclose(found, np.mean(sets), rtol=1e-12, atol=1e-300)
 
 
-def test_the_mean_product_of_many():
+def test_mean_product_of_many_values_does_not_overflow():
     # Among equal values it is a power, where the polynomial itself has 10^88 terms.
     assert mean_product(np.full((1, 300), 0.9), 150)[0] == pytest.approx(0.9**150, rel=1e-11)
 
 
 @pytest.mark.parametrize("robots", [1, 2, 4, 8, 16, 64])
-def test_a_complete_graph(robots):
+def test_complete_graph_has_known_values(robots):
     # Any robot off the target finds it with probability 1/63 a step (Alam 2018, Table 4.1).
     found = mean_first_arrival([complete(64)] * robots, Distinct(range(64)), 5)
     expected = (1 - robots / 64) / (1 - (62 / 63) ** robots)
@@ -124,7 +123,7 @@ def test_a_complete_graph(robots):
 
 
 @given(matrices(), st.data())
-def test_the_mean_of_two_robots_equals_a_solve_of_the_joint_chain(matrix, data):
+def test_mean_of_two_robots_equals_solve_of_joint_chain(matrix, data):
     cells = len(matrix)
     starts = [data.draw(st.integers(0, cells - 1)) for _ in range(2)]
     target = data.draw(st.integers(0, cells - 1))
@@ -141,7 +140,7 @@ def test_the_mean_of_two_robots_equals_a_solve_of_the_joint_chain(matrix, data):
     assert found.certificate.outcome is Outcome.CONVERGED
 
 
-def test_the_mean_of_one_robot_that_takes_long():
+def test_mean_of_slow_robot_is_exact():
     n = 100
     step = np.full(n - 1, 0.5)
     walk = np.diag(step, 1) + np.diag(step, -1)
@@ -150,7 +149,7 @@ def test_the_mean_of_one_robot_that_takes_long():
     assert found.value == pytest.approx((n - 1) ** 2, rel=1e-9)
 
 
-def test_the_tail_is_known_before_it_is_gone():
+def test_tail_is_bounded_before_it_is_negligible():
     e = 1e-7
     chain = Chain.from_scipy(np.array([[1 - e, 0, e], [0.5, 0.5, 0], [0, 0, 1]]))
     found = mean_first_arrival([chain, chain], [0, 1], 2)
@@ -165,7 +164,7 @@ def test_the_tail_is_known_before_it_is_gone():
     ("starts", "expected"),
     [([0, 0], math.inf), ([0, 1], 2.0), ([3, 0], 0.0), ([[0, 1], 0], math.inf), ([2, 2], math.inf)],
 )
-def test_one_robot_that_arrives_for_sure_is_enough(starts, expected):
+def test_mean_is_finite_if_one_robot_surely_arrives(starts, expected):
     # From cell 0 it may leave, in cell 2 it stays, and from cell 1 it takes two steps in the mean.
     chain = Chain.from_scipy(
         np.array([[0.5, 0, 0, 0], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
@@ -174,22 +173,20 @@ def test_one_robot_that_arrives_for_sure_is_enough(starts, expected):
 
 
 @pytest.mark.parametrize(("robots", "finite"), [(1, False), (2, False), (3, True)])
-def test_distinct_starts_of_which_some_never_arrive(robots, finite):
+def test_mean_is_infinite_if_all_distinct_starts_may_fail(robots, finite):
     chain = Chain.from_scipy(np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 0, 1]]))
     mean = mean_first_arrival([chain] * robots, Distinct([0, 1, 2, 3]), 3).value
     assert math.isfinite(mean) == finite
 
 
-def test_a_mean_that_takes_too_many_steps_says_so(monkeypatch):
-    monkeypatch.setattr(arrival, "_MAX_STEPS", 500)
+def test_mean_that_takes_too_many_steps_is_reported():
     n = 200
     chain = Chain.from_scipy((np.roll(np.eye(n), 1, axis=1) + np.roll(np.eye(n), -1, axis=1)) / 2)
-    found = mean_first_arrival([chain, chain], [1, 100], 0, throw=False)
+    found = mean_first_arrival([chain, chain], [1, 100], 0, max_steps=500, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     with pytest.raises(RuntimeError, match="mean_first_arrival: the residual stayed"):
-        mean_first_arrival([chain, chain], [1, 100], 0)
+        mean_first_arrival([chain, chain], [1, 100], 0, max_steps=500)
     # The residual bounds the error also then.
-    monkeypatch.undo()
     truth = mean_first_arrival([chain, chain], [1, 100], 0).value
     assert abs(found.value - truth) <= found.certificate.residual * found.value
 

@@ -21,21 +21,19 @@ def tide(seed, phases=4, cells=30):
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_a_cycle_is_solved_by_whole_rounds(adjoint, monkeypatch):
-    monkeypatch.setattr(solve, "_LARGEST_FACTORED_CYCLE", 10)
-    # As if products would never do.
-    monkeypatch.setattr(solve, "_TRIAL", 1)
-    monkeypatch.setattr(solve, "_WORTHWHILE", 0)
-    monkeypatch.setattr(solve, "_factored", None)
+def test_cycle_is_solved_by_whole_rounds(adjoint, monkeypatch):
+    # As if products were always slow.
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(trial=1, worthwhile=0, cycle=10))
     matrix = tide(2)
     right = np.random.default_rng(3).random((matrix.shape[0], 2))
     found, products = solve.solve_transient(matrix, right, adjoint=adjoint)
     dense = matrix.toarray().T if adjoint else matrix.toarray()
     np.testing.assert_allclose(found, np.linalg.solve(np.eye(len(dense)) - dense, right))
+    # A factorisation would follow a single product.
     assert products > 1
 
 
-def test_a_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
+def test_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
     cells = 90
     walk = scipy.sparse.diags_array([np.full(cells - 1, 0.5)] * 2, offsets=[-1, 1], format="csr")
     none = scipy.sparse.csr_array((cells, cells))
@@ -49,7 +47,7 @@ def test_a_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
     assert products <= cells + 1
 
 
-def test_what_is_and_what_is_no_cycle():
+def test_chain_with_phases_is_a_cycle_and_walk_is_not():
     matrix = tide(2)
     for one in (matrix, matrix.T.tocsr()):
         found = Cycle.of(one)

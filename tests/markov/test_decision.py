@@ -7,7 +7,6 @@ from random_models import as_model, models, policies
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov import decision
 from jaxcell.markov.decision import DecisionModel, policy_chain, value_iteration
 
 
@@ -34,7 +33,7 @@ def grid_model(seed, stays):
 
 
 @given(models(), st.sampled_from([0.3, 0.9, 0.99]))
-def test_the_best_of_all_policies(parts, discount):
+def test_value_is_that_of_the_best_policy(parts, discount):
     matrices, reward, allowed = parts
     found = value_iteration(as_model(*parts), discount, 1e-7)
     every = [of_policy(matrices, reward, policy, discount) for policy in policies(allowed)]
@@ -49,7 +48,7 @@ def test_the_best_of_all_policies(parts, discount):
 
 
 @pytest.mark.parametrize("stays", [True, False])
-def test_a_linear_program_agrees(stays):
+def test_value_solves_the_linear_program(stays):
     model = grid_model(0, stays)
     matrices = np.stack([chain.to_scipy().toarray() for chain in model.chains])
     discount = 0.95
@@ -64,7 +63,7 @@ def test_a_linear_program_agrees(stays):
 
 @pytest.mark.parametrize("stays", [True, False])
 @pytest.mark.parametrize("tolerance", [10.0, 1.0, 1e-2, 1e-5, 1e-8])
-def test_the_bounds_hold_at_any_tolerance(stays, tolerance):
+def test_gap_bounds_the_error_at_any_tolerance(stays, tolerance):
     model = grid_model(1, stays)
     exact = value_iteration(model, 0.98, 1e-10)
     found = value_iteration(model, 0.98, tolerance)
@@ -84,7 +83,7 @@ def test_the_bounds_hold_at_any_tolerance(stays, tolerance):
     assert lost <= 2 * found.gap + 1e-9
 
 
-def test_bounds_are_close_where_nothing_leaves():
+def test_gap_is_small_if_nothing_leaves():
     # All values are alike: the first sweep tells them.
     chain = Chain(np.arange(5)[None], np.ones((1, 5)))
     found = value_iteration(DecisionModel.of([chain], np.full((1, 5), -2.0)), 0.9999)
@@ -92,20 +91,20 @@ def test_bounds_are_close_where_nothing_leaves():
     np.testing.assert_allclose(found.value, -2 * 0.9999 / (1 - 0.9999), rtol=1e-12)
 
 
-def test_the_source_convention_discounts_the_first_reward():
+def test_first_reward_is_discounted():
     chain = Chain.from_scipy(np.array([[0, 1.0], [0, 0]]))
     found = value_iteration(DecisionModel.of([chain], [[-1.0, 100]]), 0.5)
     np.testing.assert_allclose(found.value, [0.5 * (-1 + 0.5 * 100), 0.5 * 100], rtol=1e-12)
 
 
-def test_the_first_of_equal_actions():
+def test_first_of_equal_actions_is_taken():
     image = np.zeros((1, 3), int)
     chains = [Chain(image, np.ones((1, 3)))] * 3
     reward = np.array([[0.0, 1, 1], [1, 1, 1 + 1e-15], [1, 0, 1]])
     assert value_iteration(DecisionModel.of(chains, reward), 0.9).policy.tolist() == [1, 0, 0]
 
 
-def test_an_action_that_is_a_little_worse_is_not_as_good():
+def test_slightly_worse_action_is_not_taken():
     # Beside the value of cell 0, what cell 1 gains by going on is rounding.
     ends, stays = np.zeros((2, 2)), np.diag([0.0, 1.0])
     chains = [Chain.from_scipy(stays), Chain.from_scipy(ends)]
@@ -115,19 +114,17 @@ def test_an_action_that_is_a_little_worse_is_not_as_good():
     np.testing.assert_allclose(found.value, [0.9e13, 0.9], rtol=1e-12)
 
 
-def test_more_sweeps_than_are_allowed(monkeypatch):
+def test_iteration_that_takes_too_many_sweeps_is_reported():
     model = grid_model(0, True)
-    monkeypatch.setattr(decision, "_MAX_SWEEPS", 3)
     with pytest.raises(RuntimeError, match=r"value_iteration: the residual stayed above"):
-        value_iteration(model, 0.999)
-    found = value_iteration(model, 0.999, throw=False)
+        value_iteration(model, 0.999, max_sweeps=3)
+    found = value_iteration(model, 0.999, max_sweeps=3, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
-    monkeypatch.undo()
     exact = value_iteration(model, 0.999)
     assert np.abs(np.asarray(found.value) - np.asarray(exact.value)).max() <= found.gap
 
 
-def test_rounding_ends_it():
+def test_rounding_ends_the_iteration():
     model = grid_model(0, True)
     found = value_iteration(model, 0.999, 1e-300, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
@@ -136,14 +133,14 @@ def test_rounding_ends_it():
 
 
 @given(models(), st.data())
-def test_the_closed_loop(parts, data):
+def test_policy_chain_follows_the_policy(parts, data):
     matrices, _, allowed = parts
     policy = data.draw(st.sampled_from(policies(allowed)))
     found = policy_chain(as_model(*parts), jax.device_put(policy)).to_scipy().toarray()
     np.testing.assert_array_equal(found, matrices[policy, np.arange(policy.size)])
 
 
-def test_refusals():
+def test_bad_models_and_policies_are_refused():
     chain = Chain(np.zeros((1, 2), int), np.ones((1, 2)))
     other = Chain(np.zeros((1, 3), int), np.ones((1, 3)))
     model = DecisionModel.of([chain, chain], np.zeros((2, 2)), [[True, True], [False, True]])

@@ -39,7 +39,7 @@ def trap(cells=12, seed=0):
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_a_trap_is_left_at_last(adjoint):
+def test_trap_left_once_in_1e24_steps_equals_fractions(adjoint):
     matrix = trap()
     n = len(matrix)
     right = [[Fraction(1), Fraction(int(i == n - 1), 128)] for i in range(n)]

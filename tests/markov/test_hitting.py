@@ -63,7 +63,7 @@ def test_hitting_equals_the_definition(matrix, data):
     np.testing.assert_allclose(found.value, expected, rtol=1e-9)
 
 
-def test_gamblers_ruin():
+def test_gamblers_ruin_has_known_values():
     n, up = 12, 0.6
     matrix = np.zeros((n + 1, n + 1))
     matrix[0, 0] = matrix[n, n] = 1
@@ -83,7 +83,7 @@ def test_gamblers_ruin():
     assert hitting_times(chain, 0).value.tolist() == [0.0] + [np.inf] * n
 
 
-def test_birth_and_death():
+def test_birth_and_death_chain_has_known_values():
     # Reflected at 0: from i to n takes n^2 - i^2 steps.
     n = 200
     matrix = np.zeros((n + 1, n + 1))
@@ -94,13 +94,13 @@ def test_birth_and_death():
     np.testing.assert_allclose(found.value, n**2 - np.arange(n + 1) ** 2, rtol=1e-10)
 
 
-def test_a_cycle_is_walked_once_around():
+def test_times_around_a_cycle_are_distances():
     n = 500
     found = hitting_times(Chain((np.arange(n)[None] + 1) % n, np.ones((1, n))), 0)
     np.testing.assert_array_equal(found.value, (n - np.arange(n)) % n)
 
 
-def test_a_leak_makes_arrival_uncertain_but_not_absorption():
+def test_leak_makes_arrival_uncertain_but_not_absorption():
     chain = Chain.from_scipy(np.array([[0, 0.5, 0.0], [0, 0, 1], [0, 0, 1]]))
     groups = persistent_groups(chain)
     assert hitting_times(chain, 2).value.tolist() == [np.inf, 1, 0]
@@ -110,13 +110,13 @@ def test_a_leak_makes_arrival_uncertain_but_not_absorption():
     assert found.leaving.tolist() == [0.5, 0, 0]
 
 
-def test_a_leak_behind_the_target_does_not_matter():
+def test_leak_beyond_the_target_does_not_matter():
     chain = Chain.from_scipy(np.array([[0, 1.0], [0, 0.5]]))
     assert hitting_times(chain, 1).value.tolist() == [1, 0]
 
 
 @pytest.mark.parametrize("target", [2, [2], np.int32(2), np.arange(4) == 2, jnp.arange(4) == 2])
-def test_a_target_may_be_given_in_several_ways(target):
+def test_target_is_a_cell_a_list_or_a_mask(target):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     assert hitting_times(chain, target).value.tolist() == [2, 1, 0, 3]
 
@@ -132,7 +132,7 @@ def test_a_target_may_be_given_in_several_ways(target):
         ([0.5], "whole numbers of cells, got float64"),
     ],
 )
-def test_a_bad_target_is_refused(target, message):
+def test_bad_targets_are_refused(target, message):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     with pytest.raises(ValueError, match=message):
         hitting_times(chain, target)
@@ -146,12 +146,11 @@ def test_groups_of_another_chain_are_refused():
             function(chain, other)
 
 
-def test_a_solve_that_stalls_says_so(monkeypatch):
+def test_stalled_solve_is_reported(monkeypatch):
     walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
     chain = Chain.from_scipy(walk)
     groups = persistent_groups(chain)
-    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
-    monkeypatch.setattr(solve, "MAX_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=50))
     found = absorption_times(chain, groups, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     assert found.certificate.iterations == 50
@@ -160,14 +159,13 @@ def test_a_solve_that_stalls_says_so(monkeypatch):
         absorption_times(chain, groups)
 
 
-def test_the_residual_bounds_the_relative_error(monkeypatch):
+def test_residual_bounds_the_relative_error(monkeypatch):
     walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
     chain = Chain.from_scipy(walk)
     groups = persistent_groups(chain)
     truth = np.asarray(absorption_times(chain, groups).value)
-    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
     for products in (500, 2000, 5000):
-        monkeypatch.setattr(solve, "MAX_PRODUCTS", products)
+        monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=products))
         found = absorption_times(chain, groups, throw=False)
         error = np.abs(found.value - truth) / truth
         assert 0 < error.max() <= found.certificate.residual
@@ -187,7 +185,7 @@ def slow_eddy(cells, leak, share):
 
 
 @pytest.mark.parametrize("leak", [1e-7, 1e-9, 1e-11])
-def test_ends_of_an_eddy_that_holds_almost_for_ever(leak):
+def test_end_probabilities_of_a_very_slow_eddy_are_exact(leak):
     chain = slow_eddy(30, leak, 0.3)
     found = absorption_probabilities(chain, persistent_groups(chain))
     # Whatever way it goes, it leaves from the one cell, where the odds are 3 to 7.
@@ -196,7 +194,7 @@ def test_ends_of_an_eddy_that_holds_almost_for_ever(leak):
     assert found.certificate.residual < 1e-12
 
 
-def test_the_only_end_is_sure(monkeypatch):
+def test_single_end_is_reached_with_probability_1(monkeypatch):
     monkeypatch.setattr("jaxcell.markov.transient.Transient.expect", None)  # nothing is solved
     chain = slow_eddy(30, 1e-11, 1.0)
     found = absorption_probabilities(chain, persistent_groups(chain))

@@ -41,14 +41,14 @@ def test_equals_the_time_average_of_a_uniform_start(matrix):
 
 
 @pytest.mark.parametrize(("p", "q"), [(0.3, 0.1), (1.0, 1.0), (1e-9, 3e-9)])
-def test_two_states(p, q):
+def test_two_states_have_known_shares(p, q):
     chain = Chain.from_scipy(np.array([[1 - p, p], [q, 1 - q]]))
     found = limiting_distribution(chain, persistent_groups(chain))
     # The entries of a slow chain are rounded to 1e-16, which is 1e-7 of the rates.
     np.testing.assert_allclose(found.value, [q / (p + q), p / (p + q)], rtol=1e-6)
 
 
-def test_a_circle_is_uniform_though_it_never_settles():
+def test_periodic_circle_is_uniform():
     n = 1000
     chain = Chain((np.arange(n)[None] + 1) % n, np.ones((1, n)))
     groups = persistent_groups(chain)
@@ -56,7 +56,7 @@ def test_a_circle_is_uniform_though_it_never_settles():
     np.testing.assert_allclose(limiting_distribution(chain, groups).value, 1 / n, rtol=1e-12)
 
 
-def test_birth_and_death():
+def test_birth_and_death_chain_has_known_values():
     # Ehrenfest's urns: binomial, of period 2.
     n = 40
     matrix = np.zeros((n + 1, n + 1))
@@ -87,7 +87,7 @@ TWO_ENDS = np.array(
         (np.array([0.25, 0.75]), [0.25, 0.75]),
     ],
 )
-def test_weights(weights, expected):
+def test_weights_of_groups(weights, expected):
     chain = Chain.from_scipy(TWO_ENDS)
     found = limiting_distribution(chain, persistent_groups(chain), weights)
     np.testing.assert_allclose(found.weights, expected, rtol=1e-14)
@@ -111,7 +111,7 @@ def test_bad_weights_are_refused(weights, message):
         limiting_distribution(chain, persistent_groups(chain), weights)
 
 
-def test_what_leaves_is_not_shared_out():
+def test_leaving_mass_is_not_normalised_away():
     matrix = TWO_ENDS.copy()
     matrix[1] = [0.25, 0, 0.25, 0, 0]
     chain = Chain.from_scipy(matrix)
@@ -122,7 +122,7 @@ def test_what_leaves_is_not_shared_out():
     assert float(found.value.sum()) == pytest.approx(1 - found.leaving)
 
 
-def test_everything_leaves():
+def test_chain_without_groups_leaves_with_probability_1():
     chain = Chain.from_scipy(np.array([[0.5, 0.25], [0, 0]]))
     groups = persistent_groups(chain)
     found = limiting_distribution(chain, groups)
@@ -132,7 +132,7 @@ def test_everything_leaves():
         limiting_distribution(chain, groups, "size")
 
 
-def test_a_solve_that_stalls_says_so(monkeypatch):
+def test_stalled_solve_is_reported(monkeypatch):
     n = 400
     matrix = np.diag(np.full(n - 1, 0.5), 1) + np.diag(np.full(n - 1, 0.5), -1)
     matrix[0, 0], matrix[-1, -1] = 0.25, 0.5
@@ -141,8 +141,7 @@ def test_a_solve_that_stalls_says_so(monkeypatch):
     groups = persistent_groups(chain)
     found = limiting_distribution(chain, groups)
     np.testing.assert_allclose(found.value @ matrix, found.value, atol=1e-15)
-    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
-    monkeypatch.setattr(solve, "MAX_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=50))
     stalled = limiting_distribution(chain, groups, throw=False)
     assert stalled.certificate.outcome is Outcome.STALLED
     assert stalled.certificate.residual == pytest.approx(

@@ -44,7 +44,7 @@ def test_modes_are_those_of_dense_matrices(cells):
 
 
 @pytest.mark.parametrize("size", [20, 60])
-def test_closed_sets_are_found_though_they_share_an_eigenvalue(size):
+def test_closed_sets_with_equal_eigenvalues_are_found(size):
     matrix, block = random_blocks(np.random.default_rng(1), [size] * 5)
     chain = Chain.from_scipy(matrix)
     np.testing.assert_allclose(markov.leading_modes(chain, 5).value, 1, atol=1e-8)
@@ -56,7 +56,7 @@ def test_closed_sets_are_found_though_they_share_an_eigenvalue(size):
         assert (sets.time > 1e10).all()
 
 
-def test_leakage_and_time_of_two_blocks_are_known():
+def test_leakage_and_time_of_two_blocks():
     # Whatever the cells within, from the first block one of 20 leaves, from the second one of 80.
     random = np.random.default_rng(2)
     inside = np.mean([np.eye(6)[random.permutation(6)] for _ in range(5)], axis=0)
@@ -76,7 +76,7 @@ def test_leakage_and_time_of_two_blocks_are_known():
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_a_planted_partition_is_found(seed):
+def test_planted_partition_is_found(seed):
     random = np.random.default_rng(seed)
     matrix, block = random_blocks(random, [*random.integers(8, 17, 2), 12], 0.01)
     count = block.max() + 1
@@ -141,7 +141,7 @@ def test_attracting_regions_lie_in_their_basins():
     np.testing.assert_allclose(sets.leakage, [0.02 / 6, 0.02 / 6])
 
 
-def test_what_goes_to_the_sink_leaks():
+def test_mass_that_goes_to_the_sink_leaks():
     matrix, block = random_blocks(np.random.default_rng(5), [20, 30])
     keeps = np.where(block == 0, 0.75, 0.96)
     sets = markov.almost_invariant_sets(Chain.from_scipy(keeps[:, None] * matrix), 2)
@@ -169,7 +169,7 @@ def test_cells_without_mass_are_in_no_set():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_comes_to_cells_without_mass_has_leaked(seed):
+def test_mass_in_cells_without_mass_leaks(seed):
     random = np.random.default_rng(seed)
     matrix, block = random_blocks(random, [20, 20], 0.05)
     # Some cells of each block, to which there are steps.
@@ -185,7 +185,7 @@ def test_what_comes_to_cells_without_mass_has_leaked(seed):
         np.testing.assert_allclose(leakage, 1 - stays / mass[inside].sum())
 
 
-def test_a_cell_by_itself_is_no_set_of_what_is_blurred():
+def test_blur_excludes_sets_of_one_cell():
     # Two halves of a row, within which all moves by one cell; 3 and 27 stay where they are.
     cells = np.arange(40)
     half = cells // 20 * 20

@@ -24,7 +24,7 @@ def by_taboo(matrix, start, there, steps):
 
 
 @given(matrices(), st.data())
-def test_the_law_equals_powers_of_the_matrix(matrix, data):
+def test_law_equals_powers_of_the_matrix(matrix, data):
     cells = len(matrix)
     target = sorted(data.draw(st.sets(st.integers(0, cells - 1), min_size=1)))
     there = np.isin(np.arange(cells), target)
@@ -40,7 +40,7 @@ def test_the_law_equals_powers_of_the_matrix(matrix, data):
         np.testing.assert_allclose(surviving[:, cell], 1 - np.cumsum(law), atol=1e-12)
 
 
-def test_a_geometric_law():
+def test_law_of_two_cells_is_geometric():
     n = 10
     chain = Chain.from_scipy((1 - np.eye(n)) / (n - 1))
     time = np.arange(1, 31)
@@ -50,7 +50,7 @@ def test_a_geometric_law():
     np.testing.assert_allclose(survival(chain, 0, 400)[-1, 3], (8 / 9) ** 400, rtol=1e-12)
 
 
-def test_the_mean_of_the_law_is_the_hitting_time():
+def test_mean_of_the_law_is_the_hitting_time():
     draw = np.random.default_rng(3)
     chain = Chain.from_scipy(draw.dirichlet(np.ones(6), 6))
     law = np.asarray(first_passage(chain, 5, [0, 2], 2000))
@@ -59,7 +59,7 @@ def test_the_mean_of_the_law_is_the_hitting_time():
     assert law @ np.arange(2001) == pytest.approx(mean, rel=1e-12)
 
 
-def test_a_circle_arrives_at_one_time():
+def test_circle_arrives_at_one_time():
     chain = Chain((np.arange(5)[None] + 1) % 5, np.ones((1, 5)))
     assert first_passage(chain, 1, 0, 6).tolist() == [0, 0, 0, 0, 1, 0, 0]
     assert first_passage(chain, 0, 0, 2).tolist() == [1, 0, 0]
@@ -69,18 +69,18 @@ def test_a_circle_arrives_at_one_time():
 @pytest.mark.parametrize(
     "start", [[1, 3], np.array([3, 1, 3]), np.arange(4) % 2 == 1, [0.0, 0.5, 0.0, 0.5]]
 )
-def test_a_start_may_be_given_in_several_ways(start):
+def test_start_is_a_cell_a_list_a_mask_or_a_distribution(start):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     assert first_passage(chain, start, 0, 3).tolist() == [0, 0.5, 0, 0.5]
 
 
-def test_what_leaves_never_arrives():
+def test_mass_that_leaves_never_arrives():
     chain = Chain.from_scipy(np.array([[0, 0.5, 0.25], [0, 0, 1], [0, 0, 1]]))
     assert first_passage(chain, 0, 2, 5).tolist() == [0, 0.25, 0.5, 0, 0, 0]
     assert survival(chain, 2, 3)[:, 0].tolist() == [1, 0.75, 0.25, 0.25]
 
 
-def test_many_targets_at_once():
+def test_survival_works_under_vmap_over_targets():
     matrix = np.random.default_rng(4).dirichlet(np.ones(5), 5)
     chain = Chain.from_scipy(matrix)
     there = np.eye(5, dtype=bool)

@@ -5,11 +5,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import given, strategies as st
 
 from jaxcell import mapping, markov
-from jaxcell.markov import quantities
-from jaxcell.markov.solving import stationary
+from jaxcell.markov.solving.stationary import Rooted, solve_stationary
 
 
 def limiting(matrix, **options):
@@ -76,33 +76,51 @@ def test_every_share_and_kemeny_constant_have_nearly_all_their_digits(matrix):
 
 
 @given(uneven())
-def test_a_factorisation_gives_way_where_rounding_spoils_it(matrix):
+def test_factorisation_gives_way_where_rounding_spoils_it(matrix):
     share, constant = exact(matrix)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stationary, "_SMALL", 0)
-        patch.setattr(quantities, "_LARGEST_ELIMINATED", 0)
-        found = limiting(matrix)
-        kemeny = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
-    assert found.certificate.residual <= found.certificate.tolerance
-    np.testing.assert_allclose(found.value, np.array(share, float), atol=1e-7)
-    assert kemeny == pytest.approx(float(constant), rel=1e-8)
+    step = scipy.sparse.csr_array(matrix)
+    one_class = np.zeros(len(matrix), int)
+    value, _ = solve_stationary(step, one_class, small=0)
+    np.testing.assert_allclose(value, np.array(share, float), atol=1e-7)
+    visits = Rooted.of(step, one_class, value).visits(small=0)
+    assert kemeny_of(visits, np.delete(share, np.argmax(value))) == pytest.approx(
+        float(constant), rel=1e-8
+    )
+
+
+def kemeny_of(visits, share):
+    """Kemeny's constant from the visits before a root, and the shares of the other cells."""
+    return np.trace(visits) - np.array(share, float) @ visits.sum(axis=1)
 
 
 @pytest.mark.parametrize("back", [0.1, 1 - 0.9])
 @pytest.mark.parametrize("small", [0, 200])
-def test_a_first_cell_that_is_rare(back, small, monkeypatch):
-    monkeypatch.setattr(stationary, "_SMALL", small)
+def test_first_cell_may_be_rare(back, small):
     matrix = birth_and_death(np.full(19, 0.9), np.full(19, back))
-    share, _ = exact(matrix)
-    for way in (matrix, matrix[::-1, ::-1]):
-        for throw in (True, False):
-            found = limiting(way, throw=throw)
-            assert float(found.value.max()) == pytest.approx(0.8888888888888888, rel=1e-14)
-            expected = np.array(share, float)[:: 1 if way is matrix else -1]
-            np.testing.assert_allclose(found.value, expected, atol=1e-14)
+    expected = np.array(exact(matrix)[0], float)
+    for turned in (slice(None), slice(None, None, -1)):
+        step = scipy.sparse.csr_array(matrix[turned, turned])
+        value, _ = solve_stationary(step, np.zeros(20, int), small=small)
+        assert value.max() == pytest.approx(0.8888888888888888, rel=1e-14)
+        np.testing.assert_allclose(value, expected[turned], atol=1e-14)
 
 
-def test_shares_that_floats_hardly_hold():
+@pytest.mark.parametrize("rings", [16, 501])
+def test_two_tubes_share_time_by_the_rare_steps_between_them(rings):
+    """A tube of rings of 21 cells is as often in each of its cells, and goes on without end."""
+
+    def turn(n):
+        return scipy.sparse.csr_array((np.ones(n), (np.arange(n), np.roll(np.arange(n), -1))))
+
+    tube = scipy.sparse.kron(turn(rings), (turn(21) + turn(21).T) / 2)
+    cells = 21 * rings
+    matrix = scipy.sparse.block_diag([tube, tube], format="lil")
+    matrix[0, cells], matrix[cells, 0] = 3e-14, 1e-14
+    value = limiting(matrix.tocsr()).value
+    assert float(value[:cells].sum()) == pytest.approx(0.25, abs=1e-9)
+
+
+def test_shares_near_the_range_of_floats():
     # The first cell is the root first; beside it the shares of the last ones overflow.
     matrix = birth_and_death(np.full(150, 0.999), np.full(150, 0.001))
     found = limiting(matrix)
@@ -110,7 +128,7 @@ def test_shares_that_floats_hardly_hold():
     assert math.isfinite(markov.kemeny_constant(mapping.Chain.from_scipy(matrix)))
 
 
-def test_products_that_stand_still_in_two_wells_are_not_the_answer():
+def test_wells_that_products_cannot_join_get_exact_shares():
     # From a uniform start each well keeps its share of the cells, and hardly any of that leaks.
     up = np.where(np.arange(300) < 120, 0.4, 0.6)
     matrix = birth_and_death(up[:-1], 1 - up[1:])

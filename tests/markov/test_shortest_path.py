@@ -43,7 +43,7 @@ def test_arriving_equals_dense_solves(matrix, data):
         assert solution.certificate.outcome is Outcome.CONVERGED
 
 
-def test_the_gambler_who_wins():
+def test_gambler_with_good_odds_has_known_values():
     # Given that he wins, a fair game of n lasts (n^2 - i^2) / 3 rounds.
     n = 30
     matrix = np.zeros((n + 1, n + 1))
@@ -58,7 +58,7 @@ def test_the_gambler_who_wins():
 
 
 @given(models(), st.data())
-def test_the_surest_and_quickest_of_all_policies(parts, data):
+def test_policy_is_the_surest_and_quickest_of_all(parts, data):
     matrices, _, allowed = parts
     cells = allowed.shape[1]
     goal = data.draw(st.integers(0, cells - 1))
@@ -100,7 +100,7 @@ def test_sure_is_preferred_to_quick():
     assert found.policy.tolist()[0] == 1
 
 
-def test_a_drift_that_may_be_waited_for():
+def test_waiting_for_a_drift_has_known_time():
     # To wait costs nothing but never arrives; an attempt arrives with probability 0.01, else waits.
     waits = np.eye(2)
     attempt = np.array([[0.99, 0.01], [0, 1]])
@@ -135,7 +135,7 @@ def test_larger_models_keep_their_certificate():
         assert (later <= probability + 1e-9).all()
 
 
-def test_refusals():
+def test_bad_goals_are_refused():
     chain = Chain(np.zeros((1, 2), int), np.ones((1, 2)))
     model = DecisionModel.of([chain], np.zeros((1, 2)))
     with pytest.raises(ValueError, match="cell 2 does not exist"):

@@ -1,20 +1,21 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
 
-from jaxcell.markov.solving import solve, stationary, two_level
-from jaxcell.markov.solving.solve import solve_transient
+from jaxcell.markov.solving import solve
+from jaxcell.markov.solving.solve import Limits, solve_transient
 from jaxcell.markov.solving.stationary import solve_stationary
 from jaxcell.markov.transient import Transient
 
 
 @pytest.fixture(params=["products", "factor"])
-def way(request, monkeypatch):
-    """Has a solve go one of its two ways to the end."""
-    monkeypatch.setattr(solve, "_TRIAL", {"products": 10**9, "factor": 1}[request.param])
-    monkeypatch.setattr(solve, "_WORTHWHILE", 0)
-    monkeypatch.setattr(stationary, "_SMALL", 0)
+def method(request, monkeypatch):
+    """Restrict solves to one of the two methods."""
+    trial = {"products": 10**9, "factor": 1}[request.param]
+    monkeypatch.setattr(solve, "LIMITS", Limits(trial=trial, worthwhile=0))
     return request.param
 
 
@@ -29,16 +30,16 @@ def random_chain(cells, branches, seed):
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_transient_equals_dense(way, adjoint):
+def test_transient_equals_dense(method, adjoint):
     step = 0.8 * random_chain(60, 4, 1)
     right = np.random.default_rng(2).random((60, 3))
     found, products = solve_transient(step, right, adjoint=adjoint)
     dense = step.toarray().T if adjoint else step.toarray()
     np.testing.assert_allclose(found, np.linalg.solve(np.eye(60) - dense, right), rtol=1e-12)
-    assert products == 1 if way == "factor" else products > 100
+    assert products == 1 if method == "factor" else products > 100
 
 
-def test_stationary_equals_the_null_space(way):
+def test_stationary_equals_the_null_space(method):
     sizes = [1, 2, 40, 7]
     blocks = [random_chain(size, 3, seed).toarray() for seed, size in enumerate(sizes)]
     # A ring joins each block into one class.
@@ -48,7 +49,8 @@ def test_stationary_equals_the_null_space(way):
     order = np.random.default_rng(5).permutation(50)
     sparse = [scipy.sparse.csr_array(block) for block in blocks]
     matrix = scipy.sparse.block_diag(sparse, format="csr")[order][:, order]
-    found, _ = solve_stationary(scipy.sparse.csr_array(matrix), group[order].astype(np.int32))
+    labels = group[order].astype(np.int32)
+    found, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels, small=0)
     for number, block in enumerate(blocks):
         values, vectors = np.linalg.eig(block.T)
         expected = vectors[:, np.argmax(values.real)].real
@@ -58,38 +60,36 @@ def test_stationary_equals_the_null_space(way):
         np.testing.assert_allclose(back[group == number], expected, rtol=1e-9, atol=1e-13)
 
 
-def test_a_slow_chain_is_factored_and_a_fast_one_is_not():
+def test_slow_chain_is_factored_and_fast_chain_is_not():
     fast = random_chain(300, 10, 3)
     _, products = solve_stationary(fast, np.zeros(300, np.int32))
-    assert products % solve._TRIAL != 0
+    assert products % solve.LIMITS.trial != 0
     step = np.full(400, 0.5)
     walk = scipy.sparse.diags_array([step[1:], step[1:]], offsets=[-1, 1], shape=(400, 400))
     inside = scipy.sparse.csr_array(walk)
     found, products = solve_transient(inside, np.ones((400, 1)))
-    assert products == solve._TRIAL
+    assert products == solve.LIMITS.trial
     # From cell i of a walk between two open ends: (i + 1) (n - i) steps.
     i = np.arange(400)
     np.testing.assert_allclose(found[:, 0], (i + 1) * (400 - i), rtol=1e-9)
 
 
-def test_a_chain_too_large_to_factor_goes_on_with_products(monkeypatch):
-    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
+def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", Limits(factored=10))
     walk = scipy.sparse.diags_array([np.full(19, 0.5)] * 2, offsets=[-1, 1], shape=(20, 20))
     found, products = solve_transient(scipy.sparse.csr_array(walk), np.ones((20, 1)))
     i = np.arange(20)
     np.testing.assert_allclose(found[:, 0], (i + 1) * (20 - i), rtol=1e-9)
-    assert products > solve._WORTHWHILE
+    assert products > solve.LIMITS.worthwhile
+
+
+TWO_LEVELS = Limits(trial=1, worthwhile=0, two_level=0, complete=0, elimination=0.0)
 
 
 @pytest.fixture
 def two_levels(monkeypatch):
-    """Has a solve use two levels."""
-    monkeypatch.setattr(solve, "_TRIAL", 1)
-    monkeypatch.setattr(solve, "_WORTHWHILE", 0)
-    monkeypatch.setattr(solve, "_SMALLEST_TWO_LEVEL", 0)
-    monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 0)
-    monkeypatch.setattr(solve, "_LARGEST_ELIMINATION", 0)
-    monkeypatch.setattr(stationary, "_SMALL", 0)
+    """Make solves use two levels."""
+    monkeypatch.setattr(solve, "LIMITS", TWO_LEVELS)
 
 
 def wandering(n):
@@ -105,7 +105,7 @@ def wandering(n):
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_a_chain_that_hardly_comes_back_is_solved_by_its_components(adjoint):
+def test_chain_that_hardly_returns_is_solved_by_its_components(adjoint):
     draw = np.random.default_rng(7)
     step = np.triu(draw.random((80, 80)) < 0.05) * draw.random((80, 80))
     # Two states that come back to each other, and the chain leaves the last for good.
@@ -120,9 +120,9 @@ def test_a_chain_that_hardly_comes_back_is_solved_by_its_components(adjoint):
     assert products == 0
 
 
-def test_what_two_levels_leave_is_factored_completely(two_levels, monkeypatch):
-    monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 100)
-    monkeypatch.setattr(two_level, "_STEPS", 0)
+def test_complete_factorisation_follows_if_two_levels_do_not_converge(monkeypatch):
+    limits = dataclasses.replace(TWO_LEVELS, complete=100, rough_steps=0)
+    monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
     found, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
@@ -140,31 +140,32 @@ def test_two_levels_equal_dense(two_levels, adjoint):
     assert 1 < products < 100
 
 
-def test_what_two_levels_leave_is_done_by_products(two_levels, monkeypatch):
-    monkeypatch.setattr(two_level, "_STEPS", 0)
+def test_products_follow_if_two_levels_do_not_converge(monkeypatch):
+    limits = dataclasses.replace(TWO_LEVELS, rough_steps=0)
+    monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
     found, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
     np.testing.assert_allclose(found, expected, rtol=1e-10)
     assert products > 100
-    monkeypatch.setattr(solve, "MAX_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "LIMITS", dataclasses.replace(limits, products=50))
     short, products = solve_transient(step, np.ones((100, 1)))
     assert products <= 51
     assert (short < found).any()
 
 
-def test_a_stationary_distribution_by_two_levels(two_levels):
+def test_two_levels_find_stationary_distribution(two_levels):
     matrix = wandering(12).tolil()
     matrix.setdiag(matrix.diagonal() + 1 - np.asarray(matrix.sum(axis=1)).ravel())
     matrix = scipy.sparse.csr_array(matrix)
     count, label = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
     assert count == 1
-    found, _ = solve_stationary(matrix, label.astype(np.int32))
+    found, _ = solve_stationary(matrix, label.astype(np.int32), small=0)
     np.testing.assert_allclose(matrix.T @ found, found, atol=1e-14)
     assert found.sum() == pytest.approx(1)
 
 
-def test_nothing_to_solve():
+def test_solution_without_right_hand_side_is_0():
     none = scipy.sparse.csr_array((3, 3))
     found, products = solve_transient(none, np.zeros((3, 2)))
     assert (found.tolist(), products) == ([[0, 0]] * 3, 0)
@@ -191,7 +192,7 @@ def parts(draw):
 
 
 @given(parts(), st.integers(0, 2**32 - 1))
-def test_runs_are_taken_out_and_put_back(part, seed):
+def test_parts_with_runs_equal_dense(part, seed):
     matrix, _ = part
     draw = np.random.default_rng(seed)
     inside = draw.random(len(matrix)) < 0.8
@@ -212,7 +213,7 @@ def test_runs_are_taken_out_and_put_back(part, seed):
     np.testing.assert_array_equal(taken.branching, np.flatnonzero(~certain))
 
 
-def test_a_part_that_is_never_left_is_refused():
+def test_part_that_is_never_left_is_refused():
     around = scipy.sparse.csr_array(np.roll(np.eye(3), 1, axis=1))
     with pytest.raises(RuntimeError, match="never leaves"):
         Transient.of(around, np.ones(3, bool))

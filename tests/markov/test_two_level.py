@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from jaxcell.markov.solving import two_level
-from jaxcell.markov.solving.two_level import TwoLevel
+from jaxcell.markov.solving.solve import Limits
+from jaxcell.markov.solving.two_level import TwoLevel, aggregates
+
+
+STEPS = Limits().rough_steps
 
 
 def eddies(count, size):
@@ -26,33 +29,31 @@ def eddies(count, size):
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_a_rough_solve_is_near_the_dense_one(adjoint):
+def test_rough_solve_is_near_the_dense_one(adjoint):
     step = eddies(20, 30)
     matrix = step.T if adjoint else step
     right = np.random.default_rng(0).random(600)
-    found, products = TwoLevel.of(scipy.sparse.csr_array(matrix))(right)
+    found, products = TwoLevel.of(scipy.sparse.csr_array(matrix), STEPS)(right)
     expected = np.linalg.solve(np.eye(600) - matrix, right)
     np.testing.assert_allclose(found, expected, rtol=1e-4)
     # One in BiCGSTAB for one in the rough inverse.
-    assert 0 < products < 4 * two_level._STEPS
+    assert 0 < products < 4 * STEPS
 
 
-def test_aggregates_take_half_the_products_or_less(monkeypatch):
+def test_aggregates_take_half_the_products_or_less():
     matrix, right = scipy.sparse.csr_array(eddies(60, 30)), np.ones(1800)
-    monkeypatch.setattr(two_level, "_FILL", 1.0)
-    _, products = TwoLevel.of(matrix)(right)
+    _, products = TwoLevel.of(matrix, STEPS, fill=1.0)(right)
     # One aggregate is as good as none.
-    monkeypatch.setattr(two_level, "_MAX_AGGREGATES", 1)
-    _, alone = TwoLevel.of(matrix)(right)
+    _, alone = TwoLevel.of(matrix, STEPS, fill=1.0, most=1)(right)
     assert 2 * products <= alone
 
 
-def test_each_state_is_with_the_nearest_of_those_that_are_drawn():
+def test_each_state_is_with_the_nearest_drawn_state():
     random = np.random.default_rng(1)
     step = np.triu(random.random((70, 70)) < 0.06) * random.random((70, 70))
     # No step leads to the last five, or from them.
     step[-5:] = step[:, -5:] = 0
-    member = two_level._aggregates(scipy.sparse.csr_array(step)).toarray()
+    member = aggregates(scipy.sparse.csr_array(step)).toarray()
     middles = np.sort(np.random.default_rng(0).choice(70, 3, replace=False))
     graph = nx.Graph()
     graph.add_nodes_from(range(70))

@@ -19,7 +19,7 @@ def test_walks_follow_the_chain():
     assert (steps[matrix == 0] == 0).all()
 
 
-def test_walks_are_those_of_their_seed():
+def test_walks_are_reproducible_from_their_seed():
     chain = Chain.from_scipy(np.full((4, 4), 0.25))
     first, again, other = (
         sample_walks(chain, np.zeros(3, int), 20, np.random.default_rng(seed)) for seed in (1, 1, 2)

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
-from jaxcell.optimize import conductance, resistance
+from jaxcell.optimize import conductance
 from jaxcell.optimize.conductance import minimum_commute
 from jaxcell.optimize.graph import Graph
+from jaxcell.optimize.resistance import Emphasis, Laplacian, interior_point
 from jaxcell.optimize.tour import on_walk, shortest_tour
 
 
@@ -269,14 +270,16 @@ def test_all_the_weight_on_a_tour_through_all_vertices():
     np.testing.assert_allclose(found.weights, on_tour / 5, atol=1e-8)
 
 
-def test_large_steps_in_32_bits_end_at_the_same_weights(monkeypatch):
+def test_steps_in_32_bits_end_at_the_same_weights():
     graph = graph_of(nx.convert_node_labels_to_integers(nx.grid_2d_graph(7, 7)))
-    usual = [minimum_commute(graph), minimum_commute(graph, [0, 6, 48], 0.7)]
-    monkeypatch.setattr(resistance, "_LARGE", 0)
-    large = [minimum_commute(graph), minimum_commute(graph, [0, 6, 48], 0.7)]
-    for a, b in zip(usual, large, strict=True):
-        assert a.commute_time == pytest.approx(b.commute_time, rel=1e-8)
-        assert b.certificate.outcome is Outcome.CONVERGED
+    tour = on_walk(graph, shortest_tour(graph, [0, 6, 48]))
+    for problem in (Emphasis(np.ones_like(tour), 0.0), Emphasis(tour, 0.7)):
+        exact, rounded = (
+            interior_point(Laplacian(49, graph.edges, np.ones(84), many), problem, 1e-8)[0]
+            for many in (2000, 0)
+        )
+        assert rounded.resistance == pytest.approx(exact.resistance, rel=1e-8)
+        assert rounded.gap <= 1e-8
 
 
 @pytest.mark.parametrize(

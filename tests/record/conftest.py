@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxcell.bounce import BounceGroups, Localized, bounce_map, localization_filter, localize
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import CellSpace, Motion, Workspace
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Case:
     collision: str = "swept"
 
     def __post_init__(self):
-        options = {"collision": self.collision}
+        options = {"motion": Motion(collision=self.collision)}
         map = bounce_map(self.cells, self.bounce, **options)
         values = {
             "map": map,
@@ -33,7 +33,7 @@ class Case:
 
     def localized(self, start, filter=None):
         """The filter, and the run from a cell, as a result."""
-        filter, motion = filter or self.filter, {"collision": self.collision}
+        filter, motion = filter or self.filter, Motion(collision=self.collision)
         return Localized(filter, self.cells, motion, self.bounce, self.localize(start, filter))
 
     def host(self):
@@ -56,7 +56,9 @@ def lab():
 @pytest.fixture(scope="session")
 def angles(lab):
     """The groups of three bouncing angles in the lab map."""
-    return BounceGroups.of(lab.cells, np.deg2rad([45, 90, 135]), collision=lab.collision)
+    return BounceGroups.of(
+        lab.cells, np.deg2rad([45, 90, 135]), motion=Motion(collision=lab.collision)
+    )
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import xarray as xr
 from jaxcell import bundled, record
 from jaxcell.bounce import BounceGroups, bounce_map
 from jaxcell.record.bounce import cells_by_direction
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
 
 
 def groups_of(name, cell, directions, turns, **motion):
@@ -19,20 +19,20 @@ def groups_of(name, cell, directions, turns, **motion):
 @pytest.mark.parametrize(
     ("name", "cell", "directions", "motion"),
     [
-        ("lab_a", 1.0, 8, {"step": 2.0}),
-        ("lab_a", 0.7, 6, {"collision": "endpoint"}),
+        ("lab_a", 1.0, 8, {"motion": Motion(2.0)}),
+        ("lab_a", 0.7, 6, {"motion": ENDPOINT}),
         ("cafe", 0.9, 40, {}),
     ],
 )
 def test_a_store_has_what_is_in_memory(monkeypatch, tmp_path, name, cell, directions, motion):
     # A run longer than what is followed at once; files of the second end within a direction.
-    monkeypatch.setattr("jaxcell.bounce.runs._AT_ONCE", 7)
+    monkeypatch.setattr("jaxcell.bounce.straight_runs._AT_ONCE", 7)
     monkeypatch.setattr(cells_by_direction, "_CHUNK", 37)
     found = groups_of(name, cell, directions, [3, 0, 1], **motion)
     record.save_cells(found, tmp_path / "groups.zarr", spec={"bounce_deg": 3})
     with xr.open_zarr(tmp_path / "groups.zarr") as stored:
         stored.load()
-    image = np.asarray(bounce_map(found.cells, found.bounce, **found.motion).image)
+    image = np.asarray(bounce_map(found.cells, found.bounce, motion=found.motion).image)
     np.testing.assert_array_equal(stored.image.values.reshape(image.shape), image)
     expected = record.dataset(found, spec={"bounce_deg": 3})
     xr.testing.assert_equal(stored.drop_vars("image"), expected)

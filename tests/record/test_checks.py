@@ -1,69 +1,143 @@
-"""Results check themselves, and each check sees what it is for."""
+"""Results check themselves, and each check sees its kind of damage."""
 
 import dataclasses
+import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcell.record import dataset as described
+from jaxcell.bounce import TeamOutcome, TeamTrajectory, plan
+from jaxcell.bounce.coverage import coverage_policy
+from jaxcell.record import dataset
+from jaxcell.space import ENDPOINT, CellSpace
 
 
-def failing(found):
-    return {name for name, (value, limit) in found.items() if not value <= limit}
+def failing(checks):
+    return {name for name, (value, limit) in checks.items() if not value <= limit}
+
+
+def changed(result, name, value):
+    """A copy of a result with another value of a field or of a derived quantity."""
+    if name in {field.name for field in dataclasses.fields(result)}:
+        return dataclasses.replace(result, **{name: value})
+    copy = dataclasses.replace(result)
+    # Derived quantities are kept by the result once they are computed.
+    copy.__dict__[name] = value
+    return copy
+
+
+def put(index, value):
+    """A function that changes one element of an array."""
+
+    def change(array):
+        array = np.array(array)
+        assert array[index] != value
+        array[index] = value
+        return array
+
+    return change
+
+
+@pytest.fixture(scope="module")
+def policy(lab):
+    bounces = np.radians([45, 90, 135])
+    return coverage_policy(lab.cells, bounces, math.pi / 4, 0.6, motion=ENDPOINT)
+
+
+@pytest.fixture(scope="module")
+def localized(lab):
+    return lab.localized(100)
+
+
+@pytest.fixture(scope="module")
+def turn():
+    """Three positions in a row, East and West: one step and a turn."""
+    return plan(CellSpace.of_grid(np.ones((1, 3), bool), 2), [np.pi], 1, 5)
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """Three positions, East and West: robot 0 goes on, 1 bumps, and then 1 is turned."""
+    return TeamTrajectory(
+        cells=CellSpace.of_grid(np.ones((1, 3), bool), 2),
+        bumped=np.array([[False, True], [False, False]]),
+        collided=np.zeros((2, 2), bool),
+        collisions=np.zeros(2, np.int32),
+        cell=np.array([[0, 2], [1, 5], [1, 2]], np.int32),
+        covered=np.array([2, 3, 3], np.int32),
+        part_begin=np.array([0, 2], np.int32),
+        uncovered_positions=np.empty(0, np.int32),
+        outcome=TeamOutcome.COVERED,
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "index", "value", "check"),
+    ("result", "name", "change", "check"),
     [
-        ("group_basin", (0, 0), 1, "basins_minus_cells"),
-        ("group_period", (0, 0), 1, "periodic_cells_minus_period"),
-        ("group_transient", (0, 0), 99, "steps_that_no_cell_takes"),
-        ("group", (0, 0, 0), 1, "image_violations"),
-        ("longest_period", 0, 1, "numbers_not_those_of_cells"),
+        ("angles", "group_basin", put((0, 0), 1), "basins_minus_cells"),
+        ("angles", "group_period", put((0, 0), 1), "periodic_cells_minus_period"),
+        ("angles", "group_transient", put((0, 0), 99), "steps_that_no_cell_takes"),
+        ("angles", "group", put((0, 0, 0), 1), "image_violations"),
+        ("angles", "longest_period", put(0, 1), "numbers_not_those_of_cells"),
+        ("localized", "uncertainty", put(0, 151), "uncertainty_minus_members"),
+        ("localized", "transition", put((1, 0), 0), "states_that_gain_cells"),
+        ("policy", "alpha", lambda alpha: alpha / 2, "alpha_sums_to_1"),
+        ("policy", "mixture", lambda mixture: mixture[::-1], "mixture_is_of_coverage"),
+        ("policy", "coverage", lambda coverage: coverage[:, ::-1], "coverage_is_of_share"),
+        ("policy", "target", lambda target: target - 1, "target_out_of_0_to_1"),
+        ("turn", "visited", put(1, 0), "actions_that_lead_elsewhere"),
+        ("turn", "actions", put(1, np.pi / 2), "actions_that_lead_elsewhere"),
+        ("turn", "goal", lambda _: 4, "ends_missed"),
+        ("turn", "reaching", lambda _: np.arange(6) < 3, "cells_that_do_not_reach"),
+        ("turn", "cost", lambda _: 101, "cost_minus_that_of_actions"),
+        ("turn", "start", lambda _: 6, "start_not_of_the_map"),
+        ("turned", "cell", put((1, 0), 2), "shared_positions"),
+        ("turned", "cell", put((2, 1), 5), "parts_that_begin_otherwise"),
+        ("turned", "bumped", put((0, 0), True), "moves_against_the_rule"),
+        ("turned", "covered", put(1, 2), "covered_minus_visited"),
+        (
+            "turned",
+            "uncovered_positions",
+            lambda _: np.array([19], np.int32),
+            "uncovered_positions_not_of_the_map",
+        ),
     ],
 )
-def test_groups_that_contradict_themselves(angles, name, index, value, check):
-    found = dataclasses.replace(angles, bounce=angles.bounce.copy())
-    assert not failing(found.checks())
-    wrong = np.array(getattr(found, name))
-    assert wrong[index] != value
-    wrong[index] = value
-    # Numbers of cells are kept by the result once they are computed.
-    found.__dict__[name] = wrong
-    assert check in failing(found.checks())
-    with pytest.raises(RuntimeError, match="the result contradicts itself"):
-        described(found)
+def test_a_result_that_contradicts_itself_is_refused(request, result, name, change, check):
+    result = request.getfixturevalue(result)
+    assert not failing(result.checks())
+    dataset(result)
+    wrong = changed(result, name, change(getattr(result, name)))
+    with pytest.raises(RuntimeError, match="the result contradicts itself") as refusal:
+        dataset(wrong)
+    # The refusal names the first of several checks that fail.
+    assert f"{check} is " in str(refusal.value) or check in failing(wrong.checks())
 
 
-@pytest.mark.parametrize(
-    ("name", "index", "value", "check"),
-    [
-        ("uncertainty", 0, 151, "uncertainty_minus_members"),
-        ("transition", (1, 0), 0, "states_that_gain_cells"),
-    ],
-)
-def test_filters_that_contradict_themselves(lab, name, index, value, check):
-    found = lab.localized(100)
-    assert not failing(found.checks())
-    wrong = np.array(getattr(found, name))
-    wrong[index] = value
-    found.__dict__[name] = wrong
-    assert check in failing(found.checks())
+def test_time_in_transient_cells_is_refused(policy):
+    limiting = [
+        dataclasses.replace(one, value=jnp.full_like(one.value, 1 / one.value.size))
+        for one in policy.limiting
+    ]
+    assert (policy.group < 0).any()
+    with pytest.raises(RuntimeError, match="share_of_transient_cells"):
+        dataset(dataclasses.replace(policy, limiting=tuple(limiting)))
 
 
-def test_runs_that_contradict_their_filter(lab):
-    found = lab.localized(100)
-    states, candidates = found.run.states.copy(), found.run.candidates + 1
+def test_runs_that_contradict_their_filter_are_refused(localized):
+    run = localized.run
+    states = run.states.copy()
     states[1] = states[0]
     for name, value, check in (
         ("states", states, "run_off_the_transitions"),
-        ("candidates", candidates, "candidates_not_of_the_last_state"),
+        ("candidates", run.candidates + 1, "candidates_not_of_the_last_state"),
     ):
-        run = dataclasses.replace(found.run, **{name: value})
-        assert check in failing(dataclasses.replace(found, run=run).checks())
-    path = found.run.path.copy()
+        wrong = dataclasses.replace(run, **{name: value})
+        assert check in failing(dataclasses.replace(localized, run=wrong).checks())
+    path = run.path.copy()
     path[-1] = 0
-    lost = dataclasses.replace(found, run=dataclasses.replace(found.run, path=path))
-    # That is possible, if the filter is of another map.
+    lost = dataclasses.replace(localized, run=dataclasses.replace(run, path=path))
+    # A robot may be lost if the filter is of another map.
     assert not failing(lost.checks())
     assert lost.checks()["states_without_the_robot"][0] == 1

@@ -18,7 +18,7 @@ from jaxcell.bounce import (
     localize,
 )
 from jaxcell.record import dataset as dataset_of, save_dataset
-from jaxcell.space import CellSpace
+from jaxcell.space import CELL_BY_CELL, CellSpace
 
 
 def reload(dataset, path):
@@ -155,7 +155,7 @@ def test_a_run_without_an_observation(tmp_path):
     still = localize(map, filter, 0)
     assert still.observations.size == 0, "the start is a knowledge cycle"
     dataset = reload(
-        dataset_of(Localized(filter, box, {}, math.pi / 2, still)), tmp_path / "still.nc"
+        dataset_of(Localized(filter, box, CELL_BY_CELL, math.pi / 2, still)), tmp_path / "still.nc"
     )
     assert dataset.sizes["move"] == 0
     np.testing.assert_array_equal(dataset.run_candidates, np.arange(4))
@@ -169,7 +169,7 @@ def test_refuses_what_does_not_fit(lab):
         with pytest.raises(ValueError, match="spec: expected a JSON object"):
             dataset_of(lab.groups, spec=bad)
     with pytest.raises(ValueError, match="starts in doubt over 152 cells, but there are 32"):
-        Localized(lab.filter, other, {}, lab.bounce, lab.localize(3))
+        Localized(lab.filter, other, CELL_BY_CELL, lab.bounce, lab.localize(3))
 
 
 def test_an_error_while_writing_leaves_the_old_file(lab, tmp_path, monkeypatch):

@@ -185,7 +185,7 @@ def test_a_tab_for_each_angle(angles, read, tmp_path):
         pictures = recorded.pictures("direction", f"/map/grid/{name}/steps")
         white = sum(int(np.sum(picture == 1)) for picture in pictures.values())
         assert white == np.sum(angles.step[i] == 0)
-        (text,) = recorded.static(f"/{name}/text", "TextDocument:text")
+        text = recorded.text(f"/{name}/text")
         assert f"**{name.removeprefix('bounce_')}°**" in text
     names = blueprint_values(recorded, "ContainerBlueprint:display_name")
     assert {"bounce 45°", "bounce 90°", "bounce 135°"} <= set(names)
@@ -203,19 +203,8 @@ def blueprint_values(recorded, column):
     ]
 
 
-def test_the_recording_has_its_own_layout(recorded):
-    assert blueprint_values(recorded, "ViewportBlueprint:auto_views") == [False]
-    assert blueprint_values(recorded, "TimePanelBlueprint:timeline") == ["direction"]
-    assert recorded.timelines == {"direction"}
-    # Every entity that a view asks for is there.
-    queries = blueprint_values(recorded, "ViewContents:query")
-    asked = {q.removeprefix("+ ") for q in queries if "$origin" not in q}
-    assert len(asked) == 5
-    assert asked <= recorded.entities
-
-
-def test_the_text_says_what_one_sees(recorded):
-    (text,) = recorded.static("/bounce_45/text", "TextDocument:text")
+def test_the_text_describes_the_groups(recorded):
+    text = recorded.text("/bounce_45/text")
     (kind,) = recorded.static("/bounce_45/text/0", "TextDocument:media_type")
     assert kind == "text/markdown"
     for phrase in ("turns by **45°**", "**152 cells**", "There is **one**, with period 20"):

@@ -3,11 +3,12 @@ import math
 
 import numpy as np
 import pytest
+from recordings import packed
 
 from jaxcell.bounce import Localized, bounce_map, localization_filter, localize
 from jaxcell.record import save_recording
 from jaxcell.record.canvas.palette import CURRENT, ROBOT
-from jaxcell.space import CellSpace
+from jaxcell.space import CellSpace, Motion
 
 
 MOST_ARROWS = 400
@@ -34,23 +35,11 @@ def poses(cells, where):
     return np.stack([x, y, np.cos(theta), np.sin(theta)], axis=1)
 
 
-def arrows(recorded, entity):
-    """The poses of arrows by time; the length does not count."""
-    origins = recorded.over("step", entity, "Arrows2D:origins")
-    vectors = recorded.over("step", entity, "Arrows2D:vectors")
-    result = {}
-    for time, origin in origins.items():
-        vector = np.array(vectors[time]).reshape(-1, 2)
-        vector /= np.linalg.norm(vector, axis=1, keepdims=True)
-        result[time] = np.concatenate([np.array(origin).reshape(-1, 2), vector], axis=1)
-    return result
-
-
 @pytest.mark.parametrize("case", ["lab", "hall"])
 def test_the_belief_is_the_state_of_the_filter(case, request):
     run, recorded = request.getfixturevalue(f"{case}_run")
     case = request.getfixturevalue(case)
-    shown = arrows(recorded, "/map/belief")
+    shown = recorded.poses("/map/belief")
     size = recorded.over("step", "/filter/uncertainty", "Scalars:scalars")
     bits = recorded.over("step", "/filter/bits", "Scalars:scalars")
     assert list(shown) == list(size) == list(range(len(run.states)))
@@ -81,7 +70,7 @@ def test_a_large_belief_is_shaded(hall, hall_run):
 def test_the_robot_and_its_trail(case, request):
     run, recorded = request.getfixturevalue(f"{case}_run")
     case = request.getfixturevalue(case)
-    robot = arrows(recorded, "/map/robot")
+    robot = recorded.poses("/map/robot")
     trails = recorded.over("step", "/map/trail", "LineStrips2D:strips")
     path = poses(case.cells, run.path)
     for time in range(len(run.path)):
@@ -138,7 +127,7 @@ def test_the_filter_is_a_graph_that_lights_up(case, request):
     for edge in edges:
         assert number[edge["second"]] in case.filter.transition[number[edge["first"]]]
     colors = recorded.over("step", "/filter/graph", "GraphNodes:colors")
-    current, vermilion = (int.from_bytes([*c, 255]) for c in (CURRENT, ROBOT))
+    current, vermilion = map(packed, (CURRENT, ROBOT))
     seen = set()
     for time, state in enumerate(run.states.tolist()):
         lit = {s for s, color in zip(states, colors[time], strict=True) if color == current}
@@ -166,14 +155,14 @@ def test_groups_follow_the_heading(lab, lab_run):
 
 def test_the_text_says_how_it_ended(lab_run, hall_run):
     run, recorded = lab_run
-    (text,) = recorded.static("/text", "TextDocument:text")
+    text = recorded.text()
     word = "".join(map(str, run.observations.tolist()))
     count = len(run.candidates)
     for phrase in ("**45°**", f"`{word}`", f"one of **{count}** cells", "## 3 knowledge cycles"):
         assert phrase in text
     assert text.count("\n| 2 (orange) | ") == 1
     assert "too many to draw" not in text
-    (text,) = hall_run[1].static("/text", "TextDocument:text")
+    text = hall_run[1].text()
     assert "too many to draw" in text
     assert "cycles are left out" in text
 
@@ -182,19 +171,19 @@ def test_a_robot_that_is_elsewhere(lab, read, tmp_path):
     """The filter is of the lab, the robot is in its mirror image."""
     there = CellSpace.of_grid(lab.cells.free[:, ::-1].copy(), 8)
     filter = lab.filter.with_trap()
-    map = bounce_map(there, lab.bounce, collision=lab.collision)
+    map = bounce_map(there, lab.bounce, motion=Motion(collision=lab.collision))
     runs = [localize(map, filter, start) for start in range(there.size)]
     run = next(run for run in runs if run.states[-1] == filter.trap)
     path = tmp_path / "elsewhere.rrd"
-    motion = {"collision": lab.collision}
+    motion = Motion(collision=lab.collision)
     save_recording(Localized(filter, there, motion, lab.bounce, run), path)
     recorded = read(path)
-    (text,) = recorded.static("/text", "TextDocument:text")
+    text = recorded.text()
     assert "**somewhere else**" in text
     end = len(run.observations)
     assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars")[end] == [0]
     assert recorded.over("step", "/map/candidates", "Boxes2D:centers")[end] == []
-    assert len(arrows(recorded, "/map/belief")[end]) == 0
+    assert len(recorded.poses("/map/belief")[end]) == 0
 
 
 def test_a_robot_that_cannot_move(read, tmp_path):
@@ -204,7 +193,7 @@ def test_a_robot_that_cannot_move(read, tmp_path):
     filter = localization_filter(map)
     run = localize(map, filter, 2)
     path = tmp_path / "still.rrd"
-    save_recording(Localized(filter, cells, {}, bounce, run), path)
+    save_recording(Localized(filter, cells, Motion(), bounce, run), path)
     recorded = read(path)
     assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars") == {0: [4]}
     assert len(recorded.over("step", "/map/candidates", "Boxes2D:centers")[0]) == 4

@@ -1,4 +1,4 @@
-"""What all recordings have in common, read back from one of each family."""
+"""Properties of all recordings, read back from one recording of each family."""
 
 import fnmatch
 import functools
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from recordings import packed
 from rerun.chunk import RrdReader
 from wheels import bounce_filter, map_cells
 
@@ -52,7 +53,7 @@ TIMELINES = {
     "minute",
     "hour",
 }
-# What is drawn, plotted or read, without the styles of it.
+# Components with content, without those of style.
 CONTENT = {
     "Arrows2D:vectors",
     "Arrows3D:vectors",
@@ -69,7 +70,7 @@ CONTENT = {
     "TextDocument:text",
     "TextLog:text",
 }
-# On every map, so that they make no view of something.
+# A view needs more than these, which every map has.
 GROUND = {"/map/walls", "/map/grid/free"}
 THINGS = {
     "localization": {
@@ -106,7 +107,7 @@ CLASSES = {
 
 
 class Look:
-    """A recording as it is shown: what its views ask for, and what there is."""
+    """A recording with its blueprint: the queries of its views, and its data."""
 
     def __init__(self, path):
         self.folder = path.parent
@@ -148,13 +149,13 @@ class Look:
             yield values["ViewBlueprint:class_identifier"][0], name, wanted
 
     def shown(self, wanted):
-        """When, on the timeline of the blueprint, each entity of a view has something to show."""
-        found = {}
+        """The times, on the timeline of the blueprint, of data of the entities of a view."""
+        shown = {}
         for (entity, timeline), times in self.times.items():
-            asked = any(matches(entity, line) for line in wanted)
-            if asked and timeline in (None, self.timeline) and times:
-                found.setdefault(entity, []).extend(times if timeline else [-math.inf])
-        return found
+            queried = any(matches(entity, line) for line in wanted)
+            if queried and timeline in (None, self.timeline) and times:
+                shown.setdefault(entity, []).extend(times if timeline else [-math.inf])
+        return shown
 
 
 def columns(chunk):
@@ -170,11 +171,6 @@ def matches(entity, line):
     return entity == line
 
 
-def number(color):
-    """A colour as Rerun keeps it."""
-    return int.from_bytes(bytes(color if len(color) == 4 else (*color, 255)))
-
-
 def record_robot(path):
     cells = map_cells("lab_a.json")
     filter = bounce_filter(cells, 45)
@@ -182,8 +178,8 @@ def record_robot(path):
     robot = RecordedRobot(start=(1.0, 2.0, 1.5), trace=trace)
     with RobotRecording(path, [robot], cells=cells, filter=filter) as recording:
         state = int(filter.run("1").states[-1])
-        told = {"state": state, "color": 1, "uncertainty": int(filter.uncertainty[state])}
-        fields = {"seconds": 1.0, "observation": 1, "estimate": [0.0, 0.0, 0.0], **told}
+        believed = {"state": state, "color": 1, "uncertainty": int(filter.uncertainty[state])}
+        fields = {"seconds": 1.0, "observation": 1, "estimate": [0.0, 0.0, 0.0], **believed}
         recording.event("observation", fields)
         recording.event("end", {"seconds": 2.0, "result": "stopped", "reason": "a test"})
 
@@ -196,7 +192,7 @@ def record_sweep(path):
 
 @pytest.fixture(scope="module")
 def looks(tmp_path_factory, few_drifters):
-    """A function that gives the recording of a family, which it makes when first asked."""
+    """A function that returns the recording of a family, made at the first call."""
     out = tmp_path_factory.mktemp("looks")
     room = out / "room.txt"
     room.write_text(ROOM)
@@ -230,16 +226,16 @@ def test_no_view_is_empty(looks, family):
     first = min(min(times) for (_, line), times in look.times.items() if line == look.timeline)
     for kind, name, wanted in views:
         assert name
-        found = look.shown(wanted)
-        something = {entity for entity in found if entity not in GROUND}
-        assert something, (kind, name, wanted)
-        # Curves and logs begin when there is something to tell.
+        shown = look.shown(wanted)
+        content = shown.keys() - GROUND
+        assert content, (kind, name, wanted)
+        # Curves and logs may begin later.
         if kind not in ("TimeSeries", "TextLog"):
-            assert min(min(found[entity]) for entity in something) <= first, (name, wanted)
+            assert min(min(shown[entity]) for entity in content) <= first, (name, wanted)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_timelines_are_named_by_what_they_are(looks, family):
+def test_timelines_have_known_names(looks, family):
     expected = {"x", "y"} if family == "sweep" else TIMELINES
     assert looks(family).timelines <= expected
     assert looks(family).timeline in looks(family).timelines
@@ -250,30 +246,30 @@ def test_the_same_things_have_the_same_colors(looks, family):
     look = looks(family)
     for entity, color in THINGS.get(family, {}).items():
         (name,) = (n for e, n in look.static if e == entity and n.endswith(":colors"))
-        assert look.static[entity, name] == [number(color)], entity
+        assert look.static[entity, name] == [packed(color)], entity
     if ("/map/walls", "LineStrips2D:colors") in look.static:
-        assert look.static["/map/walls", "LineStrips2D:colors"] == [number(palette.WALL)]
+        assert look.static["/map/walls", "LineStrips2D:colors"] == [packed(palette.WALL)]
     for (entity, name), value in look.static.items():
         if name != "AnnotationContext:context":
             continue
         for one in value[0]:
             info = one["class_description"]["info"]
             if info["label"] in CLASSES:
-                assert info["color"] == number(CLASSES[info["label"]]), (entity, info["label"])
+                assert info["color"] == packed(CLASSES[info["label"]]), (entity, info["label"])
 
 
 @pytest.mark.parametrize("family", COMMANDS)
-def test_nothing_says_where_files_are_kept(looks, family):
+def test_no_text_has_the_folder_of_a_file(looks, family):
     look = looks(family)
-    told = [str(value) for (_, name), value in look.static.items() if "TextDocument" in name]
+    texts = [str(value) for (_, name), value in look.static.items() if "TextDocument" in name]
     for path in look.folder.glob("*.nc"):
         with xr.open_dataset(path) as dataset:
-            told.append(dataset.attrs["spec"])
-    told.append((look.folder / "summary.json").read_text())
+            texts.append(dataset.attrs["spec"])
+    texts.append((look.folder / "summary.json").read_text())
     read = next(word for word in COMMANDS[family].split() if word.startswith("{"))
     name = Path(read.format(data=DATA, room="room.txt", sea="sea.nc")).name
-    assert sum(name in one for one in told) >= 3
-    assert not any(str(place) in "".join(told) for place in (DATA, look.folder.parent))
+    assert sum(name in text for text in texts) >= 3
+    assert not any(str(place) in "".join(texts) for place in (DATA, look.folder.parent))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

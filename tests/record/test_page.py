@@ -15,7 +15,7 @@ from jaxcell.record.canvas.stream import recording
 
 @pytest.fixture
 def logged(tmp_path):
-    """What a function logs, read back."""
+    """The recording of a function that logs, read back."""
 
     def read(log):
         path = tmp_path / "page.rrd"

@@ -52,7 +52,7 @@ def distance(first, second, sight):
 
 
 @pytest.mark.parametrize("sight", SIGHT)
-def test_what_lies_on_a_map_is_told_apart(sight):
+def test_colors_on_a_map_differ(sight):
     things = ["OBSTACLE", "FREE", "MARGIN", "ROBOT", "BELIEF", "KNOWN"]
     for one, other in itertools.combinations(things, 2):
         seen = distance(getattr(palette, one), getattr(palette, other), sight)
@@ -62,7 +62,7 @@ def test_what_lies_on_a_map_is_told_apart(sight):
 
 
 @pytest.mark.parametrize("sight", SIGHT)
-def test_the_state_of_a_filter_is_told_apart_in_both_themes(sight):
+def test_the_state_of_a_filter_differs_from_others_in_both_themes(sight):
     """Graphs have the background of the viewer, and lines in its colour of text."""
     white, black = (255, 255, 255), (13, 16, 17)
     others = [white, black, palette.PLAIN, palette.ROBOT, *CATEGORIES.values()]
@@ -70,13 +70,13 @@ def test_the_state_of_a_filter_is_told_apart_in_both_themes(sight):
         assert distance(palette.CURRENT, other, sight) > 10, other
     for theme in (white, black):
         assert abs(lab(palette.CURRENT, sight)[0] - lab(theme, sight)[0]) > 35
-    # Those it has been in, and is not in.
+    # Earlier states.
     for theme in (white, black):
         assert abs(lab(palette.ROBOT, sight)[0] - lab(theme, sight)[0]) > 25
 
 
 @pytest.mark.parametrize("sight", SIGHT)
-def test_groups_are_told_apart(sight):
+def test_colors_of_groups_differ(sight):
     for one, other in itertools.combinations(CATEGORIES, 2):
         assert distance(CATEGORIES[one], CATEGORIES[other], sight) > 10, (one, other)
 

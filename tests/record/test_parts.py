@@ -28,7 +28,7 @@ class House(Result):
 
     @derived("floor", "rooms of each floor", kind="count")
     def rooms(self):
-        raise AssertionError("what nobody asked for is computed")
+        raise AssertionError("a derived quantity is computed although it is not used")
 
 
 HOUSE = House((Floor(0.0, np.array([9.0, 4.0]), 0.5), Floor(2.5, np.arange(1.0, 41), float("nan"))))
@@ -48,7 +48,7 @@ def test_the_dataset_has_their_single_numbers_along_a_dimension():
     assert found.floor_height.values.tolist() == [0, 2.5]
     assert found.floor_height.attrs["long_name"] == "height of the floor"
     assert "floor_rooms_area" not in found
-    # What is not known contradicts nothing.
+    # An unknown share, NaN, passes the check.
     assert np.isnan(found.floor_lit[1])
     bright = dataclasses.replace(HOUSE.floors[0], lit=1.5)
     wrong = dataclasses.replace(kept, floors=(HOUSE.floors[0], bright))

@@ -9,19 +9,15 @@ import xarray as xr
 
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
-from jaxcell.patrol import (
-    GraphPatrol,
-    age_of_news,
-    charged,
-    random_walk,
-    walk_hitting_times,
-)
+from jaxcell.patrol import GraphPatrol, random_walk
 from jaxcell.patrol.files.graph_files import load_graph
+from jaxcell.patrol.team import age_of_news, charged
+from jaxcell.patrol.walks import walk_hitting_times
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.record import dataset, summary
 from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
-from jaxcell.record.data.files import save_dataset
+from jaxcell.record.data.dataset import save_dataset
 from jaxcell.record.recordings import save_recording
 
 

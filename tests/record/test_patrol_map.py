@@ -11,16 +11,18 @@ import xarray as xr
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
     PatrolledMap,
-    angular_regions,
-    base_station,
-    capture_frontier,
     capture_policies,
     capture_probabilities,
     cell_graph,
-    centralized_policies,
     distributed_policies,
-    reassign,
     vulnerability,
+)
+from jaxcell.patrol.map import (
+    angular_regions,
+    base_station,
+    capture_frontier,
+    centralized_policies,
+    reassign,
 )
 from jaxcell.patrol.map.intruder import AttackState, simulate_attacks
 from jaxcell.record import dataset, save_dataset, save_recording

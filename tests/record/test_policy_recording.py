@@ -1,15 +1,19 @@
 import numpy as np
 import pytest
+from recordings import packed
 
 from jaxcell.bounce import AdaptivelyLocalized, localization_policy
 from jaxcell.record import dataset, save_recording, summary
 from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT
+from jaxcell.space import Motion
 
 
 @pytest.fixture(scope="module")
 def found(lab):
-    policy = localization_policy(lab.cells, np.radians([45, 135]), collision=lab.collision)
+    policy = localization_policy(
+        lab.cells, np.radians([45, 135]), motion=Motion(collision=lab.collision)
+    )
     return AdaptivelyLocalized.of(policy, 151)
 
 
@@ -34,10 +38,8 @@ def test_shows_the_belief_and_the_turn_at_each_bump(found, recorded):
 
 def test_lights_up_one_state_at_a_time(found, recorded):
     colors = recorded.over("step", "/tree/graph", "GraphNodes:colors")
-    red, green, blue = CURRENT
-    current = (red << 24) + (green << 16) + (blue << 8) + 255
     for time, row in colors.items():
-        (state,) = (i for i, color in enumerate(row) if color == current)
+        (state,) = (i for i, color in enumerate(row) if color == packed(CURRENT))
         assert state == found.run.states[time]
 
 

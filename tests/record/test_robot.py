@@ -185,7 +185,7 @@ def test_a_real_robot_without_a_map(tmp_path):
     assert "/map/belief" not in entities
 
 
-def test_what_a_killed_process_recorded_can_be_read(tmp_path):
+def test_the_recording_of_a_killed_process_can_be_read(tmp_path):
     program = """
 import sys, time
 from wheels import map_cells

@@ -143,7 +143,7 @@ def test_heat_maps_have_a_square_for_each_member(sweep, recorded):
 
 
 def test_the_text_says_what_there_is(recorded):
-    (text,) = recorded.static("/text", "TextDocument:text")
+    text = recorded.text()
     for part in (
         "**36 members** (12 x x 3 y)",
         "34 are done, **1 failed**, **1 are not computed yet**",
@@ -176,11 +176,11 @@ def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
     assert 0.9 * 40_000 < size <= 40_000
     (timeline,) = (one for one in recorded.timelines if one.startswith("a x "))
     assert len(recorded.over(timeline, "/series/v0/median", "Scalars:scalars")) == 1000
-    (text,) = recorded.static("/text", "TextDocument:text")
-    assert "or too many: `v16`, `v17`, `v18`, `v19`." in text
+    text = recorded.text()
+    assert "or are too many: `v16`, `v17`, `v18`, `v19`." in text
 
 
-def test_what_is_no_sweep_is_refused(tmp_path, sweep):
+def test_other_datasets_than_sweeps_are_refused(tmp_path, sweep):
     path = tmp_path / "none.rrd"
     with pytest.raises(ValueError, match="which has a variable status"):
         log_sweep(path, sweep.drop_vars("status"))

@@ -72,7 +72,7 @@ def place_of(cells, body) -> int:
 def test_a_file_has_the_ways_of_the_map(task_of, cells):
     task = task_of(cells, random_walk(cells, 0), random_walk(cells, 1), robot=1)
     plane = CellSpace.of(cells.workspace, cells.cell, 4)
-    assert task.ways.tolist() == free_steps(plane, 1.0, "swept").tolist()
+    assert task.ways.tolist() == free_steps(plane).tolist()
     assert (task.robot, task.robots, task.reach) == (1, 2, 2.5)
     assert (task.cell, task.step, task.directions) == (1.0, 1.0, 4)
     image, probability = random_walk(cells, 1)

@@ -23,7 +23,7 @@ def joint_path(cells, starts, bounce_deg, steps, turns=()):
 
     `turns` are rows that begin with a turn of one robot by one direction: row, robot, turn.
     """
-    there = free_steps(cells, 1.0, "swept")
+    there = free_steps(cells)
     positions, directions = cells.positions, cells.directions
     shift = round(bounce_deg * directions / 360)
     xy = np.stack(cells.centre(np.arange(positions))[:2], axis=1)
@@ -64,7 +64,7 @@ def poses(cells, zs):
 @pytest.fixture
 def team_file(tmp_path):
     path, bumped = joint_path(LAB, [3, 60, 100], 135, 60, turns=[(20, 1, 1), (40, 0, -1)])
-    actions = member_actions(path, bumped, free_steps(LAB, 1.0, "swept"))
+    actions = member_actions(path, bumped, free_steps(LAB))
     file = tmp_path / "team.json"
     save_team(file, COMMON, poses(LAB, path[0]), [math.radians(135)] * 3, actions)
     return file, path, bumped
@@ -72,7 +72,7 @@ def team_file(tmp_path):
 
 def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
     file, path, bumped = team_file
-    there = free_steps(LAB, 1.0, "swept")
+    there = free_steps(LAB)
     met = 0
     for robot in range(3):
         task = load_task(file, robot)
@@ -169,7 +169,7 @@ def test_a_team_with_steps_of_thin_walls_tells_walls_from_robots():
     hall = CellSpace.of(Workspace([(0, 0), (4, 0), (4, 1), (0, 1)]), 1.0, 4)
     path = np.array([[1, 2 * 4 + 2], [2 * 4 + 1, 2], [2 * 4, 3], [0, 2 * 4 + 3]])
     bumped = np.array([[True, True], [False, False], [True, True]])
-    assert member_actions(path, bumped, free_steps(hall, 1.0, "swept")) == ["201", "201"]
+    assert member_actions(path, bumped, free_steps(hall)) == ["201", "201"]
 
 
 def test_bad_files(tmp_path):

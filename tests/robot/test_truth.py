@@ -110,7 +110,7 @@ def test_a_filter_is_right(name):
 
 def plan_from(cells: CellSpace, cell: int, count: int) -> tuple[list[float], int]:
     """A plan that turns by any angle at a bump, and where it ends."""
-    there, rng = free_steps(cells, 1.0, "swept"), np.random.default_rng(cell)
+    there, rng = free_steps(cells), np.random.default_rng(cell)
     actions = []
     for _ in range(count):
         way, position = divmod(cell, cells.positions)
@@ -132,7 +132,7 @@ def test_a_plan_arrives(name):
 
 def team_walk(cells: CellSpace, starts: list[int], steps: int) -> tuple[np.ndarray, np.ndarray]:
     """A walk of robots that turn by a quarter where a wall or another robot is."""
-    there, quarter = free_steps(cells, 1.0, "swept"), cells.directions // 4
+    there, quarter = free_steps(cells), cells.directions // 4
     path, bumped = [np.array(starts)], []
     for _ in range(steps):
         way, here = np.divmod(path[-1], cells.positions)
@@ -151,7 +151,7 @@ def test_each_robot_of_a_team_arrives(name, tmp_path):
     cells = cells_of(name)
     robots, steps = 2, 10
     path, bumped = team_walk(cells, starts_in(cells, robots, seed=5), steps)
-    actions = member_actions(path, bumped, free_steps(cells, 1.0, "swept"))
+    actions = member_actions(path, bumped, free_steps(cells))
     common = {
         "cell_m": cells.cell,
         "directions": cells.directions,
@@ -171,7 +171,7 @@ def test_each_robot_of_a_team_arrives(name, tmp_path):
 def test_a_patrol_visits_what_is_drawn(name, tmp_path):
     cells = cells_of(name)
     plane = CellSpace.of(cells.workspace, cells.cell, 4)
-    ways = free_steps(plane, 1.0, "swept")
+    ways = free_steps(plane)
     start = plane.positions // 2
     away = wave(ways, start)
     goals = np.flatnonzero((away > 0) & (away <= 8))

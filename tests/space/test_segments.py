@@ -5,7 +5,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from random_rooms import slanted_obstacles
 
-from jaxcell.space import CellSpace, Workspace, free_steps, stencil
+from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace, free_steps, stencil
 
 
 def workspace_of(free):
@@ -20,7 +20,7 @@ def workspace_of(free):
 
 def steps_on_grid(cells, step, collision):
     """What the stencil says, one cell and one direction after the other."""
-    shape = stencil(cells.directions, step, collision, cells.free.shape)
+    shape = stencil(cells.directions, Motion(step, collision), cells.free.shape)
     rows, columns = cells.free.shape
 
     def free(square):
@@ -30,9 +30,8 @@ def steps_on_grid(cells, step, collision):
     targets = np.empty((cells.directions, cells.positions), np.int32)
     for position, here in enumerate(np.argwhere(cells.free)):
         for direction, way in enumerate(shape.way):
-            look = [free(here + s) for s in shape.square]
-            passes = all(look[s] for s in shape.crossed[way])
-            passes &= all(look[s] or look[t] for s, t in shape.beside[way])
+            passes = all(free(here + s) for s in shape.crossed[way])
+            passes &= all(free(here + s) or free(here + t) for s, t in shape.beside[way])
             end = here + shape.offset[way]
             targets[direction, position] = (
                 cells.position_of_square[tuple(end)] if passes else position
@@ -53,7 +52,7 @@ def test_squares_and_walls_agree(free, scale, collision):
     assert cells.gridded
     np.testing.assert_array_equal(cells.free, free)
     np.testing.assert_array_equal(
-        free_steps(cells, step, collision), steps_on_grid(cells, step, collision)
+        free_steps(cells, Motion(step, collision)), steps_on_grid(cells, step, collision)
     )
 
 
@@ -77,7 +76,7 @@ def test_a_step_is_free_if_its_segment_is_covered(room, scale):
     surely, maybe = (cells.workspace.free_space.buffer(margin) for margin in (-1e-6, 1e-6))
     x, y, _ = cells.centre(np.arange(cells.positions))
     for rule in ("swept", "endpoint"):
-        targets = free_steps(cells, step, rule)
+        targets = free_steps(cells, Motion(step * cells.cell, rule))
         for direction in range(directions):
             angle = 2 * np.pi * direction / directions
             ends = np.stack([x, y, x + 0.9 * step * np.cos(angle), y + 0.9 * step * np.sin(angle)])
@@ -98,7 +97,7 @@ def test_a_step_is_free_if_its_segment_is_covered(room, scale):
 def step(workspace, start, direction, directions=8, length=1.0):
     cells = CellSpace.of(workspace, 1.0, directions)
     position = int(cells.index(*start))
-    return bool(free_steps(cells, length, "swept")[direction, position] != position)
+    return bool(free_steps(cells, Motion(length))[direction, position] != position)
 
 
 ROOM = [(0, 0), (6, 0), (6, 6), (0, 6)]
@@ -137,7 +136,7 @@ def test_may_not_go_through_an_obstacle_thinner_than_a_step():
     assert not step(Workspace(ROOM, [thin]), (1.5, 1.5), 0)
     cells = CellSpace.of(Workspace(ROOM, [thin]), 1.0, 8)
     position = int(cells.index(1.5, 1.5))
-    assert free_steps(cells, 1.0, "endpoint")[0, position] == cells.index(2.5, 1.5)
+    assert free_steps(cells, ENDPOINT)[0, position] == cells.index(2.5, 1.5)
 
 
 @pytest.mark.parametrize(
@@ -152,16 +151,16 @@ def test_starts_from_a_corner_into_the_free_side(direction, free):
 @pytest.mark.parametrize("step", [41.0, 1e9, 1e300])
 @pytest.mark.parametrize("collision", ["swept", "endpoint"])
 def test_a_step_longer_than_the_map_leads_nowhere(step, collision):
-    shape = stencil(36, step, collision, (20, 35))
-    assert len(shape.offset) == len(shape.lines) == len(shape.square) == 1
+    shape = stencil(36, Motion(step, collision), (20, 35))
+    assert len(shape.offset) == len(shape.crossed) == 1
     cells = CellSpace.of(Workspace([(0, 0), (35, 0), (33, 20), (0, 18)]), 1.0, 36)
-    targets = free_steps(cells, step, collision)
+    targets = free_steps(cells, Motion(step, collision))
     np.testing.assert_array_equal(targets, np.tile(np.arange(cells.positions), (36, 1)))
 
 
 def test_steps_that_lead_off_the_map_are_one_way():
     # Thirty squares long: off a map of twenty rows to the North and South alone.
-    shape = stencil(8, 30.0, "endpoint", (20, 35))
+    shape = stencil(8, Motion(30.0, "endpoint"), (20, 35))
     off = shape.way[[1, 2, 3, 5, 6, 7]]
     assert len(set(off.tolist())) == 1
     assert len(set(shape.way.tolist())) == 3

@@ -13,7 +13,7 @@ from jaxcell.cli import main
 from jaxcell.record import dataset, save_recording, summary
 from jaxcell.study import Study
 from jaxcell.study.loading import load_study
-from jaxcell.sweep.studies import read_study, study_task
+from jaxcell.sweep.study_task import read_study, study_task
 
 
 SOURCE = '''

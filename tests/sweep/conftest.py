@@ -7,13 +7,7 @@ from jaxcell.sweep import Spec, run_sweep
 @pytest.fixture(autouse=True)
 def revision(monkeypatch):
     """The source may change while tests run."""
-    monkeypatch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
-
-
-@pytest.fixture(autouse=True)
-def a_file_for_each_chunk(monkeypatch):
-    """Results of the stub are so small that all of them would share one."""
-    monkeypatch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 1)
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.git_revision", lambda: "a revision")
 
 
 @pytest.fixture

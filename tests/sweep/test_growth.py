@@ -1,8 +1,6 @@
 """More values of a parameter: what is done stays, and what comes out is the larger sweep."""
 
 import json
-import os
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -52,7 +50,7 @@ def test_a_sweep_grows(stub_spec, tmp_path, computed, how):
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
     assert (tmp_path / "out" / "spec.toml").read_bytes() == large.text
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert names == ["lock", "origin.json", "spec.toml", "sweep.zarr"]
+    assert names == ["lock", "spec.toml", "sweep.journal", "sweep.zarr"]
     assert verify_sweep(tmp_path / "out").damaged == ()
     with pytest.raises(ValueError, match=r"small\.toml: not the spec.* missing: "):
         run_sweep(stub_spec(text=SMALL, name="small.toml"), tmp_path / "out", resume=True)
@@ -94,8 +92,6 @@ def test_what_was_not_done_is_computed_too(stub_spec, tmp_path, computed):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(large, tmp_path / "whole")
     run_sweep(small, tmp_path / "out", chunks=[1])
-    (tmp_path / "out" / "failures").mkdir()
-    (tmp_path / "out" / "failures" / "0000003.json").write_text("{}")
     computed.clear()
     done = small.batch(small.chunk(1))
     run_sweep(large, tmp_path / "out", resume=True)
@@ -107,8 +103,9 @@ def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(large, tmp_path / "whole")
     run_sweep(small, tmp_path / "out")
-    path = tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0" / "1"
-    path.write_bytes(b"?" + path.read_bytes()[1:])
+    path = tmp_path / "out" / "sweep.journal"
+    content = path.read_bytes()
+    path.write_bytes(content[:-200] + b"?" + content[-199:])
     assert run_sweep(large, tmp_path / "out", resume=True).complete
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
@@ -116,7 +113,7 @@ def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
 def test_what_went_on_anyway_stays_told(stub_spec, tmp_path, monkeypatch):
     run_sweep(stub_spec(text=SMALL), tmp_path / "out")
     large = stub_spec(text=GROWN["between"], name="large.toml")
-    monkeypatch.setattr("jaxcell.sweep.storage.store.__version__", "9.9")
+    monkeypatch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
     with pytest.raises(ValueError, match=r"jaxcell_version: \S+ there, 9\.9 here"):
         run_sweep(large, tmp_path / "out", resume=True)
     run_sweep(large, tmp_path / "out", resume=True, anyway=True)
@@ -134,31 +131,6 @@ def test_the_difference_is_shown(stub_spec, tmp_path):
     assert str(told.value).endswith(
         "x: 36 values there, 12 here; new: 36, 42, 48, 54, 60, 66, missing: 1, 2, 3, 4, ..., 35"
     )
-
-
-@pytest.mark.parametrize("stop", range(4))
-def test_a_growth_that_was_stopped_is_ended_by_the_next_run(stub_spec, tmp_path, monkeypatch, stop):
-    class StopError(Exception):
-        pass
-
-    def replace(*paths):
-        calls.append(paths)
-        if len(calls) > stop:
-            raise StopError
-        kept(*paths)
-
-    small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["appended"], name="large.toml")
-    run_sweep(large, tmp_path / "whole")
-    run_sweep(small, tmp_path / "out")
-    calls, kept = [], os.replace
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            "jaxcell.sweep.storage.grow.os", SimpleNamespace(replace=replace, sync=os.sync)
-        )
-        with pytest.raises(StopError):
-            run_sweep(large, tmp_path / "out", resume=True)
-    assert run_sweep(large, tmp_path / "out", resume=True).complete
-    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
 def test_runs_that_are_killed_while_a_sweep_grows(stub_spec, tmp_path):

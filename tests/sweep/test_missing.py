@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 import sweep_stub
-from sweep_kills import tree
+from sweep_kills import damage_chunk, tree
 
 from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.workers.progress import Count, read_down, written_down
@@ -127,15 +127,14 @@ def test_a_damaged_chunk_with_a_member_that_fails_is_mended(stub_spec, tmp_path,
     out = tmp_path / "out"
     run_sweep(stub_spec(), out)
     sound = tree(out)
-    path = out / "sweep.zarr" / "value" / "c" / "0" / "1"
-    path.write_bytes(b"?" + path.read_bytes()[1:])
+    damage_chunk(out, 1)
     found = verify_sweep(out)
-    assert (found.damaged, found.recomputed, found.whole) == (("chunk 1: value",), 1, True)
+    assert (found.damaged, found.recomputed, found.whole) == (("chunk 1",), 1, True)
     assert tree(out) == sound
     assert len(found.status.failures) == 2
     # One that was done before is not mended when it fails.
-    bad |= {4}
-    path.unlink()
+    bad |= {0}
+    damage_chunk(out, 0)
     assert not verify_sweep(out).whole
     assert len(sweep_status(out).failures) == 3
 
@@ -147,5 +146,5 @@ def test_metadata_is_mended_where_every_chunk_has_a_member_that_fails(stub_spec,
     sound = tree(out)
     (out / "sweep.zarr" / "value" / "zarr.json").unlink()
     found = verify_sweep(out)
-    assert (found.damaged, found.whole) == (("value/zarr.json",), True)
+    assert (found.damaged, found.whole) == (("sweep.zarr/value/zarr.json",), True)
     assert tree(out) == sound

@@ -56,7 +56,7 @@ def test_shards_that_cannot_be_merged(stub_spec, tmp_path, sharded, monkeypatch)
     def refused(told):
         with pytest.raises(ValueError, match=told):
             merge_sweep(tmp_path / "out")
-        assert not (tmp_path / "out" / "spec.toml").exists()
+        assert not (tmp_path / "out" / "sweep.journal").exists()
 
     refused("there are no shards to merge; jaxcell sweep SPEC --shard I/N makes one")
     spec = stub_spec()
@@ -72,9 +72,9 @@ def test_shards_that_cannot_be_merged(stub_spec, tmp_path, sharded, monkeypatch)
     refused("2-of-3: not the specification of shard 1: fixed.seconds: nothing there, 0 here")
     shutil.rmtree(tmp_path / "out" / "shards" / "2-of-3")
     with monkeypatch.context() as patch:
-        patch.setattr("jaxcell.sweep.storage.store.__version__", "9.9")
+        patch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
         sharded(spec, "2/3")
-    refused(r"2-of-3: computed with others: jaxcell_version: 9\.9 there, ")
+    refused(r"2-of-3: made with other versions or files: jaxcell_version: 9\.9 there, ")
 
 
 def test_members_that_were_not_tried_are_not_done(stub_spec, tmp_path, sharded):
@@ -100,7 +100,7 @@ def test_the_commands_of_shards(spec_file, tmp_path, capsys):
         assert f"This shard is {3 - number} of the 3 chunks\n" in told.err
         assert f"sweep merge {out}" in told.err
     assert main(["sweep", "status", str(out)]) == 2
-    told = f"it has no spec.toml, but shards, as {out}/shards/1-of-2: jaxcell sweep merge {out}"
+    told = f"it has no sweep.journal, but shards, as {out}/shards/1-of-2: jaxcell sweep merge {out}"
     assert told in capsys.readouterr().err
     assert main(["sweep", "merge", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["done"] == 3

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from jaxcell import bounce, drift, optimize
 from jaxcell.automata import minimize
 from jaxcell.patrol.files.graph_files import load_graph
-from jaxcell.space import CellSpace, Workspace
+from jaxcell.space import ENDPOINT, CellSpace, Workspace
 from jaxcell.space.maps.random_rooms import place, random_room
 from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.workers.work import Job, compute, find_task, study_of
@@ -61,7 +61,7 @@ def test_groups_are_those_of_bounce_groups():
     bounces = np.array([45.0, 90.0, 135.0])
     found = task("groups")({"bounce": bounces}, {"map": LAB, "collision": "endpoint"}, 0)
     for i, angle in enumerate(np.radians(bounces)):
-        expected = bounce.bounce_groups(lab(), float(angle), collision="endpoint")
+        expected = bounce.bounce_groups(lab(), float(angle), motion=ENDPOINT)
         period = np.asarray(expected.group_period)
         period = period[period > 0]
         assert found["count"][i] == int(expected.count) == period.size
@@ -83,7 +83,7 @@ def test_filters_are_those_of_the_dissertation():
     assert found.knowledge_cycles.values.tolist()[0] == 3
     assert found.least_uncertainty.values.tolist() == [1, 1]
     assert found.largest_uncertainty.values.tolist() == [4, 2]
-    filter = bounce.localization_filter(bounce.bounce_map(lab(), math.pi / 4, collision="endpoint"))
+    filter = bounce.localization_filter(bounce.bounce_map(lab(), math.pi / 4, motion=ENDPOINT))
     assert found.minimal_states[0] == len(minimize(filter).transition)
 
 
@@ -129,10 +129,12 @@ def test_drift_is_that_of_group_counts():
     water, flow = drift.Water.of(currents, 0), drift.Flow.of(currents, 0).mean()
     batch = {"duration": np.array([3600.0, 14400.0])}
     found = task("drift")(batch, {"file": GYRES, "depths": 0, "rho": 0.8, "method": "source"}, 0)
-    expected = drift.group_counts(water, flow, [3600.0, 14400.0], [0.8])
-    np.testing.assert_array_equal(found.persistent_groups, expected[:, 0])
+    expected = drift.group_counts(water, flow, [drift.DriftStep(s) for s in (3600.0, 14400.0)])
+    np.testing.assert_array_equal(found.persistent_groups, expected)
     assert found.step.values.tolist() == [3600, 14400]
-    behaviour = drift.long_term_behaviour(drift.drift_map(water, flow, 3600.0, rho=0.8), 3600.0)
+    behaviour = drift.long_term_behaviour(
+        drift.drift_map(water, flow, drift.DriftStep(3600.0, rho=0.8)), 3600.0
+    )
     hours = np.asarray(behaviour.hours)
     assert found.longest_hours[0] == pytest.approx(hours[np.isfinite(hours)].max())
 

@@ -23,9 +23,9 @@ from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
 from jaxcell.optimize import Graph, Linear, minimum_commute
 from jaxcell.patrol.files.graph_files import load_graph
-from jaxcell.patrol.map.vulnerability import Vulnerability
+from jaxcell.patrol.map.attacked_cell import Vulnerability
 from jaxcell.patrol.walks.game import strategy_game
-from jaxcell.space import CellSpace, Workspace, visible_cells
+from jaxcell.space import CellSpace, Motion, Workspace, visible_cells
 
 
 DATA = Path(__file__).parents[2] / "data"
@@ -63,7 +63,7 @@ def lab():
 )
 def test_images_of_whole_maps(workspace, length, collision):
     cells = CellSpace.of(workspace, workspace.cell or 0.5, 8)
-    options = {"step": length * cells.cell, "collision": collision}
+    options = {"motion": Motion(length * cells.cell, collision)}
     mapped = bounce_map(cells, BOUNCE, **options)
     every = np.arange(cells.size)
     found = verify.compare_images(cells, mapped, BOUNCE, **options, only=every)
@@ -245,7 +245,7 @@ def test_patrols_of_a_map():
 def test_drifters(edge):
     # As the current changes, some drifters stay almost for ever, which no solve is certified for.
     currents = drift.open_currents(DATA / "ocean" / "gyres.nc", time=0).isel(layer=slice(2, 3))
-    found = drift.SeaDrift.of(currents, 3400.0, edge=edge, start=0).towards(100)
+    found = drift.SeaDrift.of(currents, drift.DriftStep(3400.0, edge=edge), start=0).towards(100)
     (layer,) = found.layers
     behaviour = layer.behaviour
 

@@ -1,9 +1,11 @@
 """The filter of robots that start anywhere, against rays that share no code with it."""
 
+import math
 import re
 
 import numpy as np
 import pytest
+import shapely
 from oracles import rays
 
 from jaxcell import space, walls
@@ -118,19 +120,54 @@ def test_a_heading_that_is_off_loses_no_robot():
 @pytest.mark.parametrize("name", ["lab_a", "lab_b"])
 def test_sets_hold_the_robots_of_exact_arithmetic(name):
     """Rational starts and exact runs: no rounding is left that might excuse a lost robot."""
-    workspace, angle = load(name), np.radians(135)
-    exact = rays.ExactRoom(workspace.free_space)
-    filter = walls.WallFilter.of(workspace, headings=8)
+    workspace = load(name)
     rng = np.random.default_rng(7)
-    for point in rays.anywhere(workspace.free_space, 12, rng).round(3):
-        heading = int(rng.integers(8))
-        state = None
-        for now, distance, place in exact.drive(point.tolist(), heading, [3] * 9):
-            length = exact.length(now, distance)
-            state = filter.observe(state, length)
+    points = rays.anywhere(workspace.free_space, 12, rng).round(3)
+    follow_exactly(workspace, points, [3] * 9, rng)
+
+
+def follow_exactly(workspace, points, turns, rng):
+    """Follow robots of exact arithmetic; turns are numbers of eighths of a circle."""
+    exact = rays.ExactRoom(workspace.free_space.simplify(0))
+    filter = walls.WallFilter.of(workspace, headings=8)
+    for point in points:
+        heading, state = int(rng.integers(8)), None
+        runs = exact.drive(list(point), heading, turns)
+        for (now, distance, place), turn in zip(runs, [*turns, 0], strict=True):
+            state = filter.observe(state, exact.length(now, distance))
             at = np.array([[float(place[0]), float(place[1])]])
             assert walls.contains(filter.boundary, state, np.array([now]), at).all()
-            state = filter.turn(state, angle)
+            state = filter.turn(state, turn * np.pi / 4)
+
+
+def test_a_ray_between_two_corners_at_once_loses_no_robot():
+    """From (5, 5) only the exact diagonal leads between the corners (4, 4) and (2, 2) to (0, 0)."""
+    room = [(0, 0), (0, 3), (1, 3), (1, 4), (0, 4), (0, 5), (3, 5), (3, 4), (4, 4), (4, 5)]
+    workspace = space.Workspace([*room, (5, 5), (5, 2), (2, 2), (2, 0)])
+    filter = walls.WallFilter.of(workspace, headings=8)
+    state = filter.turn(filter.observe(None, math.sqrt(0.5)), math.pi)
+    state = filter.observe(state, 5 * math.sqrt(2))
+    assert walls.contains(filter.boundary, state, np.array([5]), np.zeros((1, 2))).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_robots_of_exact_arithmetic_are_held_among_aligned_corners(seed):
+    """Starts on the lattice of the corners, whose rays graze corners and run along walls."""
+    rng = np.random.default_rng(seed)
+    while True:
+        low = rng.integers(0, 7, (4, 2))
+        boxes = shapely.box(*low.T, *(low + rng.integers(1, 4, (4, 2))).T)
+        free = shapely.box(0, 0, 8, 8) - shapely.union_all(boxes)
+        corners = [tuple(at) for ring in rays.rings_of(free) for at in ring.tolist()]
+        if free.geom_type == "Polygon" and len(set(corners)) == len(corners):
+            break
+    workspace = space.Workspace(
+        free.exterior.coords[:-1], [ring.coords[:-1] for ring in free.interiors]
+    )
+    places = [(x / 2, y / 2) for x in range(1, 16) for y in range(1, 16)]
+    inside = [place for place in places if free.contains(shapely.Point(place))]
+    points = [inside[k] for k in rng.integers(len(inside), size=10)]
+    follow_exactly(workspace, points, rng.integers(8, size=12).tolist(), rng)
 
 
 def test_every_stretch_holds_a_robot():

@@ -6,12 +6,7 @@ from collections.abc import Iterable
 from ..filter import Filter
 
 
-_TEMPLATE = string.Template("""\
-/* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.
- *
- *     ${name}_state state = ${NAME}_START;
- *     state = ${name}_next(state, observation);    after each observation, 0 or 1
- *
+IN_FLASH = """\
  * On an AVR, where tables would fill the RAM, define JAXCELL_PROGMEM before including this file:
  * they then stay in flash, where no table may be larger than 32 KiB. */
 #ifndef ${NAME}_H
@@ -30,6 +25,19 @@ _TEMPLATE = string.Template("""\
 #define ${NAME}_TABLE
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
+"""
+"The end of the first comment, and the macros that read tables, in both kinds of headers."
+
+_TEMPLATE = string.Template(
+    """\
+/* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.
+ *
+ *     ${name}_state state = ${NAME}_START;
+ *     state = ${name}_next(state, observation);    after each observation, 0 or 1
+ *
+"""
+    + IN_FLASH
+    + """\
 
 typedef uint${state_bits}_t ${name}_state;
 
@@ -79,7 +87,8 @@ static inline int ${name}_localized(${name}_state state) {
 }
 
 #endif
-""")
+"""
+)
 
 
 def to_c_header(filter: Filter, *, name: str = "filter") -> str:

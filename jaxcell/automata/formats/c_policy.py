@@ -3,34 +3,20 @@ import string
 import numpy as np
 
 from ..policy import Policy
-from .c_header import bits_for, identifier, rows_of
+from .c_header import IN_FLASH, bits_for, identifier, rows_of
 
 
-_TEMPLATE = string.Template("""\
+_TEMPLATE = string.Template(
+    """\
 /* A localization policy, made by jaxcell: $states states, $ends of which are ends.
  *
  *     ${name}_state state = ${NAME}_START;
  *     state = ${name}_next(state, observation);    after each observation, 0 or 1
  *     turn = ${name}_turn(state);                  which angle to turn by now, if any
  *
- * On an AVR, where tables would fill the RAM, define JAXCELL_PROGMEM before including this file:
- * they then stay in flash, where no table may be larger than 32 KiB. */
-#ifndef ${NAME}_H
-#define ${NAME}_H
-
-#include <stdint.h>
-
-#ifdef JAXCELL_PROGMEM
-#include <avr/pgmspace.h>
-#define ${NAME}_TABLE PROGMEM
-#define ${NAME}_READ(bits, entry) ${NAME}_READ_##bits(entry)
-#define ${NAME}_READ_8(entry) pgm_read_byte(&(entry))
-#define ${NAME}_READ_16(entry) pgm_read_word(&(entry))
-#define ${NAME}_READ_32(entry) pgm_read_dword(&(entry))
-#else
-#define ${NAME}_TABLE
-#define ${NAME}_READ(bits, entry) (entry)
-#endif
+"""
+    + IN_FLASH
+    + """\
 
 /* The knowledge at the last bump, and the steps since then. */
 typedef struct {
@@ -122,7 +108,8 @@ static inline int ${name}_localized(${name}_state state) {
 }
 
 #endif
-""")
+"""
+)
 
 _NO_TURN = 255
 

@@ -3,10 +3,6 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from typing import Literal
 
-import numpy as np
-from jaxtyping import Bool, Integer
-
-from ..cycles import periodic_nodes
 from ..filter import Filter
 
 
@@ -58,49 +54,6 @@ def to_jflap(
     return _text(root)
 
 
-def nondeterministic_to_jflap(
-    image: Integer[np.ndarray, "cells"],
-    observation: Bool[np.ndarray, "cells"],
-    *,
-    name: str = "I-state automaton",
-) -> str:
-    """Write the nondeterministic I-state automaton as a finite automaton of JFLAP 7.
-
-    Alam 2018, Definition 2.4.2.
-
-    State 0 is the new start, with an empty transition to every cell; cell `z` is state `z + 1`; the
-    periodic cells are final. JFLAP's conversion to a deterministic automaton has the states of
-    [`jaxcell.automata.subset_construction`][].
-
-    **Arguments:**
-
-    - `image`: the image of each cell.
-    - `observation`: whether the robot observes 1 between a cell and its image.
-    - `name`: a note in the drawing.
-
-    **Returns:** the text of a `.jff` file. The start is left of a square of cells.
-
-    A ring of three cells has an edge from each cell, and one from the start to each:
-
-        >>> import numpy as np
-        >>> from jaxcell import automata
-        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
-        >>> automata.nondeterministic_to_jflap(image, bumped).count("<transition>")
-        6
-    """
-    side = int(np.ceil(np.sqrt(image.size)))
-    root, automaton = _document("fa", name)
-    _add_state(automaton, 0, 0, 0)
-    for cell, periodic in enumerate(periodic_nodes(image).tolist()):
-        node = _add_state(automaton, cell + 1, 1 + cell % side, cell // side, name=str(cell))
-        if periodic:
-            ElementTree.SubElement(node, "final")
-    for cell, (target, bit) in enumerate(zip(image.tolist(), observation.tolist(), strict=True)):
-        _add_transition(automaton, 0, cell + 1, "")
-        _add_transition(automaton, cell + 1, target + 1, str(int(bit)))
-    return _text(root)
-
-
 def _document(kind: str, name: str) -> tuple[ElementTree.Element, ElementTree.Element]:
     root = ElementTree.Element("structure")
     ElementTree.SubElement(root, "type").text = kind
@@ -111,10 +64,8 @@ def _document(kind: str, name: str) -> tuple[ElementTree.Element, ElementTree.El
     return root, automaton
 
 
-def _add_state(
-    automaton: ElementTree.Element, state: int, x: int, y: int, name: str | None = None
-) -> ElementTree.Element:
-    node = ElementTree.SubElement(automaton, "state", id=str(state), name=name or f"q{state}")
+def _add_state(automaton: ElementTree.Element, state: int, x: int, y: int) -> ElementTree.Element:
+    node = ElementTree.SubElement(automaton, "state", id=str(state), name=f"q{state}")
     _add_place(node, x, y)
     if state == 0:
         ElementTree.SubElement(node, "initial")

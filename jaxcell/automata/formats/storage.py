@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int32
 
-from ...base.files import replacing
+from ...base.paths import replacing
 
 
 _HEADER = "header"

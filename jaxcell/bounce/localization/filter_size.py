@@ -1,7 +1,7 @@
 import numpy as np
 from jaxtyping import Int, UInt64
 
-from ..wall_map import Walls
+from ..wall_tables import Walls
 
 
 # All candidates of a robot that knows its heading have the same heading. After a bump they stand at

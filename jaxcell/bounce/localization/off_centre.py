@@ -6,19 +6,17 @@ other cells than the filter expects.
 """
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
 from ...automata import Filter, Policy
-from ...space import CellSpace
+from ...space import CELL_BY_CELL, CellSpace, Motion
 from ...space.cells import TOLERANCE
-from ...space.stencils import displacement
+from ...space.segments import displacement
 from ...space.strides import stride_legs
-from ..dynamics import Collision, step_in_cells
 
 
 STARTS = 1_000
@@ -39,7 +37,7 @@ class OffCentre:
     """Robots at points of cells, moved by the steps of the cells."""
 
     cells: CellSpace
-    collision: Collision
+    motion: Motion
     free: shapely.Geometry
     step: Float[np.ndarray, "directions 2"]
     "The step in each direction, in cells."
@@ -58,8 +56,7 @@ class OffCentre:
         count: int,
         seed: int,
         *,
-        step: float | None = None,
-        collision: Collision = "swept",
+        motion: Motion = CELL_BY_CELL,
         walker: bool = False,
     ) -> "OffCentre":
         """Draw robots uniformly from the squares of free cells, and from the directions.
@@ -71,16 +68,16 @@ class OffCentre:
         - `cells`: the cell space.
         - `count`: number of robots.
         - `seed`: of the random numbers.
-        - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+        - `motion`: how the robots move.
         - `walker`: whether all that a walker drives has to be free, and not only the step.
         """
-        length = step_in_cells(cells, step, collision)
+        length = motion.in_cells(cells.cell)
         steps = np.array(
             [displacement(k, cells.directions, length) for k in range(cells.directions)]
         )
         rng = np.random.default_rng(seed)
-        path = walker_path(cells, length) if walker else np.stack([0 * steps, steps], axis=1)
-        found = cls(cells, collision, _free_space(cells), steps, path, *_draw(cells, count, rng))
+        path = walker_path(cells, motion) if walker else np.stack([0 * steps, steps], axis=1)
+        found = cls(cells, motion, _free_space(cells), steps, path, *_draw(cells, count, rng))
         while (inside := ~found._is_free(found.offset + found.square)).any():
             again = _draw(cells, int(inside.sum()), rng)
             found.offset[inside], found.square[inside], found.direction[inside] = again
@@ -99,11 +96,8 @@ class OffCentre:
         # The step leads from the centre of a cell into the cell where the robot is next.
         square = self.square + np.floor(np.round(step + 0.5, 9)).astype(int)
         able = self._is_free(self.offset + square)
-        if self.collision == "swept":
-            ways = shapely.linestrings(self._metres(point[:, None] + self.path[self.direction]))
-            able &= shapely.covers(self.free, ways)
-        else:
-            able &= self._is_free(point + step)
+        paths = self._metres(point[:, None] + self.path[self.direction])
+        able &= shapely.covers(self.free, self.motion.rule.part(paths))
         self.square = np.where(able[:, None], square, self.square)
         return ~able
 
@@ -118,15 +112,15 @@ class OffCentre:
         return np.asarray(shapely.contains_xy(self.free, self._metres(points)))
 
 
-def walker_path(cells: CellSpace, length: float) -> Float[np.ndarray, "directions 3 2"]:
+def walker_path(cells: CellSpace, motion: Motion) -> Float[np.ndarray, "directions 3 2"]:
     """The path of a walker in each direction: its start and the ends of its stretches, in cells.
 
     **Arguments:**
 
     - `cells`: the cell space.
-    - `length`: of a step, in cells.
+    - `motion`: how the robot moves.
     """
-    first, turn, rest = stride_legs(cells.directions, 1.0, length).T
+    first, turn, rest = stride_legs(cells.directions, 1.0, motion.in_cells(cells.cell)).T
     heading = 2 * np.pi * np.arange(cells.directions) / cells.directions
     begin = first * np.exp(1j * heading)
     path = np.stack([0 * begin, begin, begin + rest * np.exp(1j * (heading + turn))], axis=1)
@@ -134,7 +128,12 @@ def walker_path(cells: CellSpace, length: float) -> Float[np.ndarray, "direction
 
 
 def filter_shares(
-    filter: Filter, cells: CellSpace, shift: int, motion: Mapping[str, Any]
+    filter: Filter,
+    cells: CellSpace,
+    shift: int,
+    motion: Motion = CELL_BY_CELL,
+    *,
+    walker: bool = False,
 ) -> Shares:
     """The shares of robots, put down anywhere in the cells, that a filter does not hold.
 
@@ -143,9 +142,9 @@ def filter_shares(
     - `filter`: a filter of these cells.
     - `cells`: the cell space.
     - `shift`: directions that a robot turns by at a bump.
-    - `motion`: `step` and `collision`, as for [`jaxcell.bounce.moves`][].
+    - `motion`, `walker`: as for [`OffCentre.drawn`][].
     """
-    robots = OffCentre.drawn(cells, STARTS, 0, **motion)
+    robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)
     transition = filter.with_trap().transition
     state = np.zeros(STARTS, np.int64)
     for _ in range(OBSERVATIONS):
@@ -157,7 +156,7 @@ def filter_shares(
 
 
 def policy_shares(
-    policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Mapping[str, Any]
+    policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Motion
 ) -> Shares:
     """The same of a policy, by what it holds possible at the last bump.
 
@@ -166,9 +165,9 @@ def policy_shares(
     - `policy`: a policy of these cells.
     - `cells`: the cell space.
     - `shifts`: directions that a robot turns by, for each angle.
-    - `motion`: `step` and `collision`, as for [`jaxcell.bounce.moves`][].
+    - `motion`: how a robot moves.
     """
-    robots = OffCentre.drawn(cells, STARTS, 0, **motion)
+    robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
     # The next bumps in the order of this key, and a last one that no robot has.
     width = int(policy.steps.max()) + OBSERVATIONS + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))

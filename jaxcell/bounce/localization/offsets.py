@@ -22,8 +22,8 @@ from jaxtyping import Bool, Float
 from ...automata import Filter
 from ...base.quantities import derived
 from ...mapping import SimpleMap
-from ...space import CellSpace
-from ..dynamics import bounce_shift, step_in_cells
+from ...space import CELL_BY_CELL, CellSpace, Motion
+from ..dynamics import bounce_shift
 from .off_centre import OffCentre, Shares, filter_shares, walker_path
 from .result import LocalizationFilter
 
@@ -39,21 +39,22 @@ class Offsets:
     """The classes of the offsets of robots within their cells."""
 
     cells: CellSpace
-    step: float | None
-    "Length of a step in metres; `None` for one cell."
+    motion: Motion
     offset: Float[np.ndarray, "classes 2"]
     "An offset of each class, from 0 to 1."
     bumped: Bool[np.ndarray, "classes cells"]
     "The cells where a robot of each class bumps."
 
     @classmethod
-    def of(cls, cells: CellSpace, *, step: float | None = None, limit: int = LIMIT) -> "Offsets":
+    def of(
+        cls, cells: CellSpace, *, motion: Motion = CELL_BY_CELL, limit: int = LIMIT
+    ) -> "Offsets":
         """Find the classes of the offsets within a cell, for a walker that knows the heading.
 
         **Arguments:**
 
         - `cells`: the cell space.
-        - `step`: length of a step in metres, by default one cell.
+        - `motion`: how the robot moves.
         - `limit`: the largest number of classes.
 
         **Raises:** `ValueError` if walls do not run along the grid, or if there are more classes.
@@ -63,11 +64,10 @@ class Offsets:
                 "map: its walls do not run along the edges of its cells, so that offsets within "
                 "a cell have no few classes; use --anywhere"
             )
-        length = step_in_cells(cells, step, "swept")
-        lines = _lines(walker_path(cells, length))
+        lines = _lines(walker_path(cells, motion))
         few = len(lines) <= _LINES
         drawn = _faces(lines) if few else np.random.default_rng(0).uniform(size=(4 * limit, 2))
-        robots = OffCentre.drawn(cells, cells.size, 0, step=step, walker=True)
+        robots = OffCentre.drawn(cells, cells.size, 0, motion=motion, walker=True)
         direction, position = np.divmod(np.arange(cells.size), cells.positions)
         row, column = np.divmod(cells.square[position], cells.free.shape[1])
         found: dict[bytes, tuple] = {}
@@ -88,7 +88,7 @@ class Offsets:
                 f"{limit}, which can be found; use --anywhere"
             )
         offsets, bumps = zip(*found.values(), strict=True)
-        return cls(cells, step, np.array(offsets), np.array(bumps))
+        return cls(cells, motion, np.array(offsets), np.array(bumps))
 
     def bounce_map(self, bounce: float) -> SimpleMap:
         """The image of every cell of every class, at `class * cells.size + cell`.
@@ -100,7 +100,7 @@ class Offsets:
         cells, classes = self.cells, len(self.offset)
         shift = int(bounce_shift(bounce, cells.directions))
         direction, position = np.divmod(np.arange(cells.size), cells.positions)
-        path = walker_path(cells, step_in_cells(cells, self.step, "swept"))
+        path = walker_path(cells, self.motion)
         across, up = np.round(path[direction, -1]).astype(int).T
         ahead = cells.square[position] + up * cells.free.shape[1] + across
         turned = (direction + shift) % cells.directions * cells.positions + position
@@ -139,8 +139,7 @@ class OffsetLocalized(LocalizationFilter):
     def shares(self) -> Shares:
         """The shares of robots that start anywhere in the cells and are not held."""
         shift = int(bounce_shift(self.bounce, self.cells.directions))
-        motion = {"step": self.offsets.step, "walker": True}
-        return filter_shares(self.of_cells(), self.cells, shift, motion)
+        return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
     @derived("", "starts anywhere in the cells that are refuted", kind="share")
     def lost_share(self) -> float:

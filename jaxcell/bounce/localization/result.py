@@ -2,18 +2,18 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...automata import Filter, Policy, minimize
 from ...base.quantities import Checks, Result, derived
-from ...space import CellSpace
+from ...space import CellSpace, Motion
 from ..dynamics import bounce_shift
-from ..periodic import BounceGroups
+from ..group_results import BounceGroups
+from .localize import Localization
 from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
-from .run import Localization
 
 
 class States(Result):
@@ -244,8 +244,7 @@ class Localized(RunOnMap, LocalizationFilter):
     tables: ClassVar[Mapping[str, str]] = {"cycle": "cycles", "candidate": "candidates"}
 
     cells: CellSpace
-    motion: Mapping[str, Any]
-    "How the robot moves: `step` and `collision`, as for [`jaxcell.bounce.moves`][]."
+    motion: Motion
     bounce: float
     "The bouncing angle, in radians."
     run: Localization
@@ -275,7 +274,7 @@ class Localized(RunOnMap, LocalizationFilter):
     @functools.cached_property
     def groups(self) -> BounceGroups:
         """The periodic groups, in which the robot ends."""
-        return BounceGroups.of(self.cells, self.bounce, **self.motion)
+        return BounceGroups.of(self.cells, self.bounce, motion=self.motion)
 
     @derived("", "periodic groups", "1", kind="count")
     def periodic_groups(self) -> int:

@@ -7,11 +7,10 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...space import CellSpace, estimates
-from ...space.extent import Extent
+from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ...space.steps import Steps
-from ..dynamics import Collision, bounce_shift, step_in_cells
-from ..runs import Runs
+from ..dynamics import bounce_shift
+from ..straight_runs import Runs
 
 
 Method: TypeAlias = Literal["exact", "layered"]
@@ -67,8 +66,7 @@ class Roadmap:
         keep: int | float = 1,
         change: int | float = 100,
         *,
-        step: float | None = None,
-        collision: Collision = "swept",
+        motion: Motion = CELL_BY_CELL,
         method: Method = "exact",
     ) -> "Roadmap":
         """The roadmap of a cell space.
@@ -82,10 +80,8 @@ class Roadmap:
         keep, change = _weights(keep, change)
         if method not in ("exact", "layered"):
             raise ValueError(f"method: expected 'exact' or 'layered', got {method!r}")
-        estimates.check(
-            Extent.of(cells), lambda e: estimates.plans(e, step, collision), "a roadmap", step
-        )
-        steps = Steps.of(cells, step_in_cells(cells, step, collision), collision)
+        estimates.check_cells(cells, motion, estimates.plans, "a roadmap")
+        steps = Steps.of(cells, motion)
         runs = Runs.of(steps)
         first, direction, at = runs.of_directions(np.ones(cells.directions, bool))
         position = cells.position_of_square.ravel()[runs.square[at]]
@@ -101,8 +97,8 @@ class Roadmap:
             method=method,
             space={
                 **describe_space(cells),
-                "step_m": cells.cell if step is None else step,
-                "collision": collision,
+                "step_m": cells.cell if motion.step is None else motion.step,
+                "collision": motion.collision,
             },
         )
         _check_precision(roadmap)

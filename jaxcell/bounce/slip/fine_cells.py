@@ -187,7 +187,7 @@ def slip_map(
     - `step`: length of a step in metres, by default one cell of the map.
 
     **Returns:** the hidden map of the fine cells, which nothing leaves; it starts at the centre of
-    any cell. With one angle, [`jaxcell.mapping.ObservedChain`][] takes its moves and its bumps.
+    any cell.
 
     **Raises:** `MemoryError` where the map would not fit the free memory.
 

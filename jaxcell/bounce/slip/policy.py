@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,31 +13,6 @@ from ...base.certificate import Certificate
 
 # A policy is improved until its mean time is known to this part, or so often.
 _TOLERANCE, _MOST_SWEEPS = 1e-3, 20_000
-
-
-def plan_probability(
-    hidden: HiddenMap, start: Float[np.ndarray, "fine"], events: Sequence[int]
-) -> Float[np.ndarray, "fine"]:
-    """Where a robot is, and how probably, that follows a plan and senses all that it foretells.
-
-    **Arguments:**
-
-    - `hidden`: of [`jaxcell.bounce.slip_map`][].
-    - `start`: its distribution at the start.
-    - `events`: those of the plan, as [`jaxcell.automata.HiddenMap.leaving`][] counts them.
-
-    **Returns:** the probabilities, whose sum is that of sensing just what the plan foretells.
-
-    A robot that is to make two steps, each of which meets a wall one time of ten:
-
-        >>> import numpy as np
-        >>> from jaxcell import automata, bounce
-        >>> free, start = np.array([[0, 0.9, 0], [0, 0, 0.9], [0, 0, 0.9]]), np.array([1.0, 0, 0])
-        >>> hidden = automata.HiddenMap.of(free, np.eye(3) / 10, np.arange(3), start)
-        >>> bounce.plan_probability(hidden, start, [0, 0]).round(2).tolist()
-        [0.0, 0.0, 0.81]
-    """
-    return functools.reduce(lambda weight, event: hidden.after(event, weight), events, start)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...base.files import name_in_results
+from ...base.paths import name_in_results
 
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ...base.written import configuration
+from ...base.formatting import configuration
 from ..options import Printing
 from ..terminal import say, table
 from .recording import recording_of

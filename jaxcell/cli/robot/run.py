@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import tyro
 
-from ...base.extras import has_module
-from ...base.files import name_in_results
+from ...base.optional_modules import has_module
+from ...base.paths import name_in_results
 from ...study.study import Degrees
 from ..options import Printing, check_heading, direction_at, write_text
 from ..terminal import note, note_results, say, status

@@ -40,7 +40,7 @@ def member_detail(
     """
     from ... import record
     from ...base.runtime import configure_jax
-    from ...sweep.studies import studies
+    from ...sweep.study_task import studies
     from ..tables import show
 
     configure_jax()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ..options import Printing, prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 
@@ -196,10 +196,10 @@ def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) 
         note(in_a_line(failure))
     if found.failures:
         others = "... and others: " * (len(found.failures) > _MAX_FAILURES)
-        note(f"{others}all are in {folder / 'failures'}, with their tracebacks")
+        note(f"{others}all are in {folder / 'failures.json'}, with their tracebacks")
     if found.damaged:
         note(f"To mend what is damaged: {own_command('jaxcell')} sweep verify {folder}")
-    if found.done:
+    if (folder / "sweep.zarr").is_dir():
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 
 
@@ -233,7 +233,7 @@ def _terminated_like_interrupted() -> Iterator[None]:
 
 def _write_netcdf(out: Path) -> None:
     from ...sweep import open_sweep
-    from ...sweep.storage.states import reading
+    from ...sweep.storage.damage import reading
 
     with replacing(out / "sweep.nc") as temporary, open_sweep(out) as dataset, reading(out):
         dataset.to_netcdf(temporary)

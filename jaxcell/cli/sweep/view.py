@@ -43,17 +43,18 @@ class SweepView:
 
     def run(self) -> int:
         from ...sweep import sweep_status
-        from ...sweep.files import kept_spec
+        from ...sweep.storage.store import SweepStore
 
         if self.out is not None and self.out.suffix != ".rrd":
             raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
         found = sweep_status(self.folder)
-        spec = kept_spec(self.folder)
+        with SweepStore(self.folder) as store:
+            spec = store.spec
         if self.select:
             return self._member(spec, found.failures)
         from ... import record
         from ...sweep import open_sweep, sobol_indices
-        from ...sweep.storage.states import reading
+        from ...sweep.storage.damage import reading
 
         failures = [in_a_line(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
@@ -67,7 +68,7 @@ class SweepView:
 
     def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:
         from ...sweep import open_sweep
-        from ...sweep.storage.states import reading
+        from ...sweep.storage.damage import reading
         from ...sweep.workers.work import with_files_found, with_task_found
         from .member import detailed_study, member_detail
 

@@ -1,4 +1,4 @@
-"""What CF, ocean models, radars and products call what is in their files, as one table."""
+"""The names that CF, ocean models, radars and products give to variables, as one table."""
 
 import dataclasses
 import re
@@ -9,51 +9,35 @@ import xarray as xr
 
 
 Role: TypeAlias = Literal[
-    "velocity",
-    "wind",
-    "stokes",
-    "time",
-    "depth",
-    "y",
-    "x",
-    "lon",
-    "lat",
-    "side",
-    "mask",
-    "bed",
-    "surface",
-    "flag",
-]
+    "velocity", "wind", "stokes", "time", "depth", "y", "x",
+    "lon", "lat", "side", "mask", "bed", "surface", "flag",
+]  # fmt: skip
 Along: TypeAlias = Literal["earth", "grid", "dims"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Convention:
-    """Names by which one knows what a variable or a dimension is.
-
-    **Attributes:**
-
-    - `role`: what it is. A `"velocity"`, a `"wind"` and a drift by waves (`"stokes"`) have two
-        names, the first towards the East or along x.
-    - `names`: of the variable or dimension in small letters, the preferred first; in that of a
-        flag, `{}` stands for the name of what it is about.
-    - `standard_names`: of CF.
-    - `units`: that nothing else has.
-    - `along`: of a velocity: the axes of the `"earth"`; those of the `"grid"`; or, as the
-        dimensions say (`"dims"`), those of the grid on the sides of cells, and of the Earth on
-        longitudes and latitudes. On the sides of cells a name alone never stands for the Earth.
-    - `point`: where it stands in NEMO, whose dimensions do not say it: at the centres of cells
-        (`"t"`), or on their eastern (`"u"`) or northern sides (`"v"`).
-    - `water`: the value of a mask where there is water.
-    """
+    """Names by which a variable or a dimension is recognised."""
 
     role: Role
+    """A `"velocity"`, a `"wind"` and a Stokes drift of waves (`"stokes"`) have two names, the first
+    towards the East or along x."""
     names: tuple[str, ...] = ()
+    """Of the variable or dimension in small letters, the preferred first; in that of a flag, `{}`
+    stands for the name of the flagged variable."""
     standard_names: tuple[str, ...] = ()
+    "Of CF."
     units: tuple[str, ...] = ()
+    "Units that no other role has."
     along: Along = "dims"
+    """The axes of a velocity: those of the `"earth"`; those of the `"grid"`; or (`"dims"`) those of
+    the grid if its dimensions are sides of cells, and those of the Earth on longitudes and
+    latitudes. On the sides of cells a name alone never stands for the Earth."""
     point: Literal["t", "u", "v", ""] = ""
+    """The place on the grid of NEMO, whose dimensions do not say it: the centres of cells
+    (`"t"`), or their eastern (`"u"`) or northern sides (`"v"`)."""
     water: int = 1
+    "The value of a mask where there is water."
 
 
 def _row(
@@ -63,7 +47,7 @@ def _row(
     return Convention(role, tuple(names.split()), standard, tuple(units.split()), **meaning)
 
 
-# The preferred first: standard names before names, three-dimensional fields before the surface.
+# The preferred names come first: standard names before names, all depths before the surface.
 CONVENTIONS: tuple[Convention, ...] = (
     _row("velocity", "", "eastward_sea_water_velocity northward_sea_water_velocity", along="earth"),
     _row("velocity", "", "surface_eastward_sea_water_velocity surface_northward_sea_water_velocity",
@@ -122,8 +106,8 @@ CONVENTIONS: tuple[Convention, ...] = (
     _row("flag", "{}_qc {}_quality_control qcflag qc_flag primary_flag"),
 )  # fmt: skip
 
-# Dimensions of the staggered points of a C-grid, and of the cell centres (rho points) between them,
-# as ROMS and CROCO name them, and CROCO where XIOS writes its files.
+# The dimension of the cell centres (rho points) for each dimension of staggered points of a C-grid,
+# as named by ROMS and CROCO, and by XIOS for CROCO.
 STAGGERED = {
     "xi_u": "xi_rho",
     "eta_u": "eta_rho",
@@ -139,21 +123,20 @@ POINTS = re.compile(r"_grid_([tuvwf])(_inner)?$")
 
 
 def table(role: Role) -> Iterator[Convention]:
-    """The conventions on one role, the preferred first."""
-    return (one for one in CONVENTIONS if one.role == role)
+    """Return the conventions for a role, the preferred first."""
+    return (row for row in CONVENTIONS if row.role == role)
 
 
 def find(dataset: xr.Dataset, role: Role, among: Iterable[str]) -> str | None:
-    """The variable with a role: by name, then by standard name, then by unit."""
+    """Find the variable with a role: by name, then by standard name, then by unit."""
     among = list(among)
     by_name = {name.lower(): name for name in reversed(among)}
-    attributes = {name: dataset[name].attrs for name in among}
-    for one in table(role):
-        for name in one.names:
+    for row in table(role):
+        for name in row.names:
             if name in by_name:
                 return by_name[name]
-        for key, known in (("standard_name", one.standard_names), ("units", one.units)):
+        for key, known in (("standard_name", row.standard_names), ("units", row.units)):
             for name in among:
-                if str(attributes[name].get(key, "")).lower() in known:
+                if str(dataset[name].attrs.get(key, "")).lower() in known:
                     return name
     return None

@@ -1,4 +1,4 @@
-"""The cells of a file: where they are, how large, how turned, and which of them are asked for."""
+"""The cells of a file: their positions, sizes and angles, and the choice of a block of them."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -24,51 +24,37 @@ from .sphere import (
 
 @dataclasses.dataclass(frozen=True)
 class OceanGrid:
-    """A block of cells of a file.
-
-    **Attributes:**
-
-    - `rows`, `columns`: where its rows and columns stand in the file.
-    - `lon`, `lat`: of the centres in degrees, longitude from -180 to 180.
-    - `dx`, `dy`: sides in metres along the x and y axes.
-    - `angle`: radians, counter-clockwise from East to the x axis.
-    - `closed`: rows that repeat others across the northern fold of the grid, and count as land.
-    - `wraps`: whether the last column is beside the first, as the grid goes round the Earth.
-    - `angle_from`: where the angle is from, in words; empty on a grid of latitude and longitude.
-    - `notes`: what was done to the grid.
-    """
+    """A block of cells of a file."""
 
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
+    "The numbers of its rows and columns in the file."
     lon: Float[np.ndarray, "y x"]
+    "Of the centres in degrees, from -180 to 180."
     lat: Float[np.ndarray, "y x"]
     dx: Float[np.ndarray, "y x"]
     dy: Float[np.ndarray, "y x"]
+    "Sides in metres along the x and y axes."
     angle: Float[np.ndarray, "y x"]
+    "Radians, counter-clockwise from East to the x axis."
     closed: Bool[np.ndarray, " y"]
+    "Rows that repeat others across the northern fold of the grid, and count as land."
     wraps: bool
+    "Whether the last column is beside the first, as the grid goes round the Earth."
     angle_from: str
+    "The origin of the angle, in words; empty on a grid of latitude and longitude."
     notes: tuple[str, ...] = ()
+    "Changes that were made to the grid."
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
-    """Read the positions of the cells, and cut the block out that holds those within the bounds.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `axes`: of one of its velocities.
-    - `bounds`: as for [`jaxcell.drift.open_currents`][].
-
-    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, and
-    for an `angle` that is not the angle of the grid.
-    """
+    """Read the positions of the cells in the block that holds all cells within `bounds`."""
     box = None if bounds is None else _bounds(file, bounds)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)
 
 
-# In degrees. That of a model is exact, and that from positions is of one cell to the next.
+# In degrees. The angle of a model is exact; that from positions is between neighbouring cells.
 _MAX_ERROR_OF_ANGLE = 5.0
 
 _Box = tuple[float, float, float, float]
@@ -131,7 +117,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     lon, lat = wrapped(read(axes.lon)), read(axes.lat)
     rows, columns = (np.arange(size) for size in sizes.values())
     notes = []
-    # Of two repeated columns one at each end is left out: the sides of the others are in the file.
+    # Of two repeated columns one at each end is left out: the file has the sides of the others.
     again = overlapping_columns(lon, lat)
     inner = slice(again // 2, columns.size - (again - again // 2))
     wraps = goes_round(lon[:, inner], lat[:, inner])
@@ -193,12 +179,10 @@ def _angle(
     angle: Float[np.ndarray, "y x"],
     computed: Float[np.ndarray, "y x"],
 ) -> tuple[Float[np.ndarray, "y x"], str]:
-    """The variable `angle` in radians, and what it is called.
+    """Convert the variable `angle` to radians, and return it with its origin in words.
 
-    Its unit is the one in which it is nearer to the angle that the positions of the cells give:
-    files leave it out, and CROCO has files of radians that say degree.
-
-    **Raises:** `ValueError` if half of the cells are more than 5 degrees off in either unit.
+    Its unit is the one in which it agrees better with the positions of the cells, because files
+    omit the unit, and some of CROCO have radians with the unit degree.
     """
     known = np.isfinite(angle + computed)
     if not known.any():
@@ -221,7 +205,7 @@ def _angle(
 
 
 def _turn(angle: Float[np.ndarray, "y x"]) -> Float[np.ndarray, "y x"]:
-    """An angle in radians, from -pi up to pi."""
+    """Wrap an angle in radians to -pi up to pi."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 

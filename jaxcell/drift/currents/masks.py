@@ -1,4 +1,4 @@
-"""Where a file says that there is water, and which of its values says so."""
+"""The mask of a file: the variable, and its values for water."""
 
 import dataclasses
 import functools
@@ -18,18 +18,13 @@ _LAND, _WATER = {"land", "dry"}, {"water", "sea", "ocean", "wet"}
 
 @dataclasses.dataclass(frozen=True)
 class Mask:
-    """Where a file says that there is water.
-
-    **Attributes:**
-
-    - `name`: of its variable.
-    - `water`: on one level or all.
-    - `why`: which values are water, and what that was decided on, in words.
-    """
+    """The water by a variable of the file."""
 
     name: str
     water: Bool[np.ndarray, "#levels y x"]
+    "On one level or all."
     why: str
+    "The values for water, and the reason, in words."
 
 
 def read_mask(
@@ -40,20 +35,12 @@ def read_mask(
     places: Int[np.ndarray, " levels"] | None = None,
     depth: str | None = None,
 ) -> Mask | None:
-    """Read the mask of a file on some of its points.
+    """Read the mask of a file on some of its points, or return `None` if it has none.
 
-    That is the variable that has the name which ROMS, CROCO or NEMO gives to its mask, in which 1
-    is water; else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`,
-    say what is land and what is water; else one with a standard name of CF.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `dims`: of y and x, which say on which points.
-    - `rows`, `columns`, `places`: what to read.
-    - `depth`: the dimension of depth, which a mask may have.
-
-    **Returns:** the mask, or `None` if the file has none.
+    The mask is a variable with the name that ROMS, CROCO or NEMO gives to it, in which 1 is water;
+    else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land
+    and water; else one with a standard name of CF. `dims` are the dimensions of y and x, and
+    `places` the levels to read along a dimension `depth`.
     """
     here = {
         str(name): variable
@@ -75,7 +62,8 @@ def read_mask(
             rest = [value for value in meanings if value not in land]
             values = read(name)
             wet = _off(values, rest) < _off(values, land)
-            return Mask(name, wet, f"{', '.join(f'{one:g}' for one in land)} is land, by its flags")
+            listed = ", ".join(f"{value:g}" for value in land)
+            return Mask(name, wet, f"{listed} is land, by its flags")
     for name, variable in here.items():
         standard_name = variable.attrs.get("standard_name")
         for row in table("mask"):
@@ -106,7 +94,7 @@ def _as_named(
 
 
 def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
-    """A block of a variable, whose other dimensions must have length 1."""
+    """Select a block of a variable, whose other dimensions must have length 1."""
     array = file.dataset[name]
     others = {str(dim): 0 for dim in array.dims if dim not in block}
     for dim in others:
@@ -122,7 +110,7 @@ def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
 
 
 def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:
-    """What the values of a variable mean, by the flags of CF or the options of ROMS."""
+    """Read the meanings of the values of a variable, from flags of CF or options of ROMS."""
     texts = re.split(r"[\s,]+", str(attributes.get("flag_meanings", "")).strip())
     values = np.atleast_1d(attributes.get("flag_values", ()))
     if len(values) == len(texts) and values.dtype.kind in "iuf":
@@ -132,12 +120,12 @@ def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:
 
 
 def _about(words: str, some: set[str], others: set[str]) -> bool:
-    found = set(re.findall("[a-z]+", words.lower()))
-    return bool(found & some) and not found & others
+    present = set(re.findall("[a-z]+", words.lower()))
+    return bool(present & some) and not present & others
 
 
 def _off(
     values: Float[np.ndarray, "levels y x"], wanted: list[float]
 ) -> Float[np.ndarray, "levels y x"]:
-    """How far values are from the nearest of those that are wanted."""
-    return functools.reduce(np.minimum, (np.abs(values - one) for one in wanted))
+    """Compute the distance of values from the nearest of the wanted ones."""
+    return functools.reduce(np.minimum, (np.abs(values - value) for value in wanted))

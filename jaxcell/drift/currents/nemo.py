@@ -1,7 +1,7 @@
-"""What is special in NEMO: its dimensions do not say on which points of the grid values stand.
+"""NEMO, whose dimensions do not tell the points of the grid.
 
-It puts `u` on the eastern sides of the cells and `v` on the northern ones, along the axes of a grid
-that is curved, and calls the dimensions alike. The centres are in a file of their own, the mesh.
+`u` is on the eastern sides of the cells and `v` on the northern ones, along the axes of a curved
+grid, with one name for the dimensions of all points. The centres are in another file, the mesh.
 """
 
 import dataclasses
@@ -17,21 +17,15 @@ from .sphere import wrapped
 
 # The dimensions of centres and sides, as those of ROMS: in the order y, x.
 _DIMS = {"t": ("y_rho", "x_rho"), "u": ("y_rho", "x_u"), "v": ("y_v", "x_rho")}
-_OF_THE_MESH = {name: one.point for one in CONVENTIONS if one.point for name in one.names}
+_OF_THE_MESH = {name: row.point for row in CONVENTIONS if row.point for name in row.names}
 # The depths of its levels.
 _LEVELS = ("gdept_1d", "gdept_0", "nav_lev")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """A file of NEMO, on dimensions that say on which points values stand; any other as it is.
+    """Rename the dimensions of a file of NEMO, with its mesh, after their points.
 
-    **Arguments:**
-
-    - `file`: an open file, with the mesh.
-    - `u`, `v`: the names of the velocities.
-
-    **Raises:** `ValueError` if the velocities stand on the sides of cells whose centres are not in
-    the file, or the levels of the mesh are others.
+    Other files are returned unchanged.
     """
     dataset = file.dataset
     kinds = {axis_kind(dataset, str(dim)): str(dim) for dim in dataset[u].dims}
@@ -55,36 +49,35 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
             if dim not in across and dim not in (kinds.get("time"), depth):
                 array = _levelled(file, array, str(dim), depth)
         placed[name] = array.rename(across)
-    flat = [name for name, one in dataset.variables.items() if not {y, x} & set(one.dims)]
+    flat = [name for name, v in dataset.variables.items() if not {y, x} & set(v.dims)]
     return dataclasses.replace(file, dataset=dataset[flat].assign(placed))
 
 
 def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
-    """Whether a velocity stands on the sides of the cells of NEMO's grid.
+    """Return whether a velocity is on the sides of the cells of NEMO's grid.
 
-    Its depths, dimensions or positions may be called after the points; else it does where it is not
-    at the centres of the mesh.
+    The names of its depths, dimensions or positions may tell it; else it is on the sides if its
+    positions are nearer to those of the sides than to the centres of the mesh.
     """
     dataset = file.dataset
     if dims & set(dataset.variables):
         return False
     words = [str(word).lower() for word in (*dataset[u].dims, *file.coordinates(u))]
-    points = {found[1] for found in map(POINTS.search, words) if found}
+    points = {match[1] for match in map(POINTS.search, words) if match}
     if points or "depthu" in words:
         return points <= {"u"}
     mesh = {"glamt", "glamu"} <= set(dataset.variables)
     if not mesh or "nav_lon" not in dataset.variables:
         return mesh
-    here = file.read(dataset["nav_lon"])
-    off = {
-        which: np.nanmedian(np.abs(wrapped(here - file.read(dataset[which]))))
-        for which in ("glamt", "glamu")
-    }
-    return bool(off["glamu"] < off["glamt"])
+    lon = file.read(dataset["nav_lon"])
+    centres, sides = (
+        np.nanmedian(np.abs(wrapped(lon - file.read(dataset[name])))) for name in ("glamt", "glamu")
+    )
+    return bool(sides < centres)
 
 
 def _levelled(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None) -> xr.DataArray:
-    """A part of the mesh at the levels of the velocity, the highest where that has only one."""
+    """Select the levels of the velocity in a variable of the mesh; without levels, the highest."""
     if depth is None:
         return array.isel({dim: 0}, drop=True)
     if array.sizes[dim] == file.dataset.sizes[depth]:

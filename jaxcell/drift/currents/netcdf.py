@@ -1,4 +1,4 @@
-"""A NetCDF file, opened so that whatever is wrong with it is said in one line."""
+"""NetCDF files, opened so that every fault is reported in one line."""
 
 import contextlib
 import dataclasses
@@ -17,56 +17,49 @@ from jaxtyping import Float
 from ...base import memory
 
 
-# Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
 LARGEST_BYTES = 4 * 2**30
+"""Larger arrays are refused, because they are nearly always a whole ocean by mistake."""
 
 _MAX_READ = 10_000_000
 
-# Numbers that stand for "no value" in files that do not say so: the oldest convention, and the
-# default fill of NetCDF, ROMS and HYCOM, all of them above the last.
+# Undeclared fill values: the oldest convention, and the default fills of NetCDF, ROMS and HYCOM,
+# which are all above the last number.
 _UNDECLARED_FILLS = (-9999.0, -99999.0)
 _MAX_VALUE = 1e20
 
 
 class TooLargeError(ValueError):
-    """What is refused because it takes more memory than it may."""
+    """Arrays that take too much memory."""
 
 
 @dataclasses.dataclass(frozen=True)
 class OceanFile:
-    """An open file, or several as one, whose values are still on the disk.
-
-    **Attributes:**
-
-    - `name`: its path, for messages.
-    - `dataset`: its variables, unpacked and with declared fill values as NaN when they are read;
-        times are as in the file.
-    - `elsewhere`: the paths of variables that are from another file.
-    """
+    """An open file, or several as one, whose values are still on the disk."""
 
     name: str
+    "Its path, for messages."
     dataset: xr.Dataset
+    "Its variables with encoded times; when read they are unpacked, and declared fill values NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    "The paths of variables that are from another file."
 
     def error(self, field: str, message: str) -> ValueError:
-        """An error that says in one line in which file and field."""
+        """Make an error that begins with the file and the field, in one line."""
         return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
 
     def named(self, names: Sequence[str]) -> list[str]:
-        """The variables with some names, in any case of letters; none unless there are all."""
+        """Find variables by name, in any case of letters; none unless all exist."""
         known = {str(name).lower(): str(name) for name in self.dataset.data_vars}
         return [known[name] for name in names] if all(name in known for name in names) else []
 
     def coordinates(self, field: str) -> list[str]:
-        """The variables that a variable names as its coordinates."""
+        """List the variables that a variable names as its coordinates."""
         variable = self.dataset[field]
-        # Xarray moves what it has decoded.
+        # xarray moves decoded attributes to the encoding.
         return str({**variable.encoding, **variable.attrs}.get("coordinates", "")).split()
 
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
-        """Refuse float64 arrays of the given sizes that would take more than 4 GiB together, or
-        more than the free memory.
-        """
+        """Refuse float64 arrays of some sizes that together exceed 4 GiB or the free memory."""
         size = 8 * arrays * math.prod(sizes.values())
         if size > LARGEST_BYTES:
             text = " x ".join(f"{count} ({name})" for name, count in sizes.items())
@@ -79,14 +72,9 @@ class OceanFile:
         memory.check(size, f"{self.name}: {field}", "choose less with time, depths or bounds")
 
     def read(self, array: xr.DataArray, dims: Sequence[str] = ()) -> Float[np.ndarray, "..."]:
-        """The values of part of a variable as float64, NaN where there is none.
+        """Read the values of a variable, or a part of it, as float64, with NaN for missing ones.
 
-        **Arguments:**
-
-        - `array`: a variable of `dataset`, or a part that was chosen with `isel`.
-        - `dims`: the order of the dimensions; those that it does not have get the length 1.
-
-        **Raises:** `ValueError` if they take too much memory, are not numbers, or cannot be read.
+        `dims` is the order of the dimensions; missing ones get the length 1.
         """
         field = str(array.name)
         if array.dtype.kind not in "fiub":
@@ -94,7 +82,7 @@ class OceanFile:
         self.check_size(field, {str(name): size for name, size in array.sizes.items()})
         try:
             values = np.asarray(array.values, float)
-        except Exception as error:  # what a damaged file makes the libraries raise is not written
+        except Exception as error:  # the exceptions for damaged files are not documented
             raise self.error(field, f"its values cannot be read: {error_line(error)}") from error
         absent = np.isin(values, _UNDECLARED_FILLS) | (np.abs(values) > _MAX_VALUE)
         values = np.where(absent, np.nan, values)
@@ -107,11 +95,7 @@ class OceanFile:
 
 @contextlib.contextmanager
 def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
-    """Open a NetCDF file, of version 3 or 4, for the length of the block.
-
-    **Raises:** `FileNotFoundError` if it does not exist, `ValueError` if it is truncated, damaged,
-    or not NetCDF.
-    """
+    """Open a NetCDF file, of version 3 or 4, for the length of the block."""
     name = os.fspath(path)
     if not Path(path).is_file():
         raise FileNotFoundError(f"{name}: there is no such file")
@@ -136,7 +120,7 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
 
 
 def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
-    """Open what a reader of xarray reads; its values stay where they are, and times as they are."""
+    """Open a dataset with a backend of xarray, without reading values or decoding times."""
     return xr.open_dataset(
         path, engine=engine, decode_times=False, decode_coords=False, cache=False
     )
@@ -144,11 +128,7 @@ def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Read without a warning of what is well understood.
-
-    Two different fill values in one variable are both missing; dates of another calendar are read
-    by it; stores need not be consolidated.
-    """
+    """Silence warnings about two fill values in a variable, other calendars, and Zarr metadata."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", xr.SerializationWarning)
         warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
@@ -156,12 +136,10 @@ def unwarned() -> Iterator[None]:
 
 
 def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
-    """The reader of a file, by its first four bytes.
+    """Choose the backend for a file by its first four bytes.
 
-    Scipy refuses a classic file that is truncated; the NetCDF library reads the end that is lost as
-    zeros, and a current of zero looks like slack water.
-
-    **Raises:** `ValueError` for the classic version 5, which scipy does not read.
+    The NetCDF library reads the lost end of a truncated classic file as zeros, which look like
+    slack water; scipy refuses such a file, but does not read the classic version 5.
     """
     with open(path, "rb") as file:
         magic = file.read(4)
@@ -174,12 +152,12 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
 
 
 def _sizes_read(path: str | os.PathLike[str]) -> dict[str, int]:
-    """The sizes of what xarray reads whole to open a file: coordinates, and text."""
+    """Return the sizes of the variables that xarray reads on opening: coordinates and text."""
     with netCDF4.Dataset(path) as file:
         return {
-            name: math.prod(one.shape)
-            for name, one in file.variables.items()
-            if one.dimensions == (name,) or one.dtype is str
+            name: math.prod(variable.shape)
+            for name, variable in file.variables.items()
+            if variable.dimensions == (name,) or variable.dtype is str
         }
 
 
@@ -191,11 +169,11 @@ def _unreadable(name: str, error: Exception) -> ValueError:
 
 
 def error_line(error: Exception) -> str:
-    """What an exception says, in one line."""
+    """Return the message of an exception in one line."""
     return one_line(str(error)) or type(error).__name__
 
 
 def one_line(text: str) -> str:
-    """A text in one line; names and arrays in it may be of any length."""
+    """Put a text in one line of bounded length."""
     words = " ".join(text.split())
     return words[:500] + "..." * (len(words) > 500)

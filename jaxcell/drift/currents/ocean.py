@@ -9,17 +9,17 @@ from jaxtyping import Shaped
 
 from .axes.depths import choose_layers
 from .axes.times import When, choose_records, record_times
-from .fields import Field, read_field
+from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
 from .netcdf import OceanFile
 from .roms import turned
 from .sources import Source, open_source, source_name
 from .surface import Push, read_surface
-from .velocity_names import Velocity, choose_velocity
+from .velocity import Velocity, choose_velocity
 
 
-# At the end of a grid of 1/1000 degree that ends at a pole it is 1/100,000; in a row whose centres
-# are the pole itself, a rounding error.
+# The least ratio of the sides of a cell. It is 1/100,000 at the end of a grid of 1/1000 degree that
+# ends at a pole, and a rounding error in a row whose centres are the pole.
 _LEAST_RATIO_OF_SIDES = 5e-6
 
 
@@ -37,74 +37,64 @@ def open_currents(
 ) -> xr.Dataset:
     """Read ocean currents (Alam 2018, section 5.4.1).
 
-    It reads the native output of ROMS, CROCO and NEMO (velocities on the sides of the cells are
-    averaged to their centres and turned to East and North, and levels that follow the sea bed are
-    interpolated to depths), files on fixed depths or of the surface with the names of CF or of the
-    common ocean models and products, and maps of HF radar. Only what is asked for is read from the
-    disk, record by record.
+    It reads native output of ROMS, CROCO and NEMO, files on fixed depths or of the surface with the
+    names of CF or of common ocean models and products, and maps of HF radar. Velocities on the
+    sides of cells are averaged to their centres and turned to East and North, and levels that
+    follow the sea bed are interpolated to depths. Only the chosen part is read from the disk,
+    record by record.
 
-    A cell is water where it has a velocity at 80 % of the records that are read or more; what is
-    missing there is interpolated in time. Values whose flags of quality say that they are bad are
-    missing. If the file has a mask, it must be water by that too: 1 is water in what ROMS, CROCO
-    and NEMO call their masks; elsewhere flags or options such as `option_0` say it, or else a
-    standard name of CF.
+    A cell is water if it has a velocity at 80 % of the chosen records or more; gaps are
+    interpolated in time, and values with a bad quality flag are gaps. If the file has a mask, the
+    cell must also be water by the mask, whose values are known by the names of ROMS, CROCO and
+    NEMO, by flags or options such as `option_0`, or by a standard name.
 
-    Where the columns go round the Earth, so that the last is beside the first, columns that are
-    repeated at an end are left out; all that is computed from the currents goes on across the seam.
-    `notes` says so. With velocities on the sides of cells and no repeated column, that at the seam
-    is not in the file, and the cells beside it have the velocity of their other side. Where rows
-    repeat others because the grid is folded in the North, they are closed, as land.
+    If the columns go round the Earth, repeated columns are left out, and all computations go on
+    across the seam; `notes` says so. Velocities on the sides of cells without a repeated column
+    lack the side at the seam, and the cells beside it have the velocity of their other side. Rows
+    that repeat others because the grid is folded in the North are closed, as land.
 
     **Arguments:**
 
-    - `path`: a NetCDF file, version 3 or 4; several, whose records go on from one to the next, or
-        which have u and v; a pattern of their names such as `"2016_*.nc"`; a Zarr store; an address
-        of an OPeNDAP server; or a dataset that is open already.
-    - `grid`: the same for positions, masks and depths, if they are in a file of their own.
-    - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, a date without an
-        hour being its midnight; UTC), a slice of indices, or the first and the last of the records
-        as indices or moments, both included. A moment stands for the nearest record (the later of
-        two), within half the time between records. All records if left out. Moments are dates of
-        the calendar of the file; days of one without leap years, or of years of 360 days, are
-        counted on from the first year of its records, and `notes` says so.
-    - `depths`: in metres below the surface, positive down. In a file of fixed depths, of either
-        sign, they must be among its levels, to the centimetre, and all levels that have water are
-        read if they are left out. In one whose levels follow the sea bed they may be any, and are
-        0 if left out; the velocity of the highest level holds up to the surface, and that of the
-        lowest down to the bed, but no farther than a layer where a file lacks levels there.
-    - `bounds`: `(west, south, east, north)` in degrees; longitudes of either kind, across the
-        antimeridian if west is more than east. A grid that is turned or curved gives the block
-        that holds all cells within them. A part of the globe has edges like any other.
-    - `variables`: the names of the velocities towards the East and North (or along the grid, if
-        they stand on the sides of its cells or their standard names say so), where the file
-        leaves it open.
-    - `mean`: whether to read the mean of the records only, as one record at the time of the first;
-        any number of them takes the memory of one.
+    - `path`: a NetCDF file, version 3 or 4; several, with consecutive records or with u and v; a
+        pattern of their names such as `"2016_*.nc"`; a Zarr store; an address of an OPeNDAP server;
+        or an open dataset.
+    - `grid`: the same for positions, masks and depths, if they are in another file.
+    - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, UTC, or a date for
+        its midnight), a slice of indices, or the first and the last of the records as indices or
+        moments, both included. A moment is the nearest record (the later of two), within half the
+        time between records. By default all records. Moments are dates of the calendar of the file;
+        days of one without leap years, or of years of 360 days, are counted on from the first year
+        of its records, and `notes` says so.
+    - `depths`: in metres below the surface, positive down. In a file of fixed depths they must be
+        among its levels, to the centimetre; by default all levels with water are read. In one whose
+        levels follow the sea bed any depth is possible, by default 0; the velocity of the highest
+        level extends up to the surface, and that of the lowest down to the bed, but at most a layer
+        if the file lacks levels.
+    - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
+        than east. A turned or curved grid gives the block that holds all cells within them.
+    - `variables`: the names of the velocities towards the East and North, for a file that is
+        ambiguous (or along the grid, if they are on the sides of its cells or their standard names
+        say so).
+    - `mean`: whether to read only the mean of the records, in the memory of one record.
     - `windage`: the share of the speed of the wind that is added to the current of the first layer,
-        of a file that has the wind on the cells of the currents: some 0.01 to 0.04 for what sticks
-        out of the water.
-    - `stokes`: whether to add the Stokes drift of waves to it, of a file that has that.
+        if the file has the wind: some 0.01 to 0.04 for objects that project from the water.
+    - `stokes`: whether to add the Stokes drift of waves to the first layer, if the file has it.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
 
-    - `u`, `v`: velocity towards the East and North in m/s, NaN where there is no water;
+    - `u`, `v`: velocity towards the East and North in m/s, NaN without water;
     - `water`: whether a cell of a layer is water;
     - `dx`, `dy`: the sides of each cell along the x and y axes of the grid, in metres;
     - `angle`: radians, counter-clockwise from East to the x axis;
     - coordinates `time` (UTC), `depth` of each layer in metres, `lon` and `lat` of the centres;
-    - attributes `source`, `east_from`, `north_from`, which say from which variables the velocities
-        are and why, `notes`, what else was done, a line each, and `mean_of`, of how many records
-        each is the mean.
+    - attributes `source`; `east_from` and `north_from`, the variables and the reason for their
+        choice; `notes`, other steps of the reading, a line each; and `mean_of`, the number of
+        records in each mean.
 
-    **Raises:** `FileNotFoundError`; `ValueError` for a windage below 0 or above 1, and one that
-    names the file, the field and the value for a file that is damaged, truncated or not NetCDF, or
-    an address that cannot be reached; files that do not fit one another; an unstructured grid; no
-    velocity, or one that may be along the grid or not; coordinates out of order, a row at a pole,
-    an `angle` that is not that of the grid in radians or degrees; missing parameters of the levels;
-    times, depths or bounds that the file does not have; no water, or a mask by which all that moves
-    is land; a current above 10 m/s; and more data than 4 GiB; `MemoryError` for more than fits the
-    free memory.
+    **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
+    damaged or contradictory files, choices that the file does not have, and more data than 4 GiB;
+    `MemoryError` for more than the free memory.
 
     The surface of the bundled sea at its first record:
 
@@ -126,7 +116,7 @@ def open_currents(
         records = choose_records(file, times, time)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
         chosen = times.values[records]
-        field = read_field(file, velocity, cells, records, chosen, layers, mean)
+        field = FieldReader(file, velocity, cells, records, chosen, layers).read(mean)
         _check_positions(file, axes.lon, cells, field)
         shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
         pushes = [
@@ -157,7 +147,7 @@ def open_currents(
 
 
 def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:
-    """A cell of water must be somewhere, and have sides."""
+    """Refuse cells of water without a position, an angle or sides."""
     water = field.water.any(axis=0)
     for values, what in ((grid.lon, "longitude"), (grid.lat, "latitude"), (grid.angle, "angle")):
         bad = water & ~np.isfinite(values)
@@ -176,13 +166,12 @@ def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) 
             name,
             f"the cell at row {grid.rows[j]}, column {grid.columns[i]} has sides of "
             f"{grid.dx[j, i]:g} and {grid.dy[j, i]:g} m; expected more than 0"
-            + at_pole
-            * bool(abs(lat) > 89),
+            f"{at_pole if abs(lat) > 89 else ''}",
         )
 
 
 def _origin(velocity: Velocity, towards: str, grid: OceanGrid) -> str:
-    """From which variables a component is, and why."""
+    """Name the variables of a component, and the reason for their choice."""
     if velocity.along == "grid" and grid.angle_from:
         return f"{velocity.u} and {velocity.v} along the grid, turned ({velocity.why})"
     return f"{velocity.u if towards == 'East' else velocity.v} ({velocity.why})"

@@ -1,4 +1,4 @@
-"""Records of several files as one, each of them read from its own file when it is asked for."""
+"""Records of several files as one dataset, each read from its own file when it is used."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from .netcdf import OceanFile
 
 
 class _Records(BackendArray):
-    """A variable of several files, one after another along an axis."""
+    """A variable of several files, joined along an axis."""
 
     def __init__(self, parts: Sequence[xr.Variable], axis: int) -> None:
         self.parts, self.axis = parts, axis
@@ -29,32 +29,24 @@ class _Records(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, support, self._read)
 
     def _read(self, key: tuple[Any, ...]) -> np.ndarray:
-        asked = np.arange(self.shape[self.axis])[key[self.axis]]
+        chosen = np.arange(self.shape[self.axis])[key[self.axis]]
         read = []
-        for record in np.atleast_1d(asked):
+        for record in np.atleast_1d(chosen):
             number = int(np.searchsorted(self.first, record, side="right")) - 1
-            place = int(record - self.first[number])
-            here = (*key[: self.axis], place, *key[self.axis + 1 :])
+            place = (*key[: self.axis], int(record - self.first[number]), *key[self.axis + 1 :])
             part = self.parts[number]
-            read.append(part.isel(dict(zip(part.dims, here, strict=True))).values)
-        if asked.ndim == 0:
+            read.append(part.isel(dict(zip(part.dims, place, strict=True))).values)
+        if chosen.ndim == 0:
             return read[0]
-        return np.stack(read, axis=sum(np.ndim(one) > 0 or isinstance(one, slice)
-                                       for one in key[: self.axis]))  # fmt: skip
+        kept = [np.ndim(index) > 0 or isinstance(index, slice) for index in key[: self.axis]]
+        return np.stack(read, axis=sum(kept))
 
 
 def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
-    """Several files as one, with dates in place of the times that each counts from its own.
+    """Join files: records in the order of time, other variables from the first file that has them.
 
-    Their records are put in the order of time. What does not change in time is from the first file
-    that has it, and what is not at all records is left out.
-
-    **Arguments:**
-
-    - `files`: those that are open.
-    - `name`: what they are called together.
-
-    **Raises:** `ValueError` if their records do not go together, or their lengths.
+    Times become dates, because each file may count from its own. Variables that are not at every
+    record are left out.
     """
     joined = OceanFile(name, xr.Dataset())
     fixed: dict[str, xr.Variable] = {}
@@ -63,20 +55,20 @@ def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
     for file in files:
         dims = (str(dim) for dim in file.dataset.dims)
         dim = next((dim for dim in dims if axis_kind(file.dataset, dim) == "time"), "")
-        variables = {str(name): one for name, one in file.dataset.variables.items()}
+        variables = {str(name): v for name, v in file.dataset.variables.items()}
         if dim:
             own = str(time_variable(file, dim))
             dates.setdefault(dim, []).append(read_times(file, own))
-            variables = {name: one for name, one in variables.items() if name not in (dim, own)}
+            variables = {name: v for name, v in variables.items() if name not in (dim, own)}
         for name, variable in variables.items():
             if dim in variable.dims:
                 moving.setdefault(name, []).append((dates[dim][-1], variable))
             else:
                 fixed.setdefault(name, variable)
-    if len(dates) != 1 or len({one.dtype.kind for one in next(iter(dates.values()))}) > 1:
+    if len(dates) != 1 or len({times.dtype.kind for times in next(iter(dates.values()))}) > 1:
         raise joined.error("time", f"expected one dimension and calendar, got {', '.join(dates)}")
-    [(dim, found)] = dates.items()
-    times = np.unique(np.concatenate(found))
+    [(dim, of_files)] = dates.items()
+    times = np.unique(np.concatenate(of_files))
     whole = {}
     for name, parts in moving.items():
         variable = _joined(joined, name, dim, parts)
@@ -84,9 +76,10 @@ def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
             whole[name] = variable
     if not whole:
         raise joined.error(
-            "time", f"no variable is at each of the {times.size} records of these files; expected "
-            "the same ones for u and v",
-        )  # fmt: skip
+            "time",
+            f"no variable is at each of the {times.size} records of these files; expected the "
+            "same ones for u and v",
+        )
     about = {} if times.dtype.kind in "MO" else {"units": "seconds"}
     try:
         dataset = xr.Dataset(fixed | whole | {dim: xr.Variable(dim, times, about)})
@@ -101,7 +94,7 @@ def _joined(
     dim: str,
     parts: list[tuple[Shaped[np.ndarray, " _records"], xr.Variable]],
 ) -> xr.Variable:
-    """A variable of several files, with their times, one after another."""
+    """Join the parts of a variable, each with its times, in the order of time."""
     parts = sorted(parts, key=lambda part: part[0][0])
     times = np.concatenate([part[0] for part in parts])
     again = times[1:] <= times[:-1]
@@ -113,10 +106,10 @@ def _joined(
         )
     variables = [part[1] for part in parts]
     first = variables[0]
-    for one in variables:
-        if one.dims != first.dims or one.isel({dim: 0}).shape != first.isel({dim: 0}).shape:
+    for other in variables:
+        if other.dims != first.dims or other.isel({dim: 0}).shape != first.isel({dim: 0}).shape:
             raise file.error(
-                name, f"expected one shape, got {dict(first.sizes)} and {dict(one.sizes)}"
+                name, f"expected one shape, got {dict(first.sizes)} and {dict(other.sizes)}"
             )
     axis = first.dims.index(dim)
     data = indexing.LazilyIndexedArray(_Records(variables, axis))

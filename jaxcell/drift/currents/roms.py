@@ -1,8 +1,8 @@
-"""What is special in ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
+"""ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
 
-ROMS puts `u` on the western and eastern sides of a cell and `v` on the southern and northern ones,
-both along the axes of the grid, which may be turned against East and North. Its levels divide the
-water column, whatever its height, by a coordinate `s` from -1 at the sea bed to 0 at the surface.
+`u` is on the western and eastern sides of a cell and `v` on the southern and northern ones, along
+the axes of the grid, which may be turned against East and North. The levels divide the water column
+by a coordinate `s` from -1 at the sea bed to 0 at the surface.
 """
 
 import dataclasses
@@ -13,24 +13,17 @@ from jaxtyping import Bool, Float, Int
 from .netcdf import OceanFile
 
 
-# A level alone is that of the surface or of the sea bed if it is so near to it, in s.
 ALONE = 0.1
+"""The distance in s within which a single level is that of the surface or the sea bed."""
 
 
 def to_centres(
     sides: Float[np.ndarray, "*sides"], open_sides: Bool[np.ndarray, "*sides"], axis: int
 ) -> Float[np.ndarray, "..."]:
-    """The velocity at the centres of cells from that on the sides between them.
+    """Average the velocity on the sides of cells to their centres, along an axis.
 
-    It is the mean of both sides. Nothing flows through a coast, so a side that is not open counts
-    as 0, as in the model; whatever the file has there does not matter. At both ends the outer side
-    is not in the file, and the inner one counts alone.
-
-    **Arguments:**
-
-    - `sides`: in m/s; one less than there are centres.
-    - `open_sides`: whether there is water on both sides of each.
-    - `axis`: the one along which the sides stand between centres.
+    Nothing flows through a coast, so a side that is not open counts as 0, as in the model. At both
+    ends the outer side is not in the file, and the inner one counts alone.
     """
     flow = np.where(open_sides, sides, 0.0)
     before = np.concatenate([flow.take([0], axis), flow], axis)
@@ -43,74 +36,56 @@ def turned(
     y: Float[np.ndarray, "*levels y x"],
     angle: Float[np.ndarray, "y x"],
 ) -> tuple[Float[np.ndarray, "*levels y x"], Float[np.ndarray, "*levels y x"]]:
-    """The components towards the East and North of vectors along the axes of a grid.
-
-    **Arguments:**
-
-    - `x`, `y`: the components along the grid.
-    - `angle`: radians, counter-clockwise from East to the x axis.
-    """
+    """Turn vectors by the angle from East to the x axis of a grid, to East and North."""
     cos, sin = np.cos(angle), np.sin(angle)
     return x * cos - y * sin, x * sin + y * cos
 
 
 @dataclasses.dataclass(frozen=True)
 class SLevels:
-    """Levels that follow the sea bed and the surface, from the lowest to the highest.
-
-    **Attributes:**
-
-    - `s`: the coordinate of each level, from -1 (sea bed) to 0 (surface).
-    - `stretching`: the value of the stretching curve C(s) at each, likewise.
-    - `critical_depth`: h_c, in metres.
-    - `transform`: Vtransform, 1 or 2.
-    - `places`: where each level stands in the file.
-    """
+    """Levels that follow the sea bed and the surface, from the lowest to the highest."""
 
     s: Float[np.ndarray, " levels"]
+    "The coordinate of each level, from -1 (sea bed) to 0 (surface)."
     stretching: Float[np.ndarray, " levels"]
+    "The value of the stretching curve C(s) at each level, from -1 to 0."
     critical_depth: float
+    "The parameter h_c, in metres."
     transform: int
+    "The parameter Vtransform, 1 or 2."
     places: Int[np.ndarray, " levels"]
+    "The number of each level in the file."
 
     def heights(
         self, depth: Float[np.ndarray, "y x"], surface: Float[np.ndarray, "y x"]
     ) -> Float[np.ndarray, "levels y x"]:
-        """The height of each level over the mean sea surface in metres, negative below it.
+        """Compute the height of each level over the mean sea surface in metres.
 
-        It is NaN where the formula divides by 0, as where land is as high as `critical_depth`.
-
-        **Arguments:**
-
-        - `depth`: of the sea bed under the mean surface, in metres, positive.
-        - `surface`: height of the surface over its mean (zeta), in metres.
+        It is NaN where the formula divides by 0, as where land is as high as `critical_depth`. The
+        `depth` is that of the sea bed under the mean surface, positive, and `surface` the height of
+        the surface (zeta).
         """
         s, stretching = self.s[:, None, None], self.stretching[:, None, None]
-        with np.errstate(all="ignore"):  # on land the depth may be anything
+        with np.errstate(all="ignore"):  # on land the depth is arbitrary
             if self.transform == 1:
                 still = self.critical_depth * (s - stretching) + depth * stretching
-                found = still + surface * (1 + still / depth)
+                heights = still + surface * (1 + still / depth)
             else:
                 total = self.critical_depth + depth
                 share = (self.critical_depth * s + depth * stretching) / total
-                found = surface + (surface + depth) * share
-        return np.where(np.isfinite(found), found, np.nan)
+                heights = surface + (surface + depth) * share
+        return np.where(np.isfinite(heights), heights, np.nan)
 
     def beyond(
         self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "y x"]
     ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
-        """How far heights are above the highest level or below the lowest.
+        """Compute the distance of wanted heights above the highest level or below the lowest.
 
-        The levels of a model stand in the middle of its layers, so those of a whole file go on to
-        the surface and to the sea bed, and nothing is beyond them.
+        Levels are the middles of layers. So the levels of a whole file cover all heights from the
+        sea bed to the surface.
 
-        **Arguments:**
-
-        - `heights`: of each level.
-        - `wanted`: the height in each cell.
-
-        **Returns:** metres, 0 or less where a height is not beyond the levels; and how thick a
-        layer is there, 0 if there is only one level.
+        **Returns:** the distance in metres, 0 or less for a height between the levels; and the
+        thickness of the nearest layer, 0 if there is only one level.
         """
         steps, layers = np.diff(self.s), np.diff(heights, axis=0)
         if len(self.s) == 1:
@@ -125,11 +100,9 @@ class SLevels:
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
-    """Read how the levels of a file lie, from its variables or its global attributes.
+    """Read the levels of a file, and the origin of Vtransform in words, which is never guessed.
 
-    **Returns:** the levels, and from what Vtransform is known.
-
-    **Raises:** `ValueError` if something is missing or makes no sense. Vtransform is never guessed.
+    The parameters are variables or global attributes.
     """
     transform, why = _transform(file, dim)
     s = _levels(file, dim, (dim, "s_rho", "sc_r"))
@@ -147,22 +120,16 @@ def at_height(
     heights: Float[np.ndarray, "levels y x"],
     wanted: Float[np.ndarray, "y x"],
 ) -> Float[np.ndarray, "y x"]:
-    """The values at a height, linear between the levels of each cell.
+    """Interpolate values at a height linearly between the levels of each cell.
 
-    Above the highest level and below the lowest, it is the value at that level.
-
-    **Arguments:**
-
-    - `values`: at each level.
-    - `heights`: of each level, from the lowest to the highest.
-    - `wanted`: the height in each cell.
+    Beyond the highest and the lowest level, the value of that level is taken.
     """
     levels = len(heights)
     if levels == 1:
         return np.where(np.isfinite(wanted), values[0], np.nan)
     below = np.clip((heights <= wanted).sum(axis=0) - 1, 0, levels - 2)[None]
     low, high = (np.take_along_axis(heights, below + k, axis=0)[0] for k in (0, 1))
-    # Where there is no water all levels are one.
+    # Without water all levels coincide.
     with np.errstate(invalid="ignore"):
         share = np.clip((wanted - low) / (high - low), 0, 1)
     down, up = (np.take_along_axis(values, below + k, axis=0)[0] for k in (0, 1))
@@ -184,7 +151,7 @@ def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarr
 
 
 def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values"]:
-    """The values of the first variable or global attribute that is there."""
+    """Read the values of the first existing variable or global attribute."""
     for name in names:
         if name in file.dataset.variables:
             return file.read(file.dataset[name]).reshape(-1)
@@ -197,7 +164,7 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
 
 
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
-    """Vtransform as it stands, as CF calls it, or as CROCO does."""
+    """Read Vtransform, or derive it from the names of CF or CROCO, with the origin in words."""
     variables, attributes = file.dataset.variables, file.dataset.attrs
     if "Vtransform" in variables or "Vtransform" in attributes:
         value = _read(file, ("Vtransform",))

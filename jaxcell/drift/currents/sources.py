@@ -1,4 +1,4 @@
-"""What currents are read from: files, stores, addresses, and datasets in hand."""
+"""The sources of currents: files, stores, addresses, and open datasets."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import xarray as xr
 
-from ...base.files import ADDRESS, existing
+from ...base.paths import ADDRESS, existing
 from .axes.dimensions import axis_kind
 from .conventions import find
 from .netcdf import OceanFile, error_line, open_netcdf, open_undecoded, unwarned
@@ -21,19 +21,11 @@ Source: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | 
 
 @contextlib.contextmanager
 def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFile]:
-    """Open all that currents are in as one file, for the length of the block.
+    """Open all files of a source as one, for the length of the block.
 
-    Of several files the records go on from one to the next, in the order of time, and variables of
-    different names are side by side. Nothing is read but positions and times.
-
-    **Arguments:**
-
-    - `source`: as `path` of [`jaxcell.drift.open_currents`][].
-    - `grid`: the same for what does not change in time and is in a file of its own. What is in both
-        is from there.
-
-    **Raises:** `FileNotFoundError` if there is no such file; `ValueError` if it cannot be read, or
-    if files do not fit one another.
+    The records of several files follow one another in the order of time, and variables of different
+    names are combined. Variables of `grid` do not change in time, and replace those of the source.
+    Only positions and times are read.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(unwarned())
@@ -44,7 +36,7 @@ def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFil
 
 
 def source_name(source: Source) -> str:
-    """What a source is called in results, without what leads to it."""
+    """Return the name of a source for results, without its folders."""
     if isinstance(source, xr.Dataset):
         return Path(str(source.encoding.get("source", "dataset"))).name
     return _joined([Path(path).name for path in _paths(source)])
@@ -57,9 +49,9 @@ def _joined(names: Sequence[str]) -> str:
 
 
 def _paths(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
-    """The paths that are meant, those that match a pattern in the order of their names."""
+    """List the paths of a source, with patterns expanded in the order of names."""
     several = [source] if isinstance(source, str | os.PathLike) else source
-    paths = [path for one in several for path in existing(one)]
+    paths = [path for pattern in several for path in existing(pattern)]
     if not paths:
         raise ValueError("path: expected a file or more, got none")
     return paths
@@ -79,7 +71,7 @@ def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
 
 
 def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
-    """One file, Zarr store, or address of an OPeNDAP server."""
+    """Open one file, Zarr store, or address of an OPeNDAP server."""
     if ADDRESS.match(path):
         path = ADDRESS.sub(r"\1://", path)
         engine, why = "netcdf4", "cannot be reached by OPeNDAP (no network, or no such dataset)"
@@ -89,55 +81,54 @@ def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
         return stack.enter_context(open_netcdf(path))
     try:
         return OceanFile(path, stack.enter_context(open_undecoded(path, engine)))
-    except Exception as error:  # what the libraries raise is not written
+    except Exception as error:  # the exceptions of the libraries are not documented
         raise ValueError(f"{path}: {why}: {error_line(error)}") from error
 
 
 def _clashing_positions(files: list[OceanFile]) -> set[str]:
-    """Longitudes and latitudes that differ where velocities stand on different points of a grid.
-
-    **Raises:** `ValueError` for files with the same fields at different positions.
-    """
+    """Find longitudes and latitudes that differ between files of different points of a grid."""
     known: dict[str, tuple[OceanFile, np.ndarray]] = {}
     clashing = set()
     for file in files:
         variables = file.dataset.variables
         for role in ("lon", "lat"):
-            names = (str(name) for name, one in variables.items() if one.ndim in (1, 2))
+            names = (str(name) for name, v in variables.items() if v.ndim in (1, 2))
             if (name := find(file.dataset, role, names)) is None:
                 continue
             values = file.read(file.dataset[name])
             other, before = known.setdefault(name, (file, values))
             if np.array_equal(values, before, equal_nan=True):
                 continue
-            fields = [{str(n) for n, v in one.dataset.data_vars.items() if v.ndim > 2}
-                      for one in (file, other)]  # fmt: skip
-            if values.ndim == 1 or fields[0] & fields[1]:
+            fields, others = (
+                {str(n) for n, v in each.dataset.data_vars.items() if v.ndim > 2}
+                for each in (file, other)
+            )
+            if values.ndim == 1 or fields & others:
                 raise file.error(name, f"not the same as in {other.name}; expected one grid")
             clashing.add(name)
     return clashing
 
 
 def _with_grid(file: OceanFile, grid: OceanFile) -> OceanFile:
-    """A file with the variables of another that do not change in time."""
-    there, here = grid.dataset, file.dataset
-    for dim, size in there.sizes.items():
-        if axis_kind(there, str(dim)) == "time":
-            there = there.isel({dim: 0}, drop=True) if size == 1 else there.drop_dims([dim])
-        elif here.sizes.get(dim, size) != size:
+    """Add the variables of another file that do not change in time."""
+    fixed, moving = grid.dataset, file.dataset
+    for dim, size in fixed.sizes.items():
+        if axis_kind(fixed, str(dim)) == "time":
+            fixed = fixed.isel({dim: 0}, drop=True) if size == 1 else fixed.drop_dims([dim])
+        elif moving.sizes.get(dim, size) != size:
             raise grid.error(
-                str(dim), f"expected the length {here.sizes[dim]} of {file.name}, got {size}"
+                str(dim), f"expected the length {moving.sizes[dim]} of {file.name}, got {size}"
             )
         elif (
-            dim in here.indexes
-            and dim in there.indexes
-            and not np.allclose(file.read(here[dim]), grid.read(there[dim]))
+            dim in moving.indexes
+            and dim in fixed.indexes
+            and not np.allclose(file.read(moving[dim]), grid.read(fixed[dim]))
         ):
             raise grid.error(str(dim), f"not the same as in {file.name}; expected one grid")
-    times = {dim for dim in here.dims if axis_kind(here, str(dim)) == "time"}
-    moving = {name for name, one in here.variables.items() if times & set(one.dims)}
+    times = {dim for dim in moving.dims if axis_kind(moving, str(dim)) == "time"}
+    kept = {name for name, variable in moving.variables.items() if times & set(variable.dims)}
     # In the mesh of NEMO these repeat the centres; elsewhere they are positions of any points.
-    plotted = {"nav_lon", "nav_lat"} if "glamt" in there.variables else set()
-    there = there.reset_coords().drop_vars(moving | plotted | set(here.indexes), errors="ignore")
-    elsewhere = {str(name): grid.name for name in there.variables}
-    return OceanFile(file.name, here.assign(there.variables), elsewhere)
+    plotted = {"nav_lon", "nav_lat"} if "glamt" in fixed.variables else set()
+    fixed = fixed.reset_coords().drop_vars(kept | plotted | set(moving.indexes), errors="ignore")
+    elsewhere = {str(name): grid.name for name in fixed.variables}
+    return OceanFile(file.name, moving.assign(fixed.variables), elsewhere)

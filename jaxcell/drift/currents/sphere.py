@@ -1,4 +1,4 @@
-"""Cells on the Earth: coordinates in order, sides in metres, and the direction of the x axis."""
+"""Cells on the Earth: the order of coordinates, sides in metres, and the angle of the x axis."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -8,31 +8,27 @@ from scipy.spatial import cKDTree
 EARTH_RADIUS = 6371000.0
 
 # A grid goes round the Earth if the spacing across its seam is between those on both sides of it,
-# but for this part; columns that differ by less than the second part of their spacing are the same.
+# with the first tolerance. Columns that differ by less than the second part of their spacing are
+# the same.
 _SEAM, _SAME = 0.1, 0.01
-# So many columns are repeated at most; rows whose columns are no farther apart are at a pole.
+# The largest number of repeated columns, and the spacing of columns below which a row is at a pole.
 _MAX_REPEATED, _POLE = 4, 1e-9
-# So much of the last row stands where another does if the grid is folded.
+# A grid is folded if more than this share of the last row repeats another row.
 _FOLDED = 0.9
 
 
 def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Longitudes in degrees, from -180 up to but not including 180."""
+    """Wrap longitudes in degrees to -180 up to but not including 180."""
     return (lon + 180.0) % 360.0 - 180.0
 
 
 def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
-    """How many of the last longitudes are the first ones again, a turn later.
-
-    **Arguments:**
-
-    - `lon`: in degrees, in order.
-    """
+    """Count the last longitudes, in degrees and in order, that repeat the first a turn later."""
     steps = wrapped(np.diff(lon))
     place = np.abs(np.append(0.0, np.cumsum(steps)))
     same = _SAME * np.abs(steps).min(initial=np.inf)
     again = int((place >= 360 - same).sum())
-    # One column at least must be left of each that is dropped.
+    # A column is dropped only if the column that it repeats is kept.
     if (
         2 * again > lon.size
         or not (np.abs(place[lon.size - again :] - 360 - place[:again]) <= same).all()
@@ -42,10 +38,7 @@ def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
 
 
 def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
-    """How many of the last columns of a grid stand where its first ones do.
-
-    Models that go round the Earth often repeat one column or two.
-    """
+    """Count the last columns of a grid that repeat its first ones, often one or two."""
     most = min(_MAX_REPEATED, lon.shape[1] // 2)
     first = on_sphere(lon[:, : most + 1], lat[:, : most + 1])
     last = on_sphere(lon[:, -most:], lat[:, -most:])
@@ -59,10 +52,10 @@ def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y
 
 
 def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
-    """How many of the last rows stand where others do, as the grid is folded there.
+    """Count the last rows that repeat other rows, because the grid is folded there.
 
-    Where the fold is between two rows, the last one repeats that before it, the other way round.
-    Where it is on a row, that row repeats itself and the last one that before it.
+    If the fold is between two rows, the last row repeats the row before it, reversed. If it is on a
+    row, that row repeats itself and the last row repeats the row before the fold.
     """
     rows, columns = lon.shape
     if rows < 6 or columns < 3:
@@ -82,13 +75,9 @@ def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) ->
 
 
 def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> bool:
-    """Whether the last column of a grid is beside the first, so that its rows are circles.
+    """Return whether the last column of a grid is beside the first, so that its rows are circles.
 
     The rows must go once round the Earth, and the seam must be as wide as the columns beside it.
-
-    **Arguments:**
-
-    - `lon`, `lat`: of the centres in degrees.
     """
     if lon.shape[1] < 3:
         return False
@@ -105,16 +94,11 @@ def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> 
 
 
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
-    """The order in which longitudes ascend to the East, from the western end of the grid.
+    """Return the order in which longitudes ascend to the East, from the western end of the grid.
 
-    A grid that does not go round the Earth begins after its widest gap, so that one across the
-    antimeridian stays whole; one that does begins at -180 degrees.
-
-    **Arguments:**
-
-    - `lon`: in degrees, in one turn to the East or the West that may jump by 360 degrees.
-
-    **Raises:** `ValueError` if they turn back or meet themselves.
+    They are one turn to the East or the West, with any jumps by 360 degrees. A grid that goes round
+    the Earth begins at -180 degrees; others begin after their widest gap, so that a grid across the
+    antimeridian stays whole.
     """
     steps = wrapped(np.diff(lon))
     if not (np.isfinite(lon).all() and ((steps > 0).all() or (steps < 0).all())):
@@ -128,10 +112,7 @@ def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
 
 
 def northward_order(lat: Float[np.ndarray, " y"]) -> Int[np.ndarray, " y"]:
-    """The order in which latitudes ascend to the North.
-
-    **Raises:** `ValueError` if they are not in order, or not latitudes.
-    """
+    """Return the order in which latitudes ascend to the North."""
     steps = np.diff(lat)
     if not (np.isfinite(lat).all() and ((steps > 0).all() or (steps < 0).all())):
         raise ValueError(f"expected latitudes in order, got {_around_break(lat, steps)}")
@@ -145,13 +126,13 @@ def inside(
     lat: Float[np.ndarray, "*shape"],
     bounds: tuple[float, float, float, float],
 ) -> Bool[np.ndarray, "*shape"]:
-    """Whether points are within bounds `(west, south, east, north)` in degrees, edges included.
+    """Mark points within bounds `(west, south, east, north)` in degrees, edges included.
 
-    Where west is more than east, the bounds go across the antimeridian.
+    If west is more than east, the bounds go across the antimeridian.
     """
     west, south, east, north = bounds
     width = (east - west) % 360 if east - west < 360 else 360.0
-    # A point a rounding error to the West of the western edge is 360 degrees to the East of it.
+    # With rounding a point on the western edge would be 360 degrees to the East of it.
     eastward = (lon - west + 1e-9) % 360
     return (eastward <= width + 2e-9) & (lat >= south - 1e-9) & (lat <= north + 1e-9)
 
@@ -164,16 +145,10 @@ def rectangular_sides(
     *,
     wraps: bool = False,
 ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
-    """The sides in metres of cells between meridians and parallels.
+    """Compute the sides in metres of cells between meridians and parallels.
 
     A cell reaches half way to its neighbours; at the edge of the grid, as far outward as inward.
-
-    **Arguments:**
-
-    - `lon`: of the centres in degrees, ascending to the East, at least two.
-    - `lat`: likewise to the North.
-    - `rows`, `columns`: of the cells that are asked for.
-    - `wraps`: whether the last meridian is beside the first.
+    `lon` and `lat` of the whole grid ascend, and `rows` and `columns` are those of the cells.
 
     **Returns:** `dx` along the parallel of the centre, and `dy` along the meridian.
     """
@@ -193,15 +168,10 @@ def curvilinear_sides(
     Float[np.ndarray, "y x"],
     Float[np.ndarray, "y x"],
 ]:
-    """The sides and directions of the cells of any grid of at least 2 x 2 centres.
+    """Compute the sides and directions of the cells of any grid of at least 2 x 2 centres.
 
-    From the straight lines between the centres on both sides of a cell, at the edge of the grid
+    They are those of the straight line between the neighbours of a cell, or at the edge of the grid
     between the cell and its neighbour.
-
-    **Arguments:**
-
-    - `lon`, `lat`: of the centres in degrees.
-    - `wraps`: whether the last column is beside the first.
 
     **Returns:** `dx` and `dy`, the sides in metres along the x and y axes; `angle`, radians
     counter-clockwise from East to the x axis; `turn`, the sine of the angle from the x axis to the
@@ -229,13 +199,13 @@ def curvilinear_sides(
 def on_sphere(
     lon: Float[np.ndarray, "*shape"], lat: Float[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "3 *shape"]:
-    """The directions from the middle of the Earth, of length 1."""
+    """Return the unit vectors from the centre of the Earth."""
     east, north = np.radians(lon), np.radians(lat)
     return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
 
 
 def _around_break(values: np.ndarray, steps: np.ndarray) -> str:
-    """The values where a sequence stops going the way that it began."""
+    """Describe where a sequence changes its direction."""
     if not np.isfinite(values).all():
         return f"no number at index {int((~np.isfinite(values)).argmax())}"
     k = int((np.sign(steps) != np.sign(steps[0])).argmax()) if steps[0] else 0

@@ -1,162 +1,138 @@
-"""One component of the velocity, read record by record at the centres of the cells."""
+"""The choice of the variables of a file that are the current."""
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
-import numpy as np
-from jaxtyping import Bool, Float, Int
-
-from .axes.dimensions import Axes
-from .grid import OceanGrid
-from .masks import Mask, part, read_mask
+from .axes.dimensions import Axes, find_axes, is_rectangular, unstructured
+from .conventions import table
+from .nemo import on_points
 from .netcdf import OceanFile
-from .quality import Flag, read_flags
-from .roms import to_centres
-
-
-# No current is faster; what is comes from a fill value that the file does not declare.
-FASTEST_CURRENT = 10.0
-
-_METRES_PER_SECOND = {
-    "m/s": 1.0, "m s-1": 1.0, "m.s-1": 1.0, "m s^-1": 1.0, "ms-1": 1.0, "m/sec": 1.0,
-    "meter second-1": 1.0, "meters second-1": 1.0, "metre second-1": 1.0, "meter/sec": 1.0,
-    "meter/second": 1.0, "meters/second": 1.0, "meters/sec": 1.0,
-    "cm/s": 0.01, "cm s-1": 0.01, "cm.s-1": 0.01, "centimeter second-1": 0.01,
-}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
-class Component:
-    """A component of the velocity on a block of cells.
+class Velocity:
+    """The two components of the current."""
 
-    **Attributes:**
+    u: str
+    "The variable towards the East or along x."
+    v: str
+    "The variable towards the North or along y."
+    along: Literal["earth", "grid"]
+    "The axes that they are measured along."
+    why: str
+    "The reason for the choice, in words."
+    u_axes: Axes
+    v_axes: Axes
 
-    - `file`, `name`, `axes`: the variable.
-    - `places`: of the levels to be read, or `None` if there is only one.
-    - `rows`, `columns`: of the values to be read; those on the sides of the cells that are averaged
-        reach over the block by a cell where the file does.
-    - `inner`: the block among the centres that come out.
-    - `mask`: where a value is a current; `None` if the file does not say, and all values count.
-    - `factor`: metres per second in a unit of the file.
-    - `flags`: what says which values are bad.
+
+class _Pair(NamedTuple):
+    """The names of u and v, the axes by their convention, and the reason for the choice, in words;
+    `None` if it is their names alone."""
+
+    u: str
+    v: str
+    along: Literal["earth", "grid", "dims"]
+    why: str | None = None
+
+
+def choose_velocity(
+    file: OceanFile, variables: Sequence[str] | None = None
+) -> tuple[OceanFile, Velocity]:
+    """Choose the variables of the current by standard name, then by the names of ocean models.
+
+    A bare `u` is accepted only if its dimensions tell its axes: the sides of the cells of a C-grid,
+    or longitude and latitude. The source calls u the northing in one place and the easting in
+    another (Alam 2018, sections 5.4.1 and 5.4.2); here u is towards the East. Variables that the
+    caller names are along the grid if their standard names say so or they are on the sides of its
+    cells, and otherwise towards the East and North.
+
+    **Returns:** the file, on dimensions that tell the points of the grid; and the velocity.
     """
-
-    file: OceanFile
-    name: str
-    axes: Axes
-    places: Int[np.ndarray, " levels"] | None
-    rows: Int[np.ndarray, " y"]
-    columns: Int[np.ndarray, " x"]
-    inner: Int[np.ndarray, " block"]
-    mask: Mask | None
-    factor: float
-    flags: list[Flag]
-
-    def at(
-        self, record: int
-    ) -> tuple[
-        Float[np.ndarray, "levels y x"],
-        Bool[np.ndarray, "levels y x"],
-        Float[np.ndarray, "levels y x"],
-    ]:
-        """The velocity at the centres of the cells.
-
-        **Returns:** the velocity in m/s; whether any of the two sides is open there; and the
-        velocity as if there were no mask.
-
-        **Raises:** `ValueError` for a current above 10 m/s.
-        """
-        axes = self.axes
-        block: dict[str, object] = {axes.y: self.rows, axes.x: self.columns}
-        if axes.time is not None:
-            block[axes.time] = record
-        if axes.depth is not None:
-            block[axes.depth] = self.places
-        dims = (axes.depth or "", axes.y, axes.x)
-        values = self.file.read(part(self.file, self.name, block), dims)
-        for flag in self.flags:
-            values = np.where(flag.at(self.file, block, dims), np.nan, values)
-        values = unmasked = values * self.factor
-        open_sides = np.isfinite(values)
-        if self.mask is not None:
-            open_sides = np.broadcast_to(self.mask.water, values.shape)
-            values = np.where(open_sides, values, np.nan)
-        self._check_speed(values, record)
-        if (axis := axes.between) is None:
-            return values, open_sides, unmasked
-        centres = to_centres(values, open_sides, axis)
-        beside = to_centres(open_sides.astype(float), open_sides, axis) > 0
-        unmasked = to_centres(unmasked, np.isfinite(unmasked), axis)
-        inner = self.inner
-        return centres.take(inner, axis), beside.take(inner, axis), unmasked.take(inner, axis)
-
-    def _check_speed(self, values: Float[np.ndarray, "levels y x"], record: int) -> None:
-        fast = np.abs(values) > FASTEST_CURRENT
-        if fast.any():
-            level, row, column = np.argwhere(fast)[0]
-            place = 0 if self.places is None else self.places[level]
-            raise self.file.error(
-                self.name,
-                f"expected currents up to {FASTEST_CURRENT:g} m/s, got "
-                f"{values[level, row, column]:g} at record {record}, level {place}, row "
-                f"{self.rows[row]}, column {self.columns[column]}; a fill value or unit that is "
-                "not declared?",
-            )
+    if variables is not None:
+        pair = _as_asked(file, variables)
+    else:
+        pair = _by_standard_name(file) or _by_name(file)
+    file = on_points(file, pair.u, pair.v)
+    u_axes, v_axes = find_axes(file, pair.u), find_axes(file, pair.v)
+    if (u_axes.time, u_axes.depth, u_axes.rho) != (v_axes.time, v_axes.depth, v_axes.rho):
+        raise file.error(
+            pair.v,
+            f"expected the dimensions of {pair.u}, {file.dataset[pair.u].dims}, got "
+            f"{file.dataset[pair.v].dims}",
+        )
+    along, why = _along(file, pair, u_axes)
+    return file, Velocity(pair.u, pair.v, along, why, u_axes, v_axes)
 
 
-def component(
-    file: OceanFile,
-    name: str,
-    axes: Axes,
-    grid: OceanGrid,
-    places: Int[np.ndarray, " levels"] | None,
-) -> Component:
-    """Prepare the reading of a velocity on a block of cells.
-
-    **Raises:** `ValueError` for an unknown unit.
-    """
-    factor = metres_per_second(file, name)
-    dims, rho = (axes.y, axes.x), axes.rho
-    cells = [grid.rows, grid.columns]
-    inner = np.arange(0)
-    if (between := axes.between) is not None:
-        length = file.dataset.sizes[rho[between]]
-        first, last = int(cells[between][0]), int(cells[between][-1])
-        outer = np.arange(max(first - 1, 0), min(last + 2, length))
-        inner = cells[between] - outer[0]
-        if grid.wraps and between == -1 and first == 0 and last + 1 < length:
-            # The western side of the first column is the eastern one of the last.
-            outer, inner = np.append(last, outer), inner + 1
-        cells[between] = outer
-    mask = read_mask(file, rho, cells[0], cells[1], places, axes.depth)
-    if between is not None:
-        cells[between] = cells[between][:-1]
-        of_sides = read_mask(file, dims, cells[0], cells[1], places, axes.depth)
-        if of_sides is None and mask is not None:
-            before = np.arange(len(cells[between]))
-            wet = mask.water.take(before, between) & mask.water.take(before + 1, between)
-            of_sides = dataclasses.replace(mask, water=wet)
-        mask = of_sides
-    flags = read_flags(file, name)
-    return Component(file, name, axes, places, cells[0], cells[1], inner, mask, factor, flags)
+def _as_asked(file: OceanFile, variables: Sequence[str]) -> _Pair:
+    if isinstance(variables, str) or len(variables) != 2:
+        raise file.error("variables", f"expected the names of u and v, got {variables!r}")
+    for name in variables:
+        if name not in file.dataset.variables:
+            raise file.error("variables", f"{name!r} is not in the file, which has {_all(file)}")
+    u, v = variables
+    standard_name = str(file.dataset[u].attrs.get("standard_name"))
+    known = (row.along for row in table("velocity") if standard_name in row.standard_names[:1])
+    return _Pair(u, v, next(known, "dims"), "as asked")
 
 
-def metres_per_second(file: OceanFile, name: str) -> float:
-    """How many a unit of a velocity is.
+def _by_standard_name(file: OceanFile) -> _Pair | None:
+    by_standard: dict[str, list[str]] = {}
+    for name, variable in file.dataset.data_vars.items():
+        by_standard.setdefault(str(variable.attrs.get("standard_name")), []).append(str(name))
+    for row in table("velocity"):
+        names = [by_standard.get(standard_name, []) for standard_name in row.standard_names]
+        if not any(names):
+            continue
+        for standard_name, candidates in zip(row.standard_names, names, strict=True):
+            if len(candidates) != 1:
+                raise file.error(
+                    "standard_name",
+                    f"expected one variable that is {standard_name}, got "
+                    f"{', '.join(candidates) or 'none'}; name u and v with variables",
+                )
+        why = f"by the standard names {row.standard_names[0]} and {row.standard_names[1]}"
+        return _Pair(names[0][0], names[1][0], row.along, why)
+    return None
 
-    **Raises:** `ValueError` for an unknown unit.
-    """
-    units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
-    if units.lower() not in _METRES_PER_SECOND:
-        raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
-    return _METRES_PER_SECOND[units.lower()]
+
+def _by_name(file: OceanFile) -> _Pair:
+    """Find the pair by the names that ocean models use, in any case of letters."""
+    for row in table("velocity"):
+        if named := file.named(row.names):
+            u, v = named
+            return _Pair(u, v, row.along)
+    topology = (
+        str(name)
+        for name, variable in file.dataset.variables.items()
+        if variable.attrs.get("cf_role") == "mesh_topology"
+    )
+    if (mesh := next(topology, None)) is not None:
+        raise unstructured(file, mesh)
+    raise file.error("variables", f"no velocity found; the file has {_all(file)}")
 
 
-def read_cells(
-    file: OceanFile, name: str, axes: Axes, grid: OceanGrid, record: int | None = None
-) -> Float[np.ndarray, "y x"]:
-    """The values at the centres of a variable without levels, at a record if it changes."""
-    y, x = axes.rho
-    block: dict[str, object] = {y: grid.rows, x: grid.columns}
-    if axes.time in file.dataset[name].dims:
-        block[str(axes.time)] = record
-    return file.read(part(file, name, block), (y, x))
+def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
+    """Decide which axes a velocity is along, with the reason in words."""
+    dims = f"by their dimensions ({axes.y}, {axes.x})"
+    if axes.staggered and (pair.why is None or pair.along == "dims"):
+        return "grid", pair.why or f"{dims}, the sides of the cells of a C-grid"
+    if pair.along != "dims":
+        return pair.along, pair.why or "by their names"
+    if pair.why is not None:
+        return "earth", pair.why
+    if is_rectangular(file, axes):
+        return "earth", f"{dims}, on a grid of latitude and longitude"
+    raise file.error(
+        pair.u,
+        f"ambiguous: on the dimensions ({axes.y}, {axes.x}) it may be towards the East or "
+        "along the grid, and it has no standard name; to take it as towards the East, name "
+        f"{pair.u} and {pair.v} with variables",
+    )
+
+
+def _all(file: OceanFile) -> str:
+    """List the variables that may be fields."""
+    fields = [str(name) for name, variable in file.dataset.data_vars.items() if variable.ndim > 1]
+    return ", ".join(fields) or "no variables of two dimensions or more"

@@ -1,1 +1,1 @@
-"""Drifters that were observed: reading them, and counting how they move."""
+"""Observed drifters: trajectories, moves between cells, and the chain of the moves."""

@@ -1,4 +1,4 @@
-"""Trajectories of drifters, from files of drifters and of models that follow particles."""
+"""Trajectories of drifters, from observations and from models that follow particles."""
 
 import dataclasses
 
@@ -14,8 +14,8 @@ from ..currents.sphere import wrapped
 
 
 _ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"}
-# Names, in small letters, of counts of observations, of labels of drifters, and the beginnings of
-# those of a dimension along which drifters are.
+# Names, in small letters, of counts of observations and of labels of drifters, and prefixes of the
+# dimension of drifters.
 _COUNTS = ("rowsize", "row_size")
 _LABELS = ("id", "drifter", "particle", "trajectory")
 _DRIFTERS = ("traj", "drifter", "particle")
@@ -24,7 +24,7 @@ _MAX_TIME = 1e17
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trajectories:
-    """Where drifters were, observation after observation, one drifter after the other.
+    """Observed positions of drifters, one drifter after the other.
 
     Two drifters, of three observations and two:
 
@@ -46,10 +46,10 @@ class Trajectories:
     drifter: Int[np.ndarray, "observations"]
     "The drifter of each observation, from 0 in order."
     source: str = "trajectories"
-    "What they are from."
+    "The name of the source."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for observations that are in no order."""
+        """**Raises:** `ValueError` for observations that are not in order."""
         later = (np.diff(self.drifter) > 0) | (np.diff(self.time) > 0)
         if not (later & (np.diff(self.drifter) >= 0)).all():
             raise ValueError(
@@ -71,38 +71,34 @@ class Trajectories:
         drifter: Int[np.ndarray, "observations"],
         source: str = "trajectories",
     ) -> "Trajectories":
-        """Put observations in order.
-
-        What is not finite, beyond the poles, or the same moment of the same drifter again is left
-        out.
+        """Sort observations, and leave out invalid and repeated ones.
 
         **Arguments:** as the fields; `drifter` may be any numbers.
         """
-        known = np.isfinite(lon) & np.isfinite(time) & (np.abs(lat) <= 90)
-        lon, lat, time, drifter = (one[known] for one in (lon, lat, time, drifter))
-        order = np.lexsort((time, drifter))
-        lon, lat, time, drifter = (one[order] for one in (lon, lat, time, drifter))
+        known = np.flatnonzero(np.isfinite(lon) & np.isfinite(time) & (np.abs(lat) <= 90))
+        order = known[np.lexsort((time[known], drifter[known]))]
+        lon, lat, time, drifter = (column[order] for column in (lon, lat, time, drifter))
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
         _, number = np.unique(drifter[new], return_inverse=True)
         return cls(wrapped(lon[new]), lat[new], time[new], number.astype(np.int64), source)
 
 
 def open_trajectories(path: Source) -> Trajectories:
-    """Read trajectories: of the Global Drifter Program, OpenDrift, Parcels, or any CF file of them.
+    """Read trajectories of the Global Drifter Program, OpenDrift, Parcels, or any CF file of them.
 
-    They may be a matrix of drifters by observations, with time of each or of all alike; or one
-    after the other, with the number of observations of each drifter (a ragged array), or with the
-    drifter of each observation.
+    A file has a matrix of drifters by observations, with common times or a time for each; or one
+    drifter after the other, with the number of observations of each drifter (a ragged array), or
+    with the drifter of each observation.
 
     **Arguments:**
 
-    - `path`: a file or several, a pattern, a Zarr store, an address of OPeNDAP, or a dataset in
-        hand, whose times are not decoded.
+    - `path`: a file or several, a pattern, a Zarr store, an address of OPeNDAP, or an open dataset
+        with encoded times.
 
     **Returns:** [`Trajectories`][].
 
-    **Raises:** `FileNotFoundError` if there is no such file; `ValueError` that names the file and
-    the variable for one that cannot be read, or that has no trajectories.
+    **Raises:** `FileNotFoundError`; `ValueError` that names the file and the variable for a file
+    that cannot be read, or has no trajectories.
 
     Two particles, as OpenDrift writes them:
 
@@ -119,10 +115,10 @@ def open_trajectories(path: Source) -> Trajectories:
         read = {str(role): file.dataset[_field(file, role)] for role in _ROLES}
         lon, time = read["lon"], read["time"]
         drifter = _drifters(file, lon, time)
-        for one in read.values():
-            if not set(one.dims) <= set(lon.dims):
+        for array in read.values():
+            if not set(array.dims) <= set(lon.dims):
                 raise file.error(
-                    str(one.name), f"expected dimensions of {lon.dims}, got {one.dims}"
+                    str(array.name), f"expected dimensions of {lon.dims}, got {array.dims}"
                 )
         values = {
             "lon": file.read(lon),
@@ -134,20 +130,20 @@ def open_trajectories(path: Source) -> Trajectories:
             for role, value in values.items()
         }
         full["drifter"] = drifter
-        flat = {role: one.transpose(*lon.dims).values.ravel() for role, one in full.items()}
+        flat = {role: array.transpose(*lon.dims).values.ravel() for role, array in full.items()}
         return Trajectories.of(**flat, source=source_name(path))
 
 
 def _field(file: OceanFile, role: Role) -> str:
     names = [str(name) for name in file.dataset.variables]
-    if (found := find(file.dataset, role, names)) is None:
+    if (name := find(file.dataset, role, names)) is None:
         listed = ", ".join(names)
-        raise file.error(role, f"expected trajectories with a {_ROLES[role]}; there is {listed}")
-    return found
+        raise file.error(role, f"expected trajectories with a {_ROLES[role]}, got {listed}")
+    return name
 
 
 def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
-    """The number of the drifter of each observation, on the dimensions of the longitudes."""
+    """Number the drifter of each observation, on the dimensions of the longitudes."""
     if lon.ndim == 2:
         named = [dim for dim in lon.dims if str(dim).lower().startswith(_DRIFTERS)]
         across = [dim for dim in lon.dims if dim not in time.dims]
@@ -178,13 +174,13 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
             return xr.DataArray(label, dims=[dim])
     raise file.error(
         str(lon.name),
-        f"nothing says which drifter is meant along {dim}; expected a count of each drifter "
+        f"the drifters along {dim} are unknown; expected a count of observations for each drifter "
         "(sample_dimension), or the drifter of each observation",
     )
 
 
 def _seconds(file: OceanFile, time: xr.DataArray) -> np.ndarray:
-    """Times in seconds; of no matter what date, as only the time between them counts."""
+    """Convert times to seconds since any date, as only differences count."""
     if time.dtype.kind == "M":
         # Nanoseconds do not hold every date.
         seconds = time.values.astype("datetime64[us]").astype(np.int64) / 1e6
@@ -193,5 +189,5 @@ def _seconds(file: OceanFile, time: xr.DataArray) -> np.ndarray:
     if units not in SECONDS:
         raise file.error(str(time.name), f"units: expected a unit of time, got {units!r}")
     values = file.read(time)
-    # Whole numbers have no NaN; what stands for it is next to the least there is.
+    # Whole numbers have no NaN; the library reads it as nearly the least number.
     return np.where(np.abs(values) < _MAX_TIME, values, np.nan) * SECONDS[units]

@@ -1,1 +1,1 @@
-"""Results: what is asked of one layer of a current, and of all of them."""
+"""Results for one layer of a current, and for all layers."""

@@ -1,28 +1,28 @@
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from ...base.quantities import derived
+from ...base.quantities import derived, from_part
 from ...mapping import Chain, ChainSequence
 from ..behaviour import long_term_behaviour
-from ..chains import METHODS, drift_maps
-from ..ends import Ends, LayerEnds
 from ..flow import Flow
-from ..truth.diagnosis import Diagnosis, diagnose
-from ..truth.distance import FAR, Distance, distances, longest_step, mapped
+from ..maps import drift_maps
+from ..step import METHODS, DriftStep
+from ..validation.diagnosis import Diagnosis, diagnose
+from ..validation.distance import FAR, Distance, distances, longest_duration, mapped
 from ..water import Water
+from .ends import Ends, LayerEnds
 
 
 class Compared(Ends):
-    """How far the maps of one layer or more are from drifters."""
+    """The distance of the maps of one layer or more from drifters."""
 
     @property
     def _distances(self) -> list[Distance]:
-        """Of each layer."""
+        """The distance of each layer."""
         raise NotImplementedError
 
     @derived("", "drifters that the map has in a wrong cell after about 6 h", kind="share")
@@ -35,11 +35,11 @@ class Compared(Ends):
 
     @derived("", "drifters that left the map after about 24 h", kind="share")
     def drifters_left(self) -> float | None:
-        return self._mean([float(one.drifters_left[1]) for one in self._distances])
+        return self._mean([float(distance.drifters_left[1]) for distance in self._distances])
 
     @derived("", "drifters that left it after about 24 h, by the map of cells", kind="share")
     def map_left(self) -> float | None:
-        return self._mean([float(one.map_left[1]) for one in self._distances])
+        return self._mean([float(distance.map_left[1]) for distance in self._distances])
 
     @derived(
         "compared",
@@ -53,31 +53,32 @@ class Compared(Ends):
 
     @derived("", "cells in which drifters that were compared began, of all", kind="count")
     def compared_cells(self) -> int | None:
-        count = sum(one.cells for one in self._distances)
+        count = sum(distance.cells for distance in self._distances)
         return count if count < self.cells else None
 
     def _worst(self, number: int) -> float | None:
-        """The largest distance at 6 h or at 24 h; `None` if steps are too long for it."""
+        """Return the largest distance at 6 h or at 24 h, or `None` if no time is near."""
         if not self._distances[0].near[number]:
             return None
-        return max(float(one.total_variation[number]) for one in self._distances)
+        return max(float(distance.total_variation[number]) for distance in self._distances)
 
     def _mean(self, of_layers: list[float]) -> float | None:
-        """The mean over all cells of what is known of layers at 24 h."""
+        """Average numbers of the layers at 24 h over all cells; `None` if no time is near."""
         if not self._distances[0].near[1]:
             return None
-        return float(np.average(of_layers, weights=[one.water.cells for one in self._layers]))
+        return float(np.average(of_layers, weights=[layer.water.cells for layer in self._layers]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer(LayerEnds, Compared):
-    """One layer of the sea: its water, its current, and what becomes of drifters in it.
+    """One layer of the sea: its water, its current, and the ends of drifters in it.
 
     The surface of the bundled sea at its first record:
 
         >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> surface = drift.Layer.of(drift.Water.of(currents), drift.Flow.of(currents), 1800)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> surface = drift.Layer.of(water, flow, drift.DriftStep(1800))
         >>> surface.cells, surface.persistent_groups, round(surface.mean_shift_cells, 1)
         (538, 3, 1.0)
     """
@@ -87,51 +88,43 @@ class Layer(LayerEnds, Compared):
     )
 
     flow: Flow
-    "At all records; drifters go with it."
+    "The current at all records, in which simulated drifters move."
     by: Flow
-    "What the map is made of: the same if it repeats, or the mean of the records."
+    "The flow that the map is made of: the same if it is periodic, or the mean of the records."
+    step: DriftStep
+    "The step of the map."
     diagnosis: Diagnosis
-    "How far the behaviour can be trusted."
-    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "Further ones of the map, such as `spread` and `edge`."
+    "Whether the groups can be trusted."
     measured: Distance | None = None
-    "The distance of the map from drifters, where it is known."
+    "The distance of the map from drifters, if it is known."
 
     @classmethod
     def of(
         cls,
         water: Water,
         flow: Flow,
-        duration: float | int,
+        step: DriftStep,
         *,
         by: Flow | None = None,
         made: tuple[Chain | ChainSequence, Distance] | None = None,
-        **options: Any,
     ) -> "Layer":
-        """The long-term behaviour in a flow.
+        """Compute the long-term behaviour in a flow.
 
-        **Arguments:**
-
-        - `water`, `flow`: of the layer.
-        - `duration`: of a step of the map, in seconds.
-        - `by`: the flow that the map is made of; by default the flow as it changes if it repeats,
-            and else the mean of its records.
-        - `made`: the map and its distance from drifters, where they are known.
-        - `options`: further ones of [`jaxcell.drift.drift_map`][].
-
-        **Raises:** as [`jaxcell.drift.drift_maps`][].
+        By default the map is made of the flow itself if it is periodic, and else of the mean of its
+        records; `made` is the map and its distance from drifters, if they are known.
         """
         by = mapped(flow) if by is None else by
-        chain, distance = made or (drift_maps(water, by, duration, **options), None)
-        # Where drifters stay almost for ever, times are only roughly right; all else is of use.
+        step = step.lasting(step.seconds(water, by))
+        duration = float(step.duration or 0)
+        chain, distance = made or (drift_maps(water, by, step), None)
+        # Where cells almost trap drifters, times are inaccurate; all other results are useful.
         behaviour = long_term_behaviour(chain, duration, throw=False)
-        rule = {name: options[name] for name in ("method", "steps") if name in options}
-        diagnosis = diagnose(water, by, behaviour.begins.groups, duration, **rule)
-        return cls(water, behaviour, flow, by, diagnosis, options, distance)
+        diagnosis = diagnose(water, by, behaviour.begins.groups, step)
+        return cls(water, behaviour, flow, by, step, diagnosis, distance)
 
     @functools.cached_property
     def distance(self) -> Distance:
-        """How far the map is from drifters in the current, as it changes with time."""
+        """The distance of the map from drifters in the current, as it changes with time."""
         maps = [(self.behaviour.chain, self.behaviour.duration)]
         return self.measured or distances(self.water, self.flow, maps)[0]
 
@@ -141,65 +134,70 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
-        """What brings the map closest to drifters, of some settings that were tried, if it is far
-        from them; `None` if it is not, or if nothing helps."""
+        """Of some other settings, the one whose map is nearest to drifters.
+
+        `None` if the map is not far from drifters, or no setting is nearer.
+        """
         if self.distance.worst <= FAR:
             return None
-        options, step = self.options, self.behaviour.duration
-        longer = [self.by.fitted(factor * step) for factor in (2, 4)]
-        most = longest_step(self.water, self.by)
-        tried = {f"a duration of {one:.0f} s": (one, options) for one in longer if one <= most}
-        if options.get("spread", "turned") != "sampled":
-            tried['the method "drifters"'] = (step, METHODS["drifters"])
+        duration, most = self.behaviour.duration, longest_duration(self.water, self.by)
+        longer = [self.by.fitted(factor * duration) for factor in (2, 4)]
+        tried = {
+            f"a duration of {seconds:.0f} s": self.step.lasting(seconds)
+            for seconds in longer
+            if seconds <= most
+        }
+        if self.step.spread != "sampled":
+            tried['the method "drifters"'] = METHODS["drifters"].lasting(duration)
         if not tried:
             return None
-        maps = [(drift_maps(self.water, self.by, d, **with_), d) for d, with_ in tried.values()]
-        found = zip(tried, distances(self.water, self.flow, maps), strict=True)
-        best = min(found, key=lambda one: one[1].worst)
+        maps = [
+            (drift_maps(self.water, self.by, step), float(step.duration or 0))
+            for step in tried.values()
+        ]
+        pairs = zip(tried, distances(self.water, self.flow, maps), strict=True)
+        best = min(pairs, key=lambda pair: pair[1].worst)
         return best if best[1].worst < self.distance.worst else None
 
-    @derived("piece", "cells of connected pieces", kind="count", listed=True)
-    def pieces(self) -> Int[np.ndarray, "pieces"]:
-        return self.diagnosis.pieces
-
-    @derived("", "mean drift in a step, in cells")
-    def mean_shift_cells(self) -> float:
-        return self.diagnosis.mean_shift
-
-    @derived("", "cells that are mapped to themselves", kind="share")
-    def self_image_share(self) -> float:
-        return self.diagnosis.self_image
-
-    @derived("compared", "drifters that the map has in a wrong cell", kind="share", listed=True)
-    def compared_distance(self) -> Float[np.ndarray, "times"]:
-        return self.distance.total_variation
-
-    @derived("", "warning")
-    def warning(self) -> str | None:
-        return self.diagnosis.warning
+    pieces = from_part(
+        "diagnosis.pieces", "piece", "cells of connected pieces", kind="count", listed=True
+    )
+    mean_shift_cells = from_part("diagnosis.mean_shift", "", "mean drift in a step, in cells")
+    self_image_share = from_part(
+        "diagnosis.self_image", "", "cells that are mapped to themselves", kind="share"
+    )
+    compared_distance = from_part(
+        "distance.total_variation",
+        "compared",
+        "drifters that the map has in a wrong cell",
+        kind="share",
+        listed=True,
+    )
+    warning = from_part("diagnosis.warning", "", "warning")
 
     @derived("remedy", "parameters that may help", listed=True)
     def remedies(self) -> tuple[str, ...] | None:
-        return self.diagnosis.remedies(self.options.get("spread", "turned")) or None
+        return self.diagnosis.remedies(self.step.spread) or None
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = []
+        remarks = []
+        at = f"At {self.depth:g} m:"
         if self.warning is not None:
             advice = {"duration": "a longer duration", "spread": 'the spread "sampled"'}
-            instead = " or ".join(advice[one] for one in self.remedies or ())
-            found.append(f"At {self.depth:g} m: {self.warning}{instead and f'; take {instead}'}.")
+            instead = " or ".join(advice[name] for name in self.remedies or ())
+            remarks.append(f"{at} {self.warning}{instead and f'; take {instead}'}.")
         if ashore := self.diagnosis.ashore:
-            found.append(
-                f"At {self.depth:g} m: the current runs ashore at {ashore} of "
-                f"{self.persistent_groups} persistent groups: there drifters strand."
+            remarks.append(
+                f"{at} the current runs ashore at {ashore} of {self.persistent_groups} persistent "
+                "groups: there drifters strand."
             )
         if (far := self.distance).worst > FAR:
-            found.append(
-                f"At {self.depth:g} m: after {far.worst_hours:.3g} h the map has {far.worst:.0%} "
-                f"of drifters in a wrong cell; {_instead(self.closer)}."
+            remarks.append(
+                f"{at} after {far.worst_hours:.3g} h the map has {far.worst:.0%} of drifters in a "
+                f"wrong cell; {_instead(self.closer)}."
             )
-        return (*found, *super().remarks)
+        return (*remarks, *super().remarks)
 
 
 def _instead(closer: tuple[str, Distance] | None) -> str:

@@ -6,28 +6,27 @@ import xarray as xr
 from jaxtyping import Float, Int
 
 from ...base.quantities import derived
-from ..chains import phases
-from ..truth.diagnosis import group_counts
-from ..truth.distance import Distance
+from ..validation.diagnosis import group_counts
+from ..validation.distance import Distance
 from .layer import Compared, Layer
 from .sea_layers import SeaLayers
 
 
-# The groups for other steps take seconds.
+# Counting the groups of other steps takes seconds for more cells.
 _MAX_FOR_COUNTS = 100_000
 _FACTORS = (0.5, 1.0, 2.0, 4.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaCurrents(SeaLayers, Compared):
-    """Where currents take drifters in some layers of the sea, and how far that is from drifters."""
+    """The ends of drifters in some layers of a current, and the distance from drifters."""
 
     layers: tuple[Layer, ...]
     currents: xr.Dataset
     "As from [`jaxcell.drift.open_currents`][]."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for layers that do not belong together."""
+        """**Raises:** `ValueError` for layers of other currents."""
         super().__post_init__()
         layers = self.currents.sizes["layer"]
         if len(self.layers) != layers:
@@ -35,7 +34,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @property
     def _distances(self) -> list[Distance]:
-        return [one.distance for one in self.layers]
+        return [layer.distance for layer in self.layers]
 
     @derived("", "current towards the East")
     def east_from(self) -> str:
@@ -70,30 +69,34 @@ class SeaCurrents(SeaLayers, Compared):
 
     @derived("other_step", "duration of another step", "s")
     def sensitivity_duration(self) -> Float[np.ndarray, "steps"] | None:
-        return np.array(self._other_steps) if self._counts is not None else None
+        return None if self._counts is None else np.array(self._other_steps)
 
     @derived("other_step", "persistent groups at the surface", kind="count")
     def sensitivity_groups(self) -> Int[np.ndarray, "steps"] | None:
-        return None if self._counts is None else self._counts[:, 0]
+        return None if self._counts is None else self._counts[0]
 
     @derived("other_step", "persistent groups, by the centres of cells alone", kind="count")
     def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
-        return None if self._counts is None else self._counts[:, -1]
+        return None if self._counts is None else self._counts[1]
 
     @functools.cached_property
-    def _counts(self) -> Int[np.ndarray, "steps rhos"] | None:
+    def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
+        """The numbers of groups for other steps, and by the centres of cells alone."""
         surface = self.layers[0]
-        states = surface.cells * phases(surface.by, self._other_steps[0])
-        # Diffusion joins all groups but those that are pieces of water.
+        states = surface.cells * surface.by.phases(self._other_steps[0])
+        # With diffusion each piece of water is one group.
         if states > _MAX_FOR_COUNTS or surface.by.diffusivity:
             return None
-        options = dict(surface.options)
-        rho = options.pop("rho", 0.8)
-        of = surface.water, surface.by, self._other_steps
-        counts = group_counts(*of, [rho], **options)
-        # A current that is known carries the centre of a cell to one place.
-        known = group_counts(*of, [1.0], **(options | {"spread": "turned"}))
-        return np.concatenate([counts, known], axis=1)
+        # Without disturbances the centre of a cell goes to one place.
+        centres = dataclasses.replace(surface.step, rho=1.0, spread="turned")
+        return np.stack(
+            [
+                group_counts(
+                    surface.water, surface.by, [step.lasting(t) for t in self._other_steps]
+                )
+                for step in (surface.step, centres)
+            ]
+        )
 
     @property
     def _other_steps(self) -> list[float]:
@@ -102,12 +105,12 @@ class SeaCurrents(SeaLayers, Compared):
 
     @derived("layer compared", "drifters that the map has in a wrong cell", "1", kind="share")
     def compared_distance(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.total_variation for one in self._distances])
+        return np.stack([distance.total_variation for distance in self._distances])
 
     @derived("layer compared", "drifters that left the map", "1", kind="share")
     def compared_drifters_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.drifters_left for one in self._distances])
+        return np.stack([distance.drifters_left for distance in self._distances])
 
     @derived("layer compared", "drifters that left, by the map of cells", "1", kind="share")
     def compared_map_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.map_left for one in self._distances])
+        return np.stack([distance.map_left for distance in self._distances])

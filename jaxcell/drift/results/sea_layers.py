@@ -8,10 +8,10 @@ import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from ...base.quantities import Checks, derived
-from ..ends import Ends, LayerEnds
 from ..ranks import basin_ranks
 from ..sea import Sea
 from ..water import Water
+from .ends import Ends, LayerEnds
 
 
 _SQUARES = "layer y x"
@@ -21,16 +21,16 @@ _UNKNOWN = "NaN: no such group, no water, or not known"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaLayers(Ends):
-    """Where drifters end up in some layers of the sea, by the squares of its grid."""
+    """The ends of drifters in some layers of the sea, on the squares of its grid."""
 
     picture: ClassVar[str] = "basin"
 
     layers: tuple[LayerEnds, ...]
-    "The surface first, by steps of one duration."
+    "The surface first, with steps of one duration."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for layers that do not belong together."""
-        durations = {one.behaviour.duration for one in self.layers}
+        """**Raises:** `ValueError` for steps of several durations."""
+        durations = {layer.behaviour.duration for layer in self.layers}
         if len(durations) > 1:
             raise ValueError(f"layers: expected steps of one duration, got {sorted(durations)}")
 
@@ -50,40 +50,41 @@ class SeaLayers(Ends):
 
     @property
     def depths(self) -> list[float]:
-        """Of each layer, in metres."""
+        """The depth of each layer, in metres."""
         return [water.depth for water in self.waters]
 
     def of_layer(self, values: npt.ArrayLike, layer: int) -> np.ndarray:
-        """The part of values over all cells that is of one layer."""
+        """Select the values of one layer from values over all cells."""
         return np.asarray(values)[self.sea.layer == layer]
 
     def places(self, cells: npt.ArrayLike) -> list[tuple[float, float, float]]:
-        """The longitudes and latitudes of cells in degrees, and their depths in metres."""
+        """Return the longitudes and latitudes of cells in degrees, and their depths in metres."""
         lon, lat = self._lon_lat(cells)
         depth = np.array(self.depths)[self.sea.layer[np.asarray(cells, int)]]
         return list(zip(lon.tolist(), lat.tolist(), depth.tolist(), strict=True))
 
     def place(self, cell: int) -> tuple[float, float, float]:
-        """The longitude and latitude of a cell in degrees, and its depth in metres."""
+        """Return the longitude and latitude of a cell in degrees, and its depth in metres."""
         return self.places([cell])[0]
 
     def _lon_lat(self, cells: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        _, row, column = (one[np.asarray(cells, int)] for one in self.sea.squares)
+        _, row, column = (place[np.asarray(cells, int)] for place in self.sea.squares)
         return self.waters[0].lon[row, column], self.waters[0].lat[row, column]
 
     def _on_squares(
         self, values: Callable[[LayerEnds], npt.ArrayLike], fill: float | int = np.nan
     ) -> Any:
-        """Values of the cells of each layer, on the squares of the grid."""
+        """Put values of the cells of each layer on the squares of the grid."""
         return self.sea.on_squares(
             np.concatenate([np.asarray(values(layer)) for layer in self.layers]), fill
         )
 
     @functools.cached_property
     def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
-        """The rank of each group of each layer: that of the group which it goes on from above."""
-        basins = ((one.water, np.asarray(one.begins.basin)) for one in self.layers)
-        return basin_ranks([water.on_grid(basin, -1) for water, basin in basins])
+        """The rank of each group of each layer, as of the matching group in the layer above."""
+        return basin_ranks(
+            [layer.water.on_grid(np.asarray(layer.begins.basin), -1) for layer in self.layers]
+        )
 
     @derived(
         "layer group_index",
@@ -92,10 +93,9 @@ class SeaLayers(Ends):
         padding="-1: no such group",
     )
     def group_number(self) -> Int[np.ndarray, "layers groups"]:
-        found = np.full((len(self.layers), max(one.size for one in self.group_ranks)), -1)
-        for row, rank in zip(found, self.group_ranks, strict=True):
-            row[: rank.size] = rank
-        return found
+        most = max(rank.size for rank in self.group_ranks)
+        padded = [np.pad(r, (0, most - r.size), constant_values=-1) for r in self.group_ranks]
+        return np.stack(padded)
 
     @derived("y x", "longitude", "degrees_east", kind="coordinate", standard_name="longitude")
     def lon(self) -> Float[np.ndarray, "rows columns"]:
@@ -119,11 +119,11 @@ class SeaLayers(Ends):
 
     @derived(_SQUARES, "persistent group, -1 if transient", kind="index", padding=_LAND)
     def group(self) -> Int[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.group, -2)
+        return self._on_squares(lambda layer: layer.group, -2)
 
     @derived(_SQUARES, "transient group, -1 if persistent", kind="index", padding=_LAND)
     def transient_group(self) -> Int[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.begins.transient.group, -2)
+        return self._on_squares(lambda layer: layer.begins.transient.group, -2)
 
     @derived(
         _SQUARES,
@@ -132,17 +132,17 @@ class SeaLayers(Ends):
         padding=_LAND,
     )
     def basin(self) -> Int[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.begins.basin, -2)
+        return self._on_squares(lambda layer: layer.begins.basin, -2)
 
     @derived(
         _SQUARES, "expected time until a drifter is in a group or off the map", "h", kind="time"
     )
     def absorption_time(self) -> Float[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.begins.hours)
+        return self._on_squares(lambda layer: layer.begins.hours)
 
     @derived(_SQUARES, "probability of ending off the map", "1", kind="share", padding=_UNKNOWN)
     def leaving(self) -> Float[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.leaving)
+        return self._on_squares(lambda layer: layer.leaving)
 
     @derived(
         "layer group_index y x",
@@ -152,15 +152,16 @@ class SeaLayers(Ends):
         padding=_UNKNOWN,
     )
     def probability(self) -> Float[np.ndarray, "layers groups rows columns"] | None:
-        ends = [None if one.ends is None else np.asarray(one.ends.value) for one in self.layers]
-        known = [len(one) for one in ends if one is not None]
+        known = {k: one.ends for k, one in enumerate(self.layers) if one.ends is not None}
         if not known:
             return None
-        found = np.full((len(ends), max(known), *self.waters[0].number.shape), np.nan)
-        for of_layer, water, value in zip(found, self.waters, ends, strict=True):
-            for place, row in zip(of_layer, () if value is None else value, strict=False):
-                place[:] = water.on_grid(row[: water.cells])
-        return found
+        groups = max(len(ends.value) for ends in known.values())
+        squares = np.full((len(self.layers), groups, *self.waters[0].number.shape), np.nan)
+        for layer, ends in known.items():
+            water = self.waters[layer]
+            for group, row in enumerate(np.asarray(ends.value)):
+                squares[layer, group] = water.on_grid(row[: water.cells])
+        return squares
 
     @derived("transient", "layer of a transient group", kind="index")
     def transient_layer(self) -> Int[np.ndarray, "transients"]:
@@ -178,12 +179,12 @@ class SeaLayers(Ends):
 
     @derived("domicile_entry", "groups that it may end in, -1 for off the map", kind="index")
     def domicile(self) -> Int[np.ndarray, "entries"]:
-        return np.array([home for some in self._domiciles for home in some], np.int32)
+        return np.array([home for homes in self._domiciles for home in homes], np.int32)
 
     @property
     def _domiciles(self) -> list[tuple[int, ...]]:
-        """Of the transient groups of all layers, layer after layer."""
-        return [some for one in self.layers for some in one.begins.transient.domiciles]
+        """The possible ends of each transient group, layer after layer."""
+        return [homes for one in self.layers for homes in one.begins.transient.domiciles]
 
     @derived("entry", "cell", kind="index")
     def from_cell(self) -> Int[np.ndarray, "entries"]:
@@ -202,9 +203,9 @@ class SeaLayers(Ends):
         return self.sea.drift.to_scipy().tocoo()
 
     def checks(self) -> Checks:
-        """The worst of the layers."""
-        found = [layer.checks() for layer in self.layers]
+        """The worst value of each check over the layers."""
+        of_layers = [layer.checks() for layer in self.layers]
         return {
-            name: (np.max([one[name][0] for one in found]).item(), limit)
-            for name, (_, limit) in found[0].items()
+            name: (np.max([checks[name][0] for checks in of_layers]).item(), limit)
+            for name, (_, limit) in of_layers[0].items()
         }

@@ -18,40 +18,38 @@ _SQUARES = "layer y x"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaVoyage(Result):
-    """The voyages to a goal by one policy: what to do in each cell, and what comes of it."""
+    """The voyages to a goal by one policy, with their probabilities and times."""
 
     sea: Sea
     policy: Voyage
     hours: float
-    "Of a step."
+    "The duration of a step."
     goal: Annotated[
         tuple[float, float, float],
         quantity("place", "longitude, latitude and depth of the goal", listed=True),
     ]
     start: int | None = None
-    "The cell where a drifter is dropped."
+    "The cell where a drifter is dropped, or `None`."
 
     @property
     def arrives(self) -> bool:
         """Whether a drifter from the start may arrive; true without a start."""
-        return self.start is None or self._at_start(self.policy.probability) > 0
+        return self.start_probability is None or self.start_probability > 0
 
     @derived("", "probability of arriving from the start", kind="share")
     def start_probability(self) -> float | None:
-        return None if self.start is None else self._at_start(self.policy.probability)
+        return self._at_start(self.policy.probability)
 
     @derived("", "time from the start; infinite if it may fail", "h", kind="time")
     def start_hours(self) -> float | None:
-        return None if self.start is None else self._at_start(self.policy.time) * self.hours
+        return self._at_start(np.asarray(self.policy.time) * self.hours)
 
     @derived("", "time from the start, if it arrives", "h", kind="time")
     def start_hours_if_it_arrives(self) -> float | None:
-        if self.start is None:
-            return None
-        return self._at_start(self.policy.conditional_time) * self.hours
+        return self._at_start(np.asarray(self.policy.conditional_time) * self.hours)
 
-    def _at_start(self, values: npt.ArrayLike) -> float:
-        return float(np.asarray(values)[self.start])
+    def _at_start(self, values: npt.ArrayLike) -> float | None:
+        return None if self.start is None else float(np.asarray(values)[self.start])
 
     @derived("", "probability of arriving, mean over all cells", kind="share")
     def mean_probability(self) -> float:

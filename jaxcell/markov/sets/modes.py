@@ -9,7 +9,7 @@ from ...mapping import Chain, ChainSequence
 from .window import Window, leading_subspace
 
 
-# Of eigenvectors of length 1.
+# Tolerance of the residual of eigenvectors of length 1.
 TOLERANCE = 1e-6
 
 
@@ -18,12 +18,12 @@ class Modes:
     """Leading eigenvalues of a chain, or of some steps of it, with their eigenvectors."""
 
     value: Complex[np.ndarray, "modes"]
-    "The eigenvalues, those with the largest real parts, in their order."
+    "The eigenvalues with the largest real parts, in descending order."
     right: Complex[np.ndarray, "modes cells"]
     "Functions `f` with `P f = value f`; near 1 they are almost constant on basins of attraction."
     left: Complex[np.ndarray, "modes cells"]
-    """Measures `m` with `m P = value m`, which lie where mass gathers. That of one mode gives its
-    function 1, and those of others 0."""
+    """Measures `m` with `m P = value m`, which are large where mass gathers. The measure of a mode
+    gives its function 1 and the others 0."""
     certificate: Certificate
 
 
@@ -37,24 +37,24 @@ def leading_modes(
 ) -> Modes:
     """Compute the leading eigenvalues of a chain, and their eigenvectors from both sides.
 
-    An eigenvalue `x` fades by a factor e in `-steps / log |x|` steps. What leaves for the sink is
-    lost: of a chain with an open edge even the first eigenvalue is less than 1.
+    A mode with eigenvalue `x` decays by a factor e in `-steps / log |x|` steps. Mass that leaves
+    for the sink is lost: if the space has an open edge, even the first eigenvalue is less than 1.
 
     **Arguments:**
 
-    - `chain`: the chain, or a sequence of chains, of which as many as there are phases are taken
-        together by default.
-    - `count`: how many; one more where two are conjugate.
-    - `steps`, `start`: how many steps are taken together, and the phase of the first.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `chain`: the chain, or a sequence of chains.
+    - `count`: number of eigenvalues; one more if the last two are conjugate.
+    - `steps`: number of steps that are taken together; by default one per phase.
+    - `start`: phase of the first step.
+    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`Modes`][]. The residual of its certificate is the largest 2-norm of what
-    orthonormal vectors that span the eigenvectors leave that span by.
+    **Returns:** [`Modes`][]. The residual of its certificate is the largest 2-norm of `P f - value
+    f`, or of `m P - value m`, over eigenvectors of length 1.
 
     **Raises:** `ValueError` for a number out of range; `RuntimeError` if the eigenvalues do not
     converge.
 
-    Two pairs of cells, between which the chain goes in one of ten steps:
+    Two pairs of cells, with a step between them one time in ten:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -69,12 +69,12 @@ def leading_modes(
     window = Window.of(chain, steps, start)
     check_count(count, window.cells)
     functions = leading_subspace(window.pull, window.cells, count, symmetric=False)
-    found = functions.basis.shape[1]
-    measures = leading_subspace(window.push, window.cells, found, symmetric=False)
+    vectors = functions.basis.shape[1]
+    measures = leading_subspace(window.push, window.cells, vectors, symmetric=False)
     values, inner = np.linalg.eig(functions.block)
     order = np.argsort(-values.real, kind="stable")
     values, right = values[order], functions.basis @ inner[:, order]
-    right = right / right[np.abs(right).argmax(axis=0), np.arange(found)]
+    right = right / right[np.abs(right).argmax(axis=0), np.arange(vectors)]
     left = measures.basis @ np.linalg.pinv(right.T @ measures.basis)
     residual = max(_residual(window.pull, right, values), _residual(window.push, left, values))
     certificate = Certificate(functions.products + measures.products, residual, TOLERANCE)
@@ -86,12 +86,12 @@ def leading_modes(
 def _residual(
     product: Callable[[np.ndarray], np.ndarray], vectors: np.ndarray, values: np.ndarray
 ) -> float:
-    """The largest 2-norm of `A v - value v` over eigenvectors of length 1."""
+    """Return the largest 2-norm of `A v - value v` over eigenvectors of length 1."""
     left = product(vectors) - values * vectors
     return float((np.linalg.norm(left, axis=0) / np.linalg.norm(vectors, axis=0)).max())
 
 
 def check_count(count: int, cells: int) -> None:
-    """**Raises:** `ValueError` if a chain does not have so many eigenvalues."""
+    """Raise `ValueError` if a chain does not have that many eigenvalues."""
     if not 1 <= count <= cells:
         raise ValueError(f"count: expected 1 to {cells}, the number of cells, got {count}")

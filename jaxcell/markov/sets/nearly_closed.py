@@ -11,32 +11,33 @@ from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace
 
 
-# The shares of the largest value of a set above which cells belong to it, of which one is chosen.
+# Candidate levels, relative to the largest value of a set, above which cells belong to it.
 _LEVELS = (0.0, 0.02, 0.05, *(np.arange(1, 10) / 10).tolist())
-# Rounds of the rotation, and the change after which it stands still; of a constant vector, the
-# part that is taken off, below 1 lest it vanish.
+# Largest number of rounds of the rotation, and the change at which it ends; share of a constant
+# vector that a round subtracts, below 1 so that the vector does not vanish.
 _MAX_ROUNDS, _STILL, _SHRINK = 1000, 1e-10, 0.99
-# The share of what stays in a basin that gathers in its attracting region.
+# Share of the staying mass of a basin that its attracting region holds.
 _GATHERED = 0.9
 _TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NearlyClosedSets:
-    """Sets of cells that a chain hardly leaves, the one with the most mass first."""
+    """Sets of cells that a chain hardly leaves, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]
-    "The set of each cell when the window begins, -1 for none."
+    "The set of each cell at the begin of the window, -1 for none."
     end: Int[np.ndarray, "cells"]
-    """The set of each cell when it ends: the same of almost-invariant sets; of coherent sets, where
-    they have moved to; of attracting regions, the region in which mass gathers that stays."""
+    """The set of each cell at the end of the window: equal to `begin` for almost-invariant sets;
+    the place of a coherent set then; for attracting regions, the region where the staying mass
+    gathers."""
     leakage: Float[np.ndarray, "sets"]
-    "The share of the mass of each set that is not in it after the window."
+    "The share of the mass of each set that is outside the set after the window."
     steps: int
-    "Of the window."
+    "Number of steps of the window."
     value: Float[np.ndarray, "values"]
-    """The leading eigenvalues, or singular values: 1 for what is closed. How many are near 1 says
-    how many sets there are."""
+    """The leading eigenvalues, or singular values; 1 for a closed set. The number of values near 1
+    is the number of sets."""
     certificate: Certificate
 
     @property
@@ -46,8 +47,8 @@ class NearlyClosedSets:
 
     @property
     def time(self) -> Float[np.ndarray, "sets"]:
-        """The steps after which 1/e of the mass is left, if it goes on leaking so:
-        `-steps / log(1 - leakage)`; `inf` for a closed set."""
+        """The number of steps after which 1/e of the mass is left, at the same leakage: `-steps /
+        log(1 - leakage)`; `inf` for a closed set."""
         with np.errstate(divide="ignore"):
             return -self.steps / np.log1p(-self.leakage)
 
@@ -64,34 +65,35 @@ def almost_invariant_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that mass hardly leaves and hardly enters.
 
-    Let `L` be the steps of the window, `p` the mass and `q = p L`. What goes from cell to cell, and
-    the same backwards, is a reversible chain: `(p_i L_ij + p_j L_ji) / (p_i + q_i)`, which is the
-    mean of the chain and its time reversal where `p` is stationary (Froyland 2005). Sparse vectors
-    that span its leading eigenvectors (Froyland, Rock and Sakellariou 2019) have large values on
-    one set each; a set is where its vector is the largest and above that level, of some, from which
-    the share of the mass that stays is the largest. What leaves for the sink leaks.
+    Let `L` be the steps of the window, `p` the mass and `q = p L`. The reversible chain `(p_i L_ij
+    + p_j L_ji) / (p_i + q_i)` is the mean of the window and its time reversal if `p` is stationary
+    (Froyland 2005). Sparse vectors that span its leading eigenvectors (Froyland, Rock and
+    Sakellariou 2019) are large on one set each. A set consists of the cells where its vector is the
+    largest and exceeds a level; the level is chosen to keep the largest share of the mass inside.
+    Mass that goes to the sink leaks.
 
     **Arguments:**
 
-    - `chain`: the chain, or a sequence of chains, of which as many as there are phases are taken
-        together by default.
-    - `count`: how many sets at most; there are no more than eigenvalues above 1e-6, since rounding
-        would decide where the others are.
-    - `mass`: of each cell when the window begins, not negative; by default all alike. Cells without
-        mass are in no set.
-    - `steps`, `start`: the steps of the window, and the phase of the first.
-    - `blur`: a chain that follows on the window while sets are looked for, such as one that goes to
-        neighbouring cells. Without it a single cell that is mapped to itself is a set. Leakage is
-        without it.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `chain`: the chain, or a sequence of chains.
+    - `count`: largest number of sets. There are no more than eigenvalues above 1e-6, because
+        rounding decides the others.
+    - `mass`: the mass of each cell at the begin, not negative; by default equal. Cells without mass
+        are in no set.
+    - `steps`: number of steps of the window; by default one per phase.
+    - `start`: phase of the first step.
+    - `blur`: a chain that follows the window in the search for sets, such as steps to neighbouring
+        cells. Without it a single cell that is mapped to itself is a set. The leakage is without
+        it.
+    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`NearlyClosedSets`][], of which `end` is `begin`. The residual of its certificate
-    is the largest 2-norm of what orthonormal vectors that span the eigenvectors leave that span by.
+    **Returns:** [`NearlyClosedSets`][] with `end` equal to `begin`. The residual of its certificate
+    is the largest 2-norm by which the matrix moves orthonormal vectors out of the span of the
+    eigenvectors.
 
     **Raises:** `ValueError` for arguments out of range or of another size; `RuntimeError` if the
     eigenvalues do not converge.
 
-    Two pairs of cells, between which the chain goes in one of ten steps:
+    Two pairs of cells, with a step between them one time in ten:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -114,12 +116,12 @@ def coherent_sets(
     blur: Chain | None = None,
     throw: bool = True,
 ) -> NearlyClosedSets:
-    """Find sets of cells that move and hardly mix with what is around them, over a finite time.
+    """Find sets of cells that move and hardly mix with their surroundings, over a finite time.
 
-    They come in pairs, where a set begins and where it ends. With `L` the steps of the window, `p`
-    the mass and `q = p L`, they are what the leading singular vectors of the matrix
-    `sqrt(p_i) L_ij / sqrt(q_j)` span (Froyland, Santitissadeekorn and Monahan 2010), on both of its
-    sides with one rotation; else as [`almost_invariant_sets`][].
+    They come in pairs: the place of a set at the begin and at the end. With `L` the steps of the
+    window, `p` the mass and `q = p L`, they follow from the leading singular vectors of the matrix
+    `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010), with one rotation
+    for both sides; otherwise as [`almost_invariant_sets`][].
 
     **Arguments:** as for [`almost_invariant_sets`][].
 
@@ -127,7 +129,7 @@ def coherent_sets(
 
     **Raises:** as [`almost_invariant_sets`][].
 
-    Two pairs of cells that change places, but for one of ten:
+    Two pairs of cells that exchange nine tenths of their mass:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -150,19 +152,19 @@ def attracting_regions(
     blur: Chain | None = None,
     throw: bool = True,
 ) -> NearlyClosedSets:
-    """Find regions in which mass gathers, and their basins, which it hardly leaves but may enter.
+    """Find regions in which mass gathers, and their basins, which mass hardly leaves but may enter.
 
-    On a basin a combination of the leading right eigenvectors of the window is almost constant, and
-    the left eigenvectors have where mass gathers that stays in it (Froyland, Stuart and van Sebille
-    2014): the region is the fewest cells with nine tenths of that.
+    On a basin a combination of the leading right eigenvectors of the window is almost constant; the
+    left eigenvectors are large where the mass that stays in the basin gathers (Froyland, Stuart and
+    van Sebille 2014). The region is the fewest cells with nine tenths of that mass.
 
     **Arguments:** as for [`almost_invariant_sets`][].
 
-    **Returns:** [`NearlyClosedSets`][]; `begin` has the basins, `end` the regions within.
+    **Returns:** [`NearlyClosedSets`][]; `begin` has the basins, `end` the regions in them.
 
     **Raises:** as [`almost_invariant_sets`][].
 
-    Cells 0 and 3 gather what is in 1 and 2, and lose a little of it to each other:
+    Cells 0 and 3 gather the mass of cells 1 and 2, and lose a little to each other:
 
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
@@ -176,13 +178,13 @@ def attracting_regions(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Search:
-    """A window, and what is needed to look for sets in it."""
+    """A window with the data of a search for sets."""
 
     window: Window
     blurred: Window
-    "The window and what follows on it while sets are looked for."
+    "The window followed by the blur."
     mass: Float[np.ndarray, "cells"]
-    "When it begins; it sums to 1."
+    "The mass at the begin, with sum 1."
 
     @classmethod
     def of(
@@ -203,8 +205,8 @@ class _Search:
         return cls(window, Window((*window.matrices, *after)), mass / mass.sum())
 
     def sets(self, count: int, *, moving: bool, throw: bool) -> NearlyClosedSets:
-        """Those of the reversible chain between the beginning and the end of the window; or, not
-        moving, of the one in which both are one."""
+        """Find the sets of the reversible chain between the begin and the end of the window, or,
+        for sets that do not move, of the chain in which both are one."""
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         before, after = self.mass[:, None], blurred.push(self.mass)[:, None]
@@ -222,12 +224,12 @@ class _Search:
         basis = span.above(TOLERANCE)
         on_sets = over * (basis @ _rotation(basis, root))
         first, last = (on_sets[:cells], on_sets[cells:]) if moving else (on_sets, None)
-        found = self._thresholded(first, last, after[:, 0])
+        numbered = self._thresholded(first, last, after[:, 0])
         values = np.linalg.eigvalsh(span.block)[::-1]
-        return self._result(*found, values, span, throw)
+        return self._result(*numbered, values, span, throw)
 
     def attracting(self, count: int, *, throw: bool) -> NearlyClosedSets:
-        """The basins, by functions, and the regions, by the measures that belong to them."""
+        """Find the basins by functions, and the regions by the measures that belong to them."""
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         root = np.sqrt(self.mass[:, None])
@@ -242,7 +244,7 @@ class _Search:
         turned = basis @ _rotation(basis, root)
         on_sets = over * turned
         basin, _, leakage = self._thresholded(on_sets, None, self.mass)
-        # Each measure gives the function of its basin 1, and those of others 0.
+        # Each measure gives the function of its basin 1, and the other functions 0.
         images = measures.above(TOLERANCE)
         there = root * (images @ np.linalg.pinv(turned.T @ images))
         gathered = np.where(basin[:, None] == np.arange(there.shape[1]), there, 0)
@@ -256,13 +258,13 @@ class _Search:
         last: Float[np.ndarray, "cells sets"] | None,
         after: Float[np.ndarray, "cells"],
     ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Float[np.ndarray, "sets"]]:
-        """The sets when the window begins and ends, and what they leak, by the best levels.
+        """Find the sets at the begin and the end, and their leakage, by the best levels.
 
         **Arguments:**
 
-        - `first`, `last`: functions that are large on one set each, then and then; `None` where
-            the sets do not move.
-        - `after`: the mass that there is at the end, as it is while sets are looked for.
+        - `first`, `last`: functions that are large on one set each, at the begin and the end;
+            `None` if the sets do not move.
+        - `after`: the mass at the end, with the blur.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
         high = np.maximum(first.max(axis=0), _TINY)
@@ -296,15 +298,15 @@ class _Search:
         span: Subspace,
         throw: bool,
     ) -> NearlyClosedSets:
-        """The sets that have some mass, in order of it."""
+        """Return the sets with mass, in descending order of mass."""
         certificate = Certificate(span.products, span.residual, TOLERANCE)
         certificate.check("nearly closed sets", throw)
         held = np.bincount(begin[begin >= 0], self.mass[begin >= 0], leakage.size)
         known, first = np.unique(begin, return_index=True)
         first = np.append(first, 0)[np.searchsorted(known, np.arange(held.size))]
-        # Rounded, so that of equal mass the set of the smallest cell comes first.
+        # Mass is rounded, so that of sets with equal mass the one with the smallest cell is first.
         order = np.lexsort((first, -held.round(12)))[: np.count_nonzero(held)]
-        # The last one is for cells in no set.
+        # The last number is for cells in no set.
         number = np.full(held.size + 1, -1, np.int32)
         number[order] = np.arange(order.size)
         steps = len(self.window.matrices)
@@ -318,7 +320,7 @@ def _members(
     mass: Float[np.ndarray, "cells"],
     level: Float[np.ndarray, "sets"] | float,
 ) -> Int[np.ndarray, "cells"]:
-    """The set of each cell with mass, the one with the largest value if it is above its level."""
+    """Return the set of each cell with mass: the set with the largest value, if above its level."""
     largest = values.argmax(axis=1)
     above = (values > level)[np.arange(mass.size), largest]
     return np.where(above & (mass > 0), largest, -1)
@@ -328,11 +330,11 @@ def _members(
 def _rotation(
     basis: Float[np.ndarray, "rows vectors"], root: Float[np.ndarray, "rows 1"]
 ) -> Float[np.ndarray, "vectors vectors"]:
-    """The rotation after which the vectors of a basis are large on one set of rows each.
+    """Rotate the vectors of a basis so that each is large on one set of rows.
 
-    That is SEBA (Froyland, Rock and Sakellariou 2019) in the space whose rows weigh `root**2`. It
-    starts from rows that stand for one set each, by a pivoted factorisation (Damle, Minden and Ying
-    2019), since a constant vector is no start: it would stay.
+    This is SEBA (Froyland, Rock and Sakellariou 2019) in the space with row weights `root**2`. It
+    starts from rows that represent one set each, by a pivoted factorisation (Damle, Minden and Ying
+    2019), because a constant vector would never change.
     """
     root = root / np.linalg.norm(root)
     shrink = _SHRINK * root
@@ -352,22 +354,22 @@ def _rotation(
 
 
 def _orthogonal(matrix: Float[np.ndarray, "rows rows"]) -> Float[np.ndarray, "rows rows"]:
-    """The orthogonal matrix that is nearest to a matrix."""
+    """Return the orthogonal matrix nearest to a matrix."""
     left, _, right = np.linalg.svd(matrix)
     return left @ right
 
 
 def _densest(mass: Float[np.ndarray, "cells sets"]) -> np.ndarray:
-    """The fewest cells that have most of the mass of each set."""
+    """Return masks of the fewest cells with most of the mass of each set."""
     order = np.argsort(-mass, axis=0)
     held = np.cumsum(np.take_along_axis(mass, order, axis=0), axis=0)
-    # Those before which some of it was still missing.
+    # Cells before which mass was still missing.
     wanted = held - np.take_along_axis(mass, order, axis=0) < _GATHERED * held[-1]
-    found = np.zeros(mass.shape, bool)
-    np.put_along_axis(found, order, wanted, axis=0)
-    return found
+    densest = np.zeros(mass.shape, bool)
+    np.put_along_axis(densest, order, wanted, axis=0)
+    return densest
 
 
 def _inverse(root: Float[np.ndarray, "rows 1"]) -> Float[np.ndarray, "rows 1"]:
-    """The inverse of numbers, 0 where they are 0."""
+    """Invert numbers; the inverse of 0 is 0."""
     return np.where(root > 0, 1 / np.where(root > 0, root, 1), 0)

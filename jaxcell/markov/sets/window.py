@@ -11,12 +11,12 @@ from ...base.threads import one_blas_thread
 from ...mapping import Chain, ChainSequence
 
 
-# Of matrices with fewer rows all eigenvalues are computed.
+# All eigenvalues of matrices with at most this many rows are computed.
 _MAX_DENSE = 200
-# How near to another eigenvalue one counts as it, and the tolerance of those that are found. Of a
-# symmetric matrix an eigenvalue is as near as the square of what its vector leaves.
+# Distance at which eigenvalues are equal, and their tolerances. The error of an eigenvalue of a
+# symmetric matrix is the square of the residual of its eigenvector.
 _SAME, _TOLERANCE, _SYMMETRIC_TOLERANCE = 1e-7, 1e-9, 1e-7
-# The tolerance that is enough to see whether there are more, and what counts as no direction.
+# Tolerance of the search for more eigenvalues, and relative length of a vector that counts as 0.
 _ROUGH = 1e-4
 _MAX_RESTARTS = 2000
 _SEED = 0
@@ -24,22 +24,22 @@ _SEED = 0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Window:
-    """Some steps of a chain, or of chains that follow on one another, taken as one.
+    """Several steps of a chain, or of consecutive chains, taken as one step.
 
-    Its matrix is their product, which fills up and is never made.
+    Its matrix is their product, which would fill up and is never computed.
     """
 
     matrices: tuple[scipy.sparse.csr_array, ...]
-    "One for each step."
+    "The matrix of each step."
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """The steps from a phase on.
+        """Take the steps that begin at a phase.
 
         **Arguments:**
 
-        - `chain`: the chain, or those that follow on one another.
-        - `steps`: how many; by default one for each phase.
+        - `chain`: the chain, or a sequence of chains.
+        - `steps`: number of steps; by default one per phase.
         - `start`: the phase.
 
         **Raises:** `ValueError` for less than one step.
@@ -63,7 +63,7 @@ class Window:
     def push(
         self, mass: Inexact[np.ndarray, "cells *columns"]
     ) -> Inexact[np.ndarray, "cells *columns"]:
-        """Where mass is at the end; what it lacks has gone to the sink."""
+        """Compute the mass at the end; the rest has gone to the sink."""
         for matrix in self.matrices:
             mass = matrix.T @ mass
         return mass
@@ -71,7 +71,7 @@ class Window:
     def pull(
         self, value: Inexact[np.ndarray, "cells *columns"]
     ) -> Inexact[np.ndarray, "cells *columns"]:
-        """The expected values at the end; the sink counts as 0."""
+        """Compute the expected values at the end; the value of the sink is 0."""
         for matrix in reversed(self.matrices):
             value = matrix @ value
         return value
@@ -82,20 +82,20 @@ _Product = Callable[[Float[np.ndarray, "rows columns"]], Float[np.ndarray, "rows
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Subspace:
-    """What the eigenvectors of the leading eigenvalues span, those with the largest real parts."""
+    """The span of the eigenvectors of the eigenvalues with the largest real parts."""
 
     basis: Float[np.ndarray, "rows vectors"]
-    "Orthonormal."
+    "An orthonormal basis."
     block: Float[np.ndarray, "vectors vectors"]
-    "The matrix within it, whose eigenvalues are the leading ones."
+    "The matrix in this basis; its eigenvalues are the leading ones."
     residual: float
-    "The largest 2-norm of what a vector of the basis leaves the subspace by."
+    "The largest 2-norm by which the matrix moves a vector of the basis out of the subspace."
     products: int
 
-    def above(self, least: float) -> Float[np.ndarray, "rows some"]:
-        """Compute an orthonormal basis of what the eigenvectors with larger values span.
+    def above(self, least: float) -> Float[np.ndarray, "rows above"]:
+        """Compute an orthonormal basis of the span of the eigenvectors with larger values.
 
-        The leading eigenvector is always one of them.
+        It always has the leading eigenvector.
         """
         values, vectors = np.linalg.eig(self.block)
         count = max(int(np.count_nonzero(values.real > least)), 1)
@@ -106,20 +106,19 @@ class Subspace:
 
 @one_blas_thread()
 def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: bool) -> Subspace:
-    """The subspace of the leading eigenvalues of a matrix, by the method of Arnoldi or Lanczos.
+    """Compute the subspace of the leading eigenvalues of a matrix, by Arnoldi's or Lanczos's
+    method.
 
-    From one vector these methods see one eigenvector of an eigenvalue that has several, as 1 has
-    where several sets are closed. So what was found is taken out and the rest is looked at again,
-    until it has no eigenvalue that belongs to the leading ones.
+    From one vector these methods find one eigenvector of a multiple eigenvalue, such as 1 if
+    several sets are closed. So the eigenvectors are deflated and the rest is searched again, until
+    it has no eigenvalue that belongs to the leading ones.
 
     **Arguments:**
 
-    - `product`: the matrix times some columns.
-    - `rows`: of the matrix.
-    - `count`: how many eigenvalues; of two that are conjugate both are taken.
-    - `symmetric`: whether the matrix is.
-
-    **Returns:** [`Subspace`][].
+    - `product`: multiplies the matrix by columns.
+    - `rows`: number of rows of the matrix.
+    - `count`: number of eigenvalues; both of a conjugate pair are taken.
+    - `symmetric`: whether the matrix is symmetric.
 
     **Raises:** `RuntimeError` if the eigenvalues do not converge.
     """
@@ -149,7 +148,8 @@ def _iterated(
     basis = np.zeros((rows, 0))
 
     def across(vectors: np.ndarray) -> np.ndarray:
-        """The product in what is orthogonal to the basis, whose vectors have the eigenvalue -1."""
+        """Multiply in the orthogonal complement of the basis, whose vectors get the eigenvalue
+        -1."""
         nonlocal products
         products += 1
         within = basis @ (basis.T @ vectors)
@@ -180,7 +180,7 @@ def _iterated(
 
 
 def _real_basis(values: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarray:
-    """An orthonormal basis of what the leading eigenvectors span, in real numbers."""
+    """Return an orthonormal basis of the span of the leading eigenvectors, in real numbers."""
     chosen = vectors[:, np.argsort(-values.real, kind="stable")[:count]]
-    # One that is not real stands for its conjugate as well.
+    # A complex eigenvector stands for its conjugate too.
     return scipy.linalg.orth(np.hstack([chosen.real, chosen.imag]), rcond=_ROUGH**2)

@@ -9,34 +9,34 @@ from scipy.sparse import linalg
 from ...base.threads import one_blas_thread
 
 
-# A cycle has no more blocks than so many, and at most this part of its steps lead back.
+# Largest number of blocks of a cycle, and largest share of steps that begin a new round.
 _MAX_BLOCKS, _MAX_BACK = 10_000, 0.4
-# Directions that GMRES keeps before it begins anew, in so many bytes at most, and its rounds.
+# Number of directions that GMRES keeps, largest number of their bytes, and number of restarts.
 _DIRECTIONS, _MAX_BYTES, _ROUNDS = 300, 2**30, 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cycle:
-    """A chain whose states fall into blocks that are visited one after the other, round and round.
+    """A chain whose states form blocks that are visited one after the other, round and round.
 
-    Every step leads to a later block, but for those that begin a new round. To solve for what
-    happens in a round is to go through the blocks once, backwards; so all there is to solve is what
-    the steps that lead back add up to, in as many unknowns as they lead to states.
+    Every step leads to a later block, except the steps that begin a new round. One sweep through
+    the blocks, backwards, solves for a round; so the unknowns are only the values of the states
+    that begin a round.
     """
 
     order: Int[np.ndarray, "rows"]
     "The states, block by block."
     bounds: Int[np.ndarray, "bounds"]
-    "Where each block begins in them."
+    "The first place of each block in the order."
     rows: list[scipy.sparse.csr_array]
-    "The steps from each block, to states in their order."
-    again: Int[np.ndarray, "some"]
-    "The states, by their places, that steps lead back to."
+    "The steps from each block to states in this order."
+    again: Int[np.ndarray, "first"]
+    "The places of the states that begin a new round."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
-        """The cycle of a matrix whose states are in order of its blocks, or in the reverse order;
-        `None` if it is none."""
+        """Find the cycle of a matrix whose states are in the order of its blocks, or in reverse
+        order; return `None` if it is not a cycle."""
         count = matrix.shape[0]
         tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
         later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
@@ -56,14 +56,14 @@ class Cycle:
         return None
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + matrix x` by GMRES; gives the products beside.
+        """Solve `x = right + matrix x` by GMRES; return the number of products too.
 
-        A product is dear here, and GMRES takes about half as many as BiCGSTAB.
+        GMRES takes about half as many products as BiCGSTAB, and a product is expensive here.
         """
         wanted, none = right[self.order], np.zeros(right.size)
         products = 0
 
-        def returns(value: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+        def returns(value: Float[np.ndarray, "first"]) -> Float[np.ndarray, "first"]:
             nonlocal products
             products += 1
             return value - self._round(value, none)[self.again]
@@ -74,14 +74,14 @@ class Cycle:
         kept = min(_DIRECTIONS, _MAX_BYTES // (8 * max(1, self.again.size)), self.again.size)
         with one_blas_thread():
             value, _ = linalg.gmres(system, begin, rtol=1e-8, restart=kept, maxiter=_ROUNDS)
-        found = np.empty_like(right)
-        found[self.order] = self._round(value, wanted)
-        return found, products
+        x = np.empty_like(right)
+        x[self.order] = self._round(value, wanted)
+        return x, products
 
     def _round(
-        self, again: Float[np.ndarray, "some"], right: Float[np.ndarray, "rows"]
+        self, again: Float[np.ndarray, "first"], right: Float[np.ndarray, "rows"]
     ) -> Float[np.ndarray, "rows"]:
-        """Go backwards through a round after which values are known."""
+        """Sweep backwards through a round, from the values at its end."""
         x = np.zeros_like(right)
         x[self.again] = again
         for block in range(len(self.rows) - 1, -1, -1):
@@ -91,7 +91,7 @@ class Cycle:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Where blocks begin, as long as possible, from the next state that each state leads to."""
+    """Find the blocks, as long as possible, from the next state that each state leads to."""
     bounds, count = [0], after.size
     while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
         bounds.append(_end(after, bounds[-1]))
@@ -99,7 +99,7 @@ def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
 
 
 def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
-    """The first state that a state from `begin` on leads to, or the end."""
+    """Return the first state that a state from `begin` on leads to, or the end."""
     least, size, at = after.size, 1024, begin
     while at < least:
         least = min(least, int(after[at : at + size].min()))

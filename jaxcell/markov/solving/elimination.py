@@ -9,27 +9,24 @@ from scipy.sparse import csgraph
 from ...base.threads import one_blas_thread
 
 
-# States that are taken out together, by one product of matrices.
+# Number of states that are eliminated together, by one product of matrices.
 _BLOCK = 16
-# At most this many states are on one level: each level costs as much as many states.
+# A matrix of at most so few states has one level, because levels are expensive.
 _FEW = 400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Levels:
-    """States by their distance from one of them: steps lead to the same level or the next ones.
-
-    So states of one level can be taken out with a look at the level before it only.
-    """
+    """States by their distance from one of them: steps lead at most one level up or down."""
 
     order: Int[np.ndarray, "rows"]
     "The states, level by level."
     bounds: Int[np.ndarray, "bounds"]
-    "Where each level begins in them."
+    "The first place of each level in the order."
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array) -> "Levels":
-        """The levels of a matrix, from a state that is far from others."""
+        """Find the levels of a matrix, from a state that is far from the others."""
         if step.shape[0] <= _FEW:
             return cls(np.arange(step.shape[0]), np.array([0, step.shape[0]]))
         graph = ((step + step.T) != 0).astype(np.int8).tocsr()
@@ -45,7 +42,7 @@ class Levels:
 
     @property
     def work(self) -> float:
-        """About how many multiplications an elimination takes."""
+        """Approximate number of multiplications of an elimination."""
         size = np.diff(self.bounds).astype(float)
         before = np.concatenate([[0.0], size[:-1]])
         return float((size * (size + before) ** 2).sum())
@@ -62,20 +59,20 @@ def eliminate(
 ) -> Float[np.ndarray, "rows columns"]:
     """Solve `x = right + Q x`, or `x = right + Q' x`, without a subtraction.
 
-    States are taken out one after the other, as Grassmann, Taksar and Heyman (1985) do: what a
-    state does not keep is summed from where it goes, not subtracted from 1. So every number has
-    nearly all its digits, even for a chain that leaves its cells once in 10^20 steps, where other
-    factorisations give noise. It goes level by level, the last first, in dense blocks: among the
-    cells of a plane, with their number times the square of the width of the plane in cells.
+    States are eliminated one after the other (Grassmann, Taksar and Heyman 1985): the probability
+    that a state is left is the sum of the steps from it, not 1 minus the probability of staying. So
+    every number has nearly all its digits, even for a chain that leaves its cells once in 10^20
+    steps, where other factorisations give noise. Levels are eliminated from the last to the first,
+    in dense blocks; on a plane, the time is the number of cells times the square of the width in
+    cells.
 
     **Arguments:**
 
-    - `step`: the matrix Q, with nothing negative.
-    - `leaving`: the probability of leaving from each row, which 1 less its sum would give without
-        its digits.
-    - `right`: what is added, not negative.
-    - `levels`: those of the matrix, where they are known.
-    - `adjoint`: whether to solve with the transposed matrix.
+    - `step`: the matrix Q, not negative.
+    - `leaving`: the probability of leaving from each row, with all its digits.
+    - `right`: the right-hand side, not negative.
+    - `levels`: the levels of the matrix, if known.
+    - `adjoint`: solve with the transposed matrix.
     """
     levels = Levels.of(step) if levels is None else levels
     order, bounds = levels.order, levels.bounds.tolist()
@@ -88,7 +85,7 @@ def eliminate(
         keep = first - before
         front = step[before:last, before:last].toarray()
         if inner is not None:
-            # The level itself, with what goes by way of the levels that are taken out.
+            # The level itself, with the steps by way of the eliminated levels.
             front[keep:, keep:] = inner
         on = _take_out(front, leaving[before:last], keep)
         factors.append(_Factor.of(slice(before, first), slice(first, last), front, on))
@@ -97,19 +94,19 @@ def eliminate(
         factor.inward(x, adjoint)
     for factor in reversed(factors):
         factor.outward(x, adjoint)
-    found = np.empty_like(x)
-    found[order] = x
-    return found
+    solution = np.empty_like(x)
+    solution[order] = x
+    return solution
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Factor:
-    """A level that is taken out: there `I - Q` is an upper triangle times a lower one."""
+    """An eliminated level, where `I - Q` is an upper triangle times a lower one."""
 
     before: slice
     here: slice
     triangles: Float[np.ndarray, "level level"]
-    "Both of them; the upper one has ones on its diagonal, which are left out."
+    "Both triangles; the ones on the diagonal of the upper one are left out."
     into: Float[np.ndarray, "before level"]
     back: Float[np.ndarray, "level before"]
 
@@ -139,7 +136,7 @@ class _Factor:
 def _take_out(
     step: Float[np.ndarray, "rows rows"], leaving: Float[np.ndarray, "rows"], keep: int
 ) -> Float[np.ndarray, "level"]:
-    """Take all states but the first out of a matrix, in place, the last one first."""
+    """Eliminate all states but the first from a matrix, in place, from the last one on."""
     size = len(step)
     on = np.empty(size)
     for top in range(size, keep, -_BLOCK):
@@ -150,6 +147,6 @@ def _take_out(
             step[low:k, :k] += share[low:, None] * step[k, :k]
             step[:low, low:k] += share[:low, None] * step[k, low:k]
             leaving[:k] += share * leaving[k]
-        # What goes on to the others by way of the block.
+        # Steps to the other states by way of the block.
         step[:low, :low] += (step[:low, low:top] / on[low:top]) @ step[low:top, :low]
     return on[keep:]

@@ -1,28 +1,28 @@
-"""Solving with the matrix of a chain: products first, and a factorisation if they do not settle it.
+"""Solves with the matrix of a chain: products first, then a factorisation if products are slow.
 
-A chain that mixes or is absorbed fast is settled by some tens of products, while a factorisation of
-its matrix fills up: with 10 random images a cell and 6,000 cells, 2 ms against 9 s. A chain that is
-slow, such as a robot between its walls or a drift on a plane, is held back by narrow passages; they
-are what keeps a factorisation sparse, and it takes milliseconds where products would go on for
-10,000 rounds. Each does what the other cannot.
+A chain that mixes or is absorbed fast needs some tens of products, while the factors of its matrix
+fill up: with 10 random images per cell and 6,000 cells, products take 2 ms and a factorisation 9 s.
+A slow chain, such as that of a robot between walls, has narrow passages, which keep the factors
+sparse: a factorisation takes milliseconds where products would take 10,000 rounds.
 
-A chain that hardly ever comes back to a cell that it has left, as drifters on water that goes to
-the middles of its gyres, is all but a triangle in the order of its strong components. There a
-factorisation does not fill up, and no products are tried.
+A chain that hardly ever returns to a cell it has left, such as drifters that gather in gyres, is
+nearly triangular in the order of its strong components. Its factors do not fill up, and no products
+are tried.
 
-Above 100,000 rows BiCGSTAB does it on two levels: with an incomplete factorisation, which takes at
-most 60 bytes an entry of the matrix, and that of a chain of some ten thousand states. Where they do
-not settle it a complete one does, or products above half a million rows, where it could take any
-amount of memory.
+Above 100,000 rows, BiCGSTAB solves on two levels: with an incomplete factorisation, which takes at
+most 60 bytes per entry of the matrix, and that of an aggregated chain of some ten thousand states.
+If it does not converge, a complete factorisation follows, or products above half a million rows,
+where a factorisation could exceed any memory.
 
-A chain that is unrolled over the phases of a tide fills up however it is factored. It is a *cycle*
-of blocks of states, and by sweeps through all its blocks GMRES works on one of them.
+A chain that is unrolled over the phases of a tide fills up in any order. It is a *cycle* of blocks
+of states, and GMRES solves it by sweeps through all blocks, with the unknowns of one block.
 
-A part that is left once in 10^10 steps or less often is beyond all of these: their residuals are
-small and their answers noise. Parts of that kind are eliminated without subtractions, which takes
-some seconds for 10^5 cells of a plane.
+Where a part is left once in 10^10 steps or less often, all these methods give small residuals and
+wrong answers. Such chains are eliminated without subtractions, which takes some seconds for 10^5
+cells of a plane.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -36,27 +36,43 @@ from .elimination import Levels, eliminate
 from .two_level import TwoLevel
 
 
-# Products after which it is judged whether products will do.
-_TRIAL = 60
-# Products that cost about as much as a factorisation.
-_WORTHWHILE = 400
-# A matrix with more rows is solved on two levels, with more than the second number only so; one
-# that is a cycle, with more than the third, is not factored.
-_SMALLEST_TWO_LEVEL, _LARGEST_COMPLETE, _LARGEST_FACTORED_CYCLE = 100_000, 500_000, 20_000
-# A matrix with more rows is not factored at all; products go on instead.
-LARGEST_FACTOR = 20_000_000
-MAX_PRODUCTS = 50_000
-# The probabilities of all ways out of a part sum to 1. Where a factorisation misses that by more,
-# and that takes no more multiplications than so many, the matrix is eliminated.
-_ILL, _LARGEST_ELIMINATION = 1e-8, 1e11
-# Rows that sum to 1 but for rounding.
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """Sizes and numbers of products at which one method gives way to the next."""
+
+    trial: int = 60
+    "Products between two decisions on whether to go on with products."
+    worthwhile: int = 400
+    "Number of products that cost about as much as a factorisation."
+    products: int = 50_000
+    "Largest number of products."
+    two_level: int = 100_000
+    "A matrix with more rows is solved on two levels."
+    rough_steps: int = 60
+    "Largest number of steps of BiCGSTAB on two levels."
+    cycle: int = 20_000
+    "A cycle with more rows is solved by GMRES."
+    complete: int = 500_000
+    "A matrix with more rows is not factored completely after a rough solve."
+    factored: int = 20_000_000
+    "A matrix with more rows is not factored at all; products go on instead."
+    elimination: float = 1e11
+    "Largest number of multiplications of an elimination."
+
+
+LIMITS = Limits()
+# A factorisation is accepted if its error of the probability 1, of leaving at all, is at most this.
+_ILL = 1e-8
+# Rarer steps hide in the residual of a rough solve.
+_HIDDEN = 1e-12
+# Tolerance of the sum of a row of probabilities.
 _CLOSED = 1e-12
-# Entries of a complete factor in the order of components, for one of the matrix.
+# Largest number of entries of the factors, in the order of components, per entry of the matrix.
 _MAX_FILL = 10
-# A rough solve begins anew so often, each time on the residual.
+# Number of times that a rough solve is repeated on its residual.
 _ROUNDS = 6
-# It ends when no more than this part of the solution is left, which is its rounding. Products
-# go on where it leaves a hundred times that and this part of the right-hand side.
+# Rough solves end at this residual, relative to the solution: its rounding. Products go on where
+# they leave more than a hundred times that, and more than this part of the right-hand side.
 _ROUNDING, _ENOUGH = 4e-16, 1e-10
 
 
@@ -71,8 +87,8 @@ def solve_transient(
     **Arguments:**
 
     - `step`: the matrix Q.
-    - `right`: what is added, not negative.
-    - `adjoint`: whether to solve with the transposed matrix.
+    - `right`: the right-hand side, not negative.
+    - `adjoint`: solve with the transposed matrix.
 
     **Returns:** the solution and the number of products.
     """
@@ -86,11 +102,11 @@ def solve_transient(
             return total, products
     leaving = 1 - np.asarray(step.sum(axis=1))[:, None]
     leaving[leaving <= _CLOSED] = 0
-    found, more, sure = factor_and_solve(step, leaving, right, order, adjoint)
+    x, more, sure = factor_and_solve(step, leaving, right, order, adjoint)
     if not sure and (exact := eliminate_unless_large(step, leaving, right, adjoint)) is not None:
-        found = exact
-    # The sum of the products is as good as any other answer where the matrix cannot be factored.
-    return total if found is None else found, products + more
+        x = exact
+    # The sum of the products is the best answer where the matrix cannot be factored.
+    return total if x is None else x, products + more
 
 
 def factor_and_solve(
@@ -106,8 +122,8 @@ def factor_and_solve(
 
     - `step`: the matrix Q.
     - `leaving`: the probability of leaving from each row.
-    - `right`, `adjoint`: as of [`solve_transient`][].
-    - `order`: in which the rows are taken, if it is known.
+    - `right`, `adjoint`: as in [`solve_transient`][].
+    - `order`: the order in which the rows are factored, if known.
 
     **Returns:** the solution, or `None` if the matrix is singular to rounding; the number of
     products; and whether rounding leaves the solution most of its digits.
@@ -117,14 +133,16 @@ def factor_and_solve(
         if order is None:
             matrix = step.T.tocsr() if adjoint else step
             if (attempt := _attempt(matrix)) is not None:
-                found, products = _solve_large(matrix, right, attempt)
-                if found is not None:
-                    return found, products, True
+                x, products = _solve_large(matrix, right, attempt)
+                if x is not None:
+                    # Mass stays where the start put it in a part that only rare steps leave.
+                    steps = np.append(step.data, leaving)
+                    return x, products, bool(steps[steps > 0].min() > _HIDDEN)
         solve = _factored(step, order)
-        found, sure = solve(right, adjoint), solve(leaving)
+        x, sure = solve(right, adjoint), solve(leaving)
     except RuntimeError:
         return None, products, False
-    return found, products, bool(np.abs(sure - 1).max() <= _ILL)
+    return x, products, bool(np.abs(sure - 1).max() <= _ILL)
 
 
 def eliminate_unless_large(
@@ -133,18 +151,18 @@ def eliminate_unless_large(
     right: Float[np.ndarray, "rows columns"],
     adjoint: bool,
 ) -> Float[np.ndarray, "rows columns"] | None:
-    """Solve by [`eliminate`][]; `None` if that takes too many multiplications."""
+    """Solve by [`eliminate`][]; return `None` if that takes too many multiplications."""
     levels = Levels.of(step)
-    if levels.work > _LARGEST_ELIMINATION:
+    if levels.work > LIMITS.elimination:
         return None
     return eliminate(step, leaving[:, 0], right, levels, adjoint=adjoint)
 
 
 def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | None:
-    """The order of strong components, in which nearly all of `I - Q` is a triangle; `None` if they
-    are too large for that."""
+    """Order the rows by strong components, which makes `I - Q` nearly triangular; return `None` if
+    the components are too large."""
     _, label = csgraph.connected_components(step, connection="strong")
-    # A row of the factor has at most all of a component where the matrix has a step to it.
+    # A row of the factor has at most a whole component where the matrix has a step into it.
     most = np.bincount(label)[label[step.indices]].sum()
     return np.argsort(label, kind="stable") if most <= _MAX_FILL * step.nnz else None
 
@@ -152,11 +170,14 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
 def _by_products(
     matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
 ) -> tuple[Float[np.ndarray, "rows columns"], int, bool]:
-    """What products add up to, their number, and whether that is the solution."""
+    """Sum the series of products.
+
+    **Returns:** the sum, the number of products, and whether it converged.
+    """
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
-    for products in range(1, MAX_PRODUCTS + 1):
+    for products in range(1, LIMITS.products + 1):
         term = matrix @ term
         total += term
         largest = float(term.max())
@@ -170,12 +191,7 @@ def _by_products(
 def _factored(
     matrix: scipy.sparse.csr_array, order: Int[np.ndarray, "rows"] | None = None
 ) -> Callable[..., Float[np.ndarray, "rows columns"]]:
-    """Solve `x = right + matrix x`, or with the transposed matrix, with one factorisation.
-
-    **Arguments:**
-
-    - `matrix`: the matrix.
-    - `order`: in which its rows are taken, if it is known.
+    """Factor `I - matrix` and return the function that solves with it or with its transpose.
 
     **Raises:** `RuntimeError` if the matrix is singular to rounding.
     """
@@ -184,7 +200,7 @@ def _factored(
         order = np.arange(matrix.shape[0])
         factor = linalg.splu(system.tocsc())
     else:
-        # There are no dense blocks in it for which columns are to be taken together.
+        # The factors have no dense blocks for which columns should be grouped.
         factor = linalg.splu(
             system[order][:, order].tocsc(),
             permc_spec="NATURAL",
@@ -206,57 +222,59 @@ def _factored(
     return solve
 
 
-# Solves `x = right + matrix x` roughly; gives the products that it took beside.
+# Solves `x = right + matrix x` roughly; returns the number of products too.
 _Attempt = Callable[[Float[np.ndarray, "rows"]], tuple[Float[np.ndarray, "rows"], int]]
 
 
 def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
-    """How to solve with a matrix that is not to be factored completely; `None` if it is."""
+    """Return the rough solver of a large matrix; `None` if it should be factored completely."""
     rows = matrix.shape[0]
-    if rows > _LARGEST_FACTORED_CYCLE and (cycle := Cycle.of(matrix)) is not None:
+    if rows > LIMITS.cycle and (cycle := Cycle.of(matrix)) is not None:
         return cycle
-    return TwoLevel.of(matrix) if rows > _SMALLEST_TWO_LEVEL else None
+    return TwoLevel.of(matrix, LIMITS.rough_steps) if rows > LIMITS.two_level else None
 
 
 def _solve_large(
     matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"], attempt: _Attempt
 ) -> tuple[Float[np.ndarray, "rows columns"] | None, int]:
-    """The same by rough solves. What those cannot do is left to products, or, for a matrix that can
-    be factored completely, to that: it is `None` then."""
+    """Solve by repeated rough solves, and then by products if they do not converge.
+
+    **Returns:** the solution, or `None` if a matrix that can be factored completely should be; and
+    the number of products.
+    """
     products, columns = 0, []
+    cycle = isinstance(attempt, Cycle)
+    # A product goes through only one block of a cycle, which is of no use.
+    most = 0 if cycle else LIMITS.products
     for wanted in right.T:
-        found, left = np.zeros_like(wanted), wanted
+        x, left = np.zeros_like(wanted), wanted
         for _ in range(_ROUNDS):
             change, more = attempt(left)
             products += more
-            now = wanted - (found + change - matrix @ (found + change))
+            now = wanted - (x + change - matrix @ (x + change))
             better = np.abs(now).max() < np.abs(left).max() / 2
             if better:
-                found, left = found + change, now
-            if not better or np.abs(left).max() <= _ROUNDING * np.abs(found).max():
+                x, left = x + change, now
+            if not better or np.abs(left).max() <= _ROUNDING * np.abs(x).max():
                 break
-        goal = max(_ENOUGH * wanted.max(), 100 * _ROUNDING * np.abs(found).max())
-        cycle = isinstance(attempt, Cycle)
-        if np.abs(left).max() > goal and not cycle and matrix.shape[0] <= _LARGEST_COMPLETE:
+        goal = max(_ENOUGH * wanted.max(), 100 * _ROUNDING * np.abs(x).max())
+        if np.abs(left).max() > goal and not cycle and matrix.shape[0] <= LIMITS.complete:
             return None, products
-        # A product goes through one block of a cycle only, and is of no use then.
-        most = 0 if cycle else MAX_PRODUCTS
         while np.abs(left).max() > goal and products < most:
-            found += left
+            x += left
             left = matrix @ left
             products += 1
-        columns.append(found)
+        columns.append(x)
     return np.stack(columns, axis=1), products
 
 
 def factor_instead(rows: int, products: int, first: float, now: float, goal: float) -> bool:
-    """Whether a factorisation will be faster than going on with products.
+    """Decide whether a factorisation will be faster than more products.
 
-    That is so where a residual that fell from `first` to `now` at a steady rate would reach the
-    goal too late.
+    It is if a residual that fell from `first` to `now` at a steady rate reaches the goal too late.
     """
-    if products % _TRIAL or rows > LARGEST_FACTOR:
+    if products % LIMITS.trial or rows > LIMITS.factored:
         return False
     if now >= first:
         return True
-    return products * math.log(goal / first) / math.log(now / first) > _WORTHWHILE
+    return products * math.log(goal / first) / math.log(now / first) > LIMITS.worthwhile

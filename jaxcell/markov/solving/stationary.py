@@ -1,13 +1,14 @@
 """The stationary distributions of closed classes.
 
-Small chains are eliminated without subtractions: every share has nearly all its digits, however
-rare the cell is. Larger chains are solved as `solve.py` says. Products converge from two starts,
-since one start may already have the shape of a mode that hardly ever changes. Where products take
-too long, one cell of each class, its *root*, is set to 1, and the others follow from it. The root
-is a likely cell: without a cell that the chain hardly ever visits, the matrix is singular to
-rounding.
+Small chains are eliminated without subtractions, which gives every share nearly all its digits,
+however rare the cell is. Larger chains are solved as described in `solve.py`. Products must
+converge to the same distribution from two starts, because a single start may already have the shape
+of a very slow mode. If products are slow, one cell of each class, its *root*, is set to 1, and the
+others follow from it. The root must be a likely cell, because without a rare cell the matrix is
+still singular to rounding.
 """
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -15,19 +16,22 @@ import scipy.sparse
 from jaxtyping import Float, Int
 
 from . import solve
+from .elimination import eliminate
 
 
-# Classes with at most this many cells in all are eliminated.
-_SMALL = 200
-# The most by which distributions from two starts may differ, in the 1-norm.
+# Largest 1-norm of the difference of the distributions from two starts.
 _FORGOTTEN = 1e-9
-# The number of roots that are tried.
+# Steps with a smaller probability are rare.
+_RARE = 1e-6
+# Number of roots to try.
 _ROOTS = 3
+# An inverse is accepted if its error of the probability 1 is at most this number.
+_SURE = 1e-10
 _SEED = 0
 
 
 def solve_stationary(
-    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
+    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"], *, small: int = 200
 ) -> tuple[Float[np.ndarray, "cells"], int]:
     """Solve for the stationary distribution of every closed class: `x = P' x`, of sum 1 in each.
 
@@ -35,6 +39,7 @@ def solve_stationary(
 
     - `step`: the matrix P of the classes, with nothing between them.
     - `group`: the class of each cell, numbered from 0 without gaps.
+    - `small`: largest total number of cells that are eliminated at once.
 
     **Returns:** the distributions side by side and the number of products.
     """
@@ -43,47 +48,49 @@ def solve_stationary(
     products = 0
     if group.size == size.size:
         return x, products
-    if group.size > _SMALL:
+    if group.size > small:
         x, products, done = _by_products(step, group)
-        if done or group.size > solve.LARGEST_FACTOR:
+        if done or group.size > solve.LIMITS.factored:
             return x, products
         for _ in range(_ROOTS):
             rooted = Rooted.of(step, group, x)
-            found, more, sure = solve.factor_and_solve(
+            others, more, sure = solve.factor_and_solve(
                 rooted.step, rooted.leaving, rooted.entering, None, True
             )
             products += more
-            if found is None:
+            if others is None:
                 break
-            # Even where rounding spoils a solution, its largest entries are those of likely cells.
-            x = rooted.shares(np.abs(found))
+            # Even if rounding spoils a solution, its largest entries are those of likely cells.
+            x = rooted.shares(np.abs(others))
             if sure:
                 return x, products
     for _ in range(_ROOTS):
         rooted = Rooted.of(step, group, x)
         with np.errstate(all="ignore"):
-            found = solve.eliminate_unless_large(rooted.step, rooted.leaving, rooted.entering, True)
-        if found is None:
+            others = solve.eliminate_unless_large(
+                rooted.step, rooted.leaving, rooted.entering, True
+            )
+        if others is None:
             break
-        if np.isfinite(found).all():
-            return rooted.shares(found), products
-        # The root is so rare that shares overflow beside it.
-        x = rooted.shares(np.where(np.isfinite(found), 0.0, 2.0))
+        if np.isfinite(others).all():
+            return rooted.shares(others), products
+        # The root is so rare that the other shares overflow.
+        x = rooted.shares(np.where(np.isfinite(others), 0.0, 2.0))
     return x, products
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rooted:
-    """Classes without their roots, which are set to 1."""
+    """Classes without their roots, whose shares are set to 1."""
 
     group: Int[np.ndarray, "cells"]
     others: Int[np.ndarray, "others"]
     step: scipy.sparse.csr_array
     "The probabilities of steps among the other cells."
     leaving: Float[np.ndarray, "others 1"]
-    "The probability of a step from each to its root."
+    "The probability of a step from each other cell to its root."
     entering: Float[np.ndarray, "others 1"]
-    "The probability of a step from the root to each."
+    "The probability of a step from the root to each other cell."
 
     @classmethod
     def of(
@@ -103,45 +110,68 @@ class Rooted:
         among = step[others][:, others]
         return cls(group, others, among, (step @ root)[others], (step.T @ root)[others])
 
-    def shares(self, found: Float[np.ndarray, "others 1"]) -> Float[np.ndarray, "cells"]:
-        """The distribution in which the others are so many times as likely as their root."""
+    def shares(self, others: Float[np.ndarray, "others 1"]) -> Float[np.ndarray, "cells"]:
+        """Return the distribution, from the shares of the other cells relative to their roots."""
         x = np.ones(self.group.size)
-        x[self.others] = found[:, 0]
+        x[self.others] = others[:, 0]
         return x / np.bincount(self.group, x)[self.group]
+
+    def visits(self, small: int = 400) -> Float[np.ndarray, "others others"]:
+        """Compute the expected visits to each cell, from each cell, before the chain is at a root.
+
+        Matrices of at most `small` rows, and larger ones that rounding spoils, are eliminated.
+        """
+        identity = np.eye(self.others.size)
+        if self.others.size > small:
+            with contextlib.suppress(np.linalg.LinAlgError):
+                visits = np.linalg.inv(identity - self.step.toarray())
+                # The chain reaches a root with probability 1.
+                if np.abs(visits @ self.leaving - 1).max() <= _SURE:
+                    return visits
+        return eliminate(self.step, self.leaving[:, 0], identity)
 
 
 def _by_products(
     step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "cells"], int, bool]:
-    """Converge by products from a uniform and from a random start.
+    """Converge by products from a uniform start, then from a random one to the same distribution.
 
     **Returns:** the distribution, the number of products, and whether both starts agree on it.
     """
     matrix = step.T.tocsr()
     size = np.bincount(group)
-    x, products, done = _converge(matrix, 1 / size[group], size.size)
-    # A uniform distribution that no product changes needs no other start.
-    if not done or products == 1:
+    x, products, done = _converge(matrix, 1 / size[group], 1e-14 * size.size)
+    # No second start is needed where the uniform distribution is stationary and no step is so rare
+    # that it hides in the rounding of the others.
+    if not done or (products == 1 and step.data.min() > _RARE):
         return x, products, done
     start = np.random.default_rng(_SEED).random(group.size)
-    other, more, done = _converge(matrix, start / np.bincount(group, start)[group], size.size)
-    return x, products + more, done and bool(np.abs(other - x).sum() <= _FORGOTTEN * size.size)
+    start /= np.bincount(group, start)[group]
+    _, more, done = _converge(matrix, start, _FORGOTTEN * size.size, limit=x)
+    return x, products + more, done
 
 
 def _converge(
-    matrix: scipy.sparse.csr_array, x: Float[np.ndarray, "cells"], classes: int
+    matrix: scipy.sparse.csr_array,
+    x: Float[np.ndarray, "cells"],
+    goal: float,
+    *,
+    limit: Float[np.ndarray, "cells"] | None = None,
 ) -> tuple[Float[np.ndarray, "cells"], int, bool]:
-    """Converge by products from a start. They end early where a factorisation will be faster."""
-    goal = 1e-14 * classes
+    """Apply products until the 1-norm of the last change, or of the distance to `limit`, is at most
+    `goal`. Products end early where a factorisation will be faster.
+
+    **Returns:** the distribution, the number of products, and whether the goal is reached.
+    """
     first = 0.0
-    for products in range(1, solve.MAX_PRODUCTS + 1):
-        change = matrix @ x - x
-        largest = float(np.abs(change).sum())
-        first = first or largest
-        if largest <= goal:
+    for products in range(1, solve.LIMITS.products + 1):
+        following = matrix @ x
+        left = float(np.abs(following - (x if limit is None else limit)).sum())
+        first = first or left
+        if left <= goal:
             return x, products, True
-        # Staying put every second time breaks any period and leaves what is stationary so.
-        x = x + change / 2
-        if solve.factor_instead(matrix.shape[0], products, first, largest, goal):
+        # Every second step is halved, which removes alternating modes and breaks any period.
+        x = following if products % 2 else (x + following) / 2
+        if solve.factor_instead(matrix.shape[0], products, first, left, goal):
             break
     return x, products, False

@@ -8,14 +8,14 @@ from scipy.sparse import csgraph, linalg
 from ...base.threads import one_blas_thread
 
 
-# States to an aggregate, and more where there would be more aggregates than so many.
+# States per aggregate, and largest number of aggregates, which makes them larger.
 _SIZE, _MAX_AGGREGATES = 25, 50_000
-# Entries of an incomplete factor are dropped below this part of their column, and there are no more
-# than so many for one of the matrix; the second two are of the matrix between aggregates.
+# Entries of an incomplete factor are dropped below this part of their column; largest number of
+# entries per entry of the matrix. The second line is for the matrix between aggregates.
 _DROP, _FILL = 1e-2, 5.0
 _COARSE_DROP, _COARSE_FILL = 1e-3, 10.0
-# Steps of BiCGSTAB, and the part of the right-hand side that it leaves.
-_STEPS, _LEFT = 60, 1e-8
+# Relative residual at which BiCGSTAB ends.
+_LEFT = 1e-8
 _SEED = 0
 
 
@@ -24,10 +24,10 @@ class TwoLevel:
     """A rough inverse of `I - Q` on two scales, with which BiCGSTAB solves.
 
     An incomplete factorisation settles what happens among near states: `I - Q` is an M-matrix,
-    whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977). What is left
-    then hardly differs between near states, since a chain that is slow spends long among some of
-    them before it goes on, as a drifter does in an eddy. So near states are taken together, and
-    what goes between such *aggregates* is again a chain, with few states (Takahashi 1975).
+    whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977). The remaining
+    error hardly differs between near states, because a slow chain spends long among a few of them
+    before it goes on, as a drifter does in an eddy. So near states are joined in *aggregates*, and
+    the chain between aggregates has few states (Takahashi 1975).
     """
 
     matrix: scipy.sparse.csr_array
@@ -35,34 +35,42 @@ class TwoLevel:
     factor: linalg.SuperLU
     "Of `I - Q`."
     aggregate: scipy.sparse.csr_array
-    "1 where a state, by its row, is in an aggregate, by its column."
+    "1 if a state, by its row, is in an aggregate, by its column."
     coarse: linalg.SuperLU
     "Of `I - Q` between aggregates."
+    steps: int
+    "Largest number of steps of BiCGSTAB."
 
     @classmethod
-    def of(cls, matrix: scipy.sparse.csr_array) -> "TwoLevel":
-        """Factor a matrix and that between aggregates.
+    def of(
+        cls,
+        matrix: scipy.sparse.csr_array,
+        steps: int,
+        fill: float = _FILL,
+        most: int = _MAX_AGGREGATES,
+    ) -> "TwoLevel":
+        """Factor a matrix, and the matrix between at most `most` aggregates.
 
-        **Raises:** `RuntimeError` if one of them is singular to rounding.
+        **Raises:** `RuntimeError` if a matrix is singular to rounding.
         """
         identity = scipy.sparse.eye_array(matrix.shape[0], format="csr")
         system = (identity - matrix).tocsr()
-        aggregate = _aggregates(matrix)
+        aggregate = aggregates(matrix, most)
         between = aggregate.T @ (system @ aggregate)
         with one_blas_thread():
             # In their own order neighbours on a grid stay near each other; no row is exchanged.
             factor = linalg.spilu(
                 system.tocsc(),
                 drop_tol=_DROP,
-                fill_factor=_FILL,
+                fill_factor=fill,
                 permc_spec="NATURAL",
                 diag_pivot_thresh=0.0,
             )
             coarse = linalg.spilu(between.tocsc(), _COARSE_DROP, _COARSE_FILL)
-        return cls(matrix, factor, aggregate, coarse)
+        return cls(matrix, factor, aggregate, coarse, steps)
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + Q x` roughly; gives the products beside."""
+        """Solve `x = right + Q x` roughly; return the number of products too."""
         products = 0
 
         def left(x: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
@@ -78,18 +86,20 @@ class TwoLevel:
             linalg.LinearOperator(self.matrix.shape, f, dtype=np.float64) for f in (left, inverse)
         )
         with one_blas_thread():
-            found, _ = linalg.bicgstab(system, right, rtol=_LEFT, maxiter=_STEPS, M=roughly)
-        return found, products
+            x, _ = linalg.bicgstab(system, right, rtol=_LEFT, maxiter=self.steps, M=roughly)
+        return x, products
 
 
-def _aggregates(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """Each state with the nearest of some that are drawn; one that none is near is in no aggregate.
+def aggregates(
+    matrix: scipy.sparse.csr_array, most: int = _MAX_AGGREGATES
+) -> scipy.sparse.csr_array:
+    """Assign each state to the nearest of some random states, if one is connected to it.
 
-    A step that is taken once in n times, there or back, is n long.
+    The length of a step, in either direction, is the inverse of its probability.
     """
     rows = matrix.shape[0]
-    count = min(-(-rows // _SIZE), _MAX_AGGREGATES)
-    # Drawn, since states at even distances of a grid would lie in columns.
+    count = min(-(-rows // _SIZE), most)
+    # Drawn at random, because states at even distances of a grid would lie in columns.
     middles = np.sort(np.random.default_rng(_SEED).choice(rows, count, replace=False))
     length = (matrix + matrix.T).tocsr()
     length.data = 1 / length.data

@@ -209,7 +209,7 @@ def has_weights(path: str | os.PathLike[str]) -> bool:
     The graph of section 4.5.2 of Alam 2018 has none:
 
         >>> from jaxcell import bundled, patrol
-        >>> patrol.has_weights(bundled("graphs/eight.json"))
+        >>> patrol.files.has_weights(bundled("graphs/eight.json"))
         False
     """
     return Path(path).suffix.lower() not in (*LIST_SUFFIXES, ".adjlist", ".graph") and bool(

@@ -3,7 +3,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...optimize import Graph
 from .graph_files import LIST_SUFFIXES, SUFFIXES, Edge, Vertex, checked_graph
 

@@ -32,7 +32,7 @@ def load_values(
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "times.txt")
         ...     _ = path.write_text("hall 6\\nyard 9\\n")
-        ...     patrol.load_values(path, ["yard", "hall"]).tolist()
+        ...     patrol.files.load_values(path, ["yard", "hall"]).tolist()
         [9.0, 6.0]
     """
     return _load(Path(path), names, (1,), whole)[:, 0]
@@ -60,7 +60,7 @@ def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "stakes.txt")
         ...     _ = path.write_text("hall 6 8\\nyard 9 10\\n")
-        ...     patrol.load_stakes(path, ["yard", "hall"]).adversary_values.tolist()
+        ...     patrol.files.load_stakes(path, ["yard", "hall"]).adversary_values.tolist()
         [10.0, 8.0]
     """
     return Stakes(*_load(Path(path), names, (1, 2, 4), False).T)

@@ -1,33 +1,24 @@
 import dataclasses
-import functools
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import jax.typing
 import numpy as np
-from jaxtyping import Array, Bool, Float
-
-from ...base.precision import require_x64
+from jaxtyping import Float
+from scipy.special import expit
 
 
 # exp(-FAR) is near the smallest normal number. Probabilities below it count as 0.
 FAR = 690.0
 # Log-odds of the table of the quantile function: 0.16 apart in the middle, 32 at the ends.
-NODES = FAR * np.sinh(np.linspace(-6, 6, 257)) / math.sinh(6)
+_NODES = FAR * np.sinh(np.linspace(-6, 6, 257)) / math.sinh(6)
 _MAX_STEPS = 100
 # Steps in the log-odds end at this size, because the error is of the order of its square.
-_STEP = 1e-12
-ROUNDING = 4e-16
-# Below this, expm1(t) / t is summed as a series: its derivative, as written, would cancel.
-_SMALL = 0.25
-_SERIES = [1 / math.factorial(k + 1) for k in range(12)]
+_STEP = 1e-8
+_ROUNDING = 4e-16
 
-_Parameter = float | int | Float[Array, ""]
+_Parameter: TypeAlias = Float[np.ndarray, "*#laws"] | float | int
 
 
-@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Gld:
     """A generalized lambda distribution in the parameters of Freimer, Mudholkar, Kollia and Lin.
@@ -37,12 +28,11 @@ class Gld:
     `Q(u) = l1 + ((u**l3 - 1) / l3 - ((1 - u)**l4 - 1) / l4) / l2`.
 
     A shape of 0 stands for the limit, `log(u)` or `log(1 - u)`. With shapes 0 and 0 it is the
-    logistic distribution, with 1 and 1 a uniform one. It is a pytree of four numbers; give it
-    arrays of them under `jax.vmap`.
+    logistic distribution, with 1 and 1 a uniform one. Arrays `[laws, 1]` in place of the four
+    numbers stand for several laws, whose functions return arrays `[laws, values]`.
 
     Its other functions invert `Q` by Newton's method in a bracket, in the log-odds `log(u / (1 -
-    u))`, so that neither tail loses digits. All have exact derivatives in the parameters and in
-    `x`, by the implicit function theorem.
+    u))`, so that neither tail loses digits.
 
     The logistic distribution:
 
@@ -73,171 +63,111 @@ class Gld:
             raise ValueError(f"l2: expected a positive number, got {self.l2}")
 
     @property
-    def support(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    def support(self) -> tuple[float, float]:
         """The ends of the interval that holds all values; infinite for shapes up to 0."""
-        return self.quantile(0.0), self.quantile(1.0)
+        low, high = self.quantile([0.0, 1.0]).tolist()
+        return low, high
 
-    @jax.jit
-    def quantile(self, u: jax.typing.ArrayLike) -> Float[Array, "*shape"]:
+    @np.errstate(all="ignore")
+    def quantile(self, u: Any) -> Float[np.ndarray, "*values"]:
         """Return the value that is not exceeded with probability `u`; NaN outside of [0, 1]."""
-        u = _numbers(u, "Gld.quantile")
-        inside = (u > 0) & (u < 1)
-        middle = jnp.where(inside, jnp.maximum(u, np.finfo(np.float64).tiny), 0.5)
-        log_odds = jnp.log(middle) - jnp.log1p(-middle)
-        x = self.l1 + _standard_quantile(log_odds, self.l3, self.l4) / self.l2
-        x = jnp.where(u == 0, self.l1 - _end(self.l3) / self.l2, x)
-        x = jnp.where(u == 1, self.l1 + _end(self.l4) / self.l2, x)
-        return jnp.where((u >= 0) & (u <= 1), x, jnp.nan)
+        u = np.asarray(u, np.float64)
+        z = _power(np.log(u), self.l3) - _power(np.log1p(-u), self.l4)
+        return np.asarray(self.l1 + z / self.l2)
 
-    @jax.jit
-    def log_odds(self, x: jax.typing.ArrayLike) -> Float[Array, "*shape"]:
-        """Compute the logarithm of `cdf(x) / (1 - cdf(x))`; infinite outside of the support."""
-        x = _numbers(x, "Gld.log_odds")
-        y, _ = self._invert(x)
-        return jnp.where(y >= FAR, jnp.inf, jnp.where(y <= -FAR, -jnp.inf, y))
+    @np.errstate(all="ignore")
+    def log_odds(
+        self, x: Any, near: Float[np.ndarray, "*near"] | None = None
+    ) -> Float[np.ndarray, "*values"]:
+        """Compute the logarithm of `cdf(x) / (1 - cdf(x))`; infinite outside of the support.
 
-    @jax.jit
-    def cdf(self, x: jax.typing.ArrayLike) -> Float[Array, "*shape"]:
-        """Compute the probability that a value does not exceed `x`."""
-        return jax.nn.sigmoid(self.log_odds(x))
-
-    @jax.jit
-    def pdf(self, x: jax.typing.ArrayLike) -> Float[Array, "*shape"]:
-        """Compute the probability density at `x`; 0 outside of the support."""
-        return jnp.exp(self.log_pdf(x))
-
-    @jax.jit
-    def log_pdf(self, x: jax.typing.ArrayLike) -> Float[Array, "*shape"]:
-        """Compute the logarithm of the probability density at `x`."""
-        x = _numbers(x, "Gld.log_pdf")
-        y, inside = self._invert(x)
-        y = jnp.where(inside, y, 0.0)
-        log_u, log_v = _logs(y)
-        density = jnp.log(self.l2) + log_u + log_v - _log_slope(log_u, log_v, self.l3, self.l4)
-        return jnp.where(inside, density, jnp.where(jnp.isnan(x), jnp.nan, -jnp.inf))
-
-    @jax.jit
-    def log_probability(
-        self, lower: jax.typing.ArrayLike, upper: jax.typing.ArrayLike
-    ) -> Float[Array, "*shape"]:
-        """Compute the logarithm of the probability of `lower < X <= upper`.
-
-        With `u` and `v` the distribution function at the ends, it is computed from their log-odds
-        as `v - u = v (1 - u) (1 - exp(odds(u) - odds(v)))`, which cancels in neither tail.
+        Log-odds `near` the answer, if any, spare the search for a bracket.
         """
-        ends = jnp.broadcast_arrays(
-            *(_numbers(end, "Gld.log_probability") for end in (lower, upper))
-        )
-        below, above = self._invert(jnp.stack(ends))[0]
-        gap = above - below
-        positive = gap > 0
-        share = jnp.log(-jnp.expm1(-jnp.where(positive, gap, 1.0)))
-        logarithm = _logs(above)[0] + _logs(below)[1] + share
-        return jnp.where(positive, logarithm, jnp.where(jnp.isnan(gap), jnp.nan, -jnp.inf))
+        z = np.asarray((np.asarray(x, np.float64) - self.l1) * self.l2)
+        log_odds = _invert(np.atleast_1d(z), self.l3, self.l4, near)
+        return log_odds if z.ndim else log_odds[..., 0]
 
-    def _invert(
-        self, x: Float[Array, "*shape"]
-    ) -> tuple[Float[Array, "*shape"], Bool[Array, "*shape"]]:
-        """Return the log-odds, clipped to `FAR` in modulus, and a mask of the unclipped ones."""
-        z = jnp.asarray((x - self.l1) * self.l2)
-        y = _solve(z, jnp.asarray(self.l3, z.dtype), jnp.asarray(self.l4, z.dtype))
-        return y, jnp.abs(y) < FAR
+    def cdf(self, x: Any) -> Float[np.ndarray, "*values"]:
+        """Compute the probability that a value does not exceed `x`."""
+        return np.asarray(expit(self.log_odds(x)))
+
+    def pdf(self, x: Any) -> Float[np.ndarray, "*values"]:
+        """Compute the probability density at `x`; 0 outside of the support."""
+        return np.asarray(np.exp(self.log_density(self.log_odds(x))))
+
+    @np.errstate(all="ignore")
+    def log_density(self, log_odds: Any) -> Float[np.ndarray, "*values"]:
+        """Compute the logarithm of the probability density at log-odds; -inf if these are
+        infinite."""
+        log_u, log_v = _logs(log_odds)
+        log_slope = np.logaddexp(self.l3 * log_u + log_v, self.l4 * log_v + log_u)
+        density = np.log(self.l2) + log_u + log_v - log_slope
+        return np.where(np.isinf(log_odds), -np.inf, density)
 
 
-def _standard_quantile(
-    log_odds: Float[Array, "*shape"], l3: _Parameter, l4: _Parameter
-) -> Float[Array, "*shape"]:
+@np.errstate(all="ignore")
+def log_probability(lower: Any, upper: Any) -> Float[np.ndarray, "*values"]:
+    """Compute the logarithm of the probability of an interval from the log-odds at its ends.
+
+    With `u` and `v` the distribution function at the ends, `v - u = v (1 - u) (1 - exp(lower -
+    upper))`, which cancels in neither tail.
+    """
+    logarithm = _logs(upper)[0] + _logs(lower)[1] + np.log(-np.expm1(np.subtract(lower, upper)))
+    return np.where(np.greater_equal(lower, upper), -np.inf, logarithm)
+
+
+@np.errstate(all="ignore")
+def standard_quantile(log_odds: Any, l3: _Parameter, l4: _Parameter) -> Any:
     """Compute the quantile function of the law with location 0 and scale 1 at log-odds."""
     log_u, log_v = _logs(log_odds)
     return _power(log_u, l3) - _power(log_v, l4)
 
 
-def _numbers(x: Any, what: str) -> Float[Array, "*shape"]:
-    require_x64(what)
-    return jnp.asarray(x, jnp.float64)
+def _logs(log_odds: Any) -> tuple[Any, Any]:
+    """Compute the logarithms of `u` and `1 - u` from the log-odds of `u`."""
+    small = np.log1p(np.exp(-np.abs(log_odds)))
+    return np.minimum(log_odds, 0) - small, -np.maximum(log_odds, 0) - small
 
 
-def _logs(y: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
-    """Compute the logarithms of `u` and `1 - u` from log-odds."""
-    # The derivatives of abs and minimum at 0 would not add up.
-    above = y > 0
-    small = jnp.log1p(jnp.exp(jnp.where(above, -y, y)))
-    return jnp.where(above, 0.0, y) - small, jnp.where(above, -y, 0.0) - small
+def _power(log_u: Any, shape: _Parameter) -> Any:
+    """Compute `(u**shape - 1) / shape`."""
+    return np.where(shape == 0, log_u, np.expm1(shape * log_u) / shape)
 
 
-def _power(log_u: Float[Array, "*shape"], shape: _Parameter) -> Float[Array, "*shape"]:
-    """Compute `(u**shape - 1) / shape`, smooth in the shape at 0."""
-    t = shape * log_u
-    small = jnp.abs(t) < _SMALL
-    near = jnp.where(small, t, 0.0)
-    series = functools.reduce(lambda total, c: total * near + c, reversed(_SERIES), near * 0)
-    far = jnp.where(small, 1.0, t)
-    return log_u * jnp.where(small, series, jnp.expm1(far) / far)
-
-
-def _log_slope(
-    log_u: Float[Array, "*shape"], log_v: Float[Array, "*shape"], l3: _Parameter, l4: _Parameter
-) -> Float[Array, "*shape"]:
-    """Compute the logarithm of the derivative of the quantile function in the log-odds."""
-    return jnp.logaddexp(l3 * log_u + log_v, l4 * log_v + log_u)
-
-
-def _end(shape: _Parameter) -> Float[Array, ""]:
-    """Return the distance from the location to an end of the support, for scale 1."""
-    bounded = jnp.asarray(shape) > 0
-    return jnp.where(bounded, 1 / jnp.where(bounded, shape, 1.0), jnp.inf)
-
-
-@jax.custom_jvp
-def _solve(
-    z: Float[Array, "*shape"], l3: Float[Array, ""], l4: Float[Array, ""]
-) -> Float[Array, "*shape"]:
+def _invert(
+    z: Float[np.ndarray, "*values"],
+    l3: _Parameter,
+    l4: _Parameter,
+    near: Float[np.ndarray, "*near"] | None,
+) -> Float[np.ndarray, "*laws_and_values"]:
     """Find the log-odds at which the standard quantile function is `z`.
 
     A table of that function brackets each solution. A step of Newton's method that would leave the
-    bracket is replaced by its middle. Beyond the table, its end is returned.
+    bracket is replaced by its middle. Beyond the table, the log-odds are infinite.
     """
-    nodes = jnp.asarray(NODES)
-    table = _standard_quantile(nodes, l3, l4)
-    inside = (z > table[0]) & (z < table[-1])
-    # Elements outside of the table aim at 0, which has a solution, or the loop would go on.
-    aim = jnp.where(inside, z, 0.0)
-    after = jnp.clip(jnp.searchsorted(table, aim), 1, nodes.size - 1)
+    nodes = _NODES if near is None else _NODES[[0, -1]]
+    table = standard_quantile(nodes, l3, l4)
+    inside = (z > table[..., :1]) & (z < table[..., -1:])
+    # Values outside of the table aim at 0, which has a solution, or the steps would not end.
+    aim = np.where(inside, z, 0.0)
+    rows = zip(
+        table.reshape(-1, nodes.size), aim.reshape(table.size // nodes.size, -1), strict=True
+    )
+    after = np.array([np.searchsorted(known, values) for known, values in rows]).reshape(aim.shape)
     low, high = nodes[after - 1], nodes[after]
-
-    def unfinished(state):  # type: ignore[no-untyped-def]
-        step, _, _, _, moving = state
-        return (step < _MAX_STEPS) & jnp.any(moving)
-
-    def newton(state):  # type: ignore[no-untyped-def]
-        step, y, low, high, _ = state
+    y = (low + high) / 2 if near is None else np.clip(near, low, high)
+    for _ in range(_MAX_STEPS):
         log_u, log_v = _logs(y)
-        from_low, from_high = _power(log_u, l3), _power(log_v, l4)
-        excess = from_low - from_high - aim
-        low, high = jnp.where(excess <= 0, y, low), jnp.where(excess >= 0, y, high)
-        change = -excess * jnp.exp(-_log_slope(log_u, log_v, l3, l4))
-        last = jnp.abs(change) <= _STEP * jnp.maximum(1.0, jnp.abs(y))
-        # Where the function is flat, rounding makes steps that never become small.
-        settled = jnp.abs(excess) <= ROUNDING * (jnp.abs(from_low) + jnp.abs(from_high))
+        lower, upper = _power(log_u, l3), _power(log_v, l4)
+        excess = lower - upper - aim
+        low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
+        change = -excess / (np.exp(l3 * log_u + log_v) + np.exp(l4 * log_v + log_u))
         moved = y + change
-        safe = jnp.where((moved >= low) & (moved <= high), moved, (low + high) / 2)
-        y = jnp.where(last, moved, jnp.where(settled, y, safe))
-        return step + 1, y, low, high, ~last & ~settled
-
-    first = (jnp.int32(0), (low + high) / 2, low, high, jnp.ones(z.shape, bool))
-    _, y, _, _, _ = jax.lax.while_loop(unfinished, newton, first)
-    y = jnp.where(inside, y, jnp.where(z > 0, FAR, -FAR))
-    return jnp.where(jnp.isnan(z), jnp.nan, y)
-
-
-@_solve.defjvp
-def _solve_jvp(primals, tangents):  # type: ignore[no-untyped-def]
-    z, l3, l4 = primals
-    y = _solve(z, l3, l4)
-    inside = jnp.abs(y) < FAR
-    # Beyond the table derivatives overflow, and 0 times infinity is not 0.
-    middle = jnp.where(inside, y, 0.0)
-    quantile = functools.partial(_standard_quantile, middle)
-    _, by_shape = jax.jvp(quantile, (l3, l4), tangents[1:])
-    per_z = jnp.where(inside, jnp.exp(-_log_slope(*_logs(middle), l3, l4)), 0.0)
-    return y, (tangents[0] - by_shape) * per_z
+        last = np.abs(change) <= _STEP * np.maximum(1.0, np.abs(y))
+        # Where the function is flat, rounding makes steps that never become small.
+        settled = np.abs(excess) <= -_ROUNDING * (lower + upper)
+        safe = np.where((moved >= low) & (moved <= high), moved, (low + high) / 2)
+        y = np.where(last, moved, np.where(settled, y, safe))
+        if (last | settled).all():
+            break
+    return np.where(inside, y, np.where(np.isnan(z), z, np.copysign(np.inf, z)))

@@ -7,11 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
-from ...base.precision import require_x64
 from ...base.quantities import Result, derived, quantity
 from ...optimize.checked import finite
 from .distribution import Gld
-from .likelihood import Likelihood, distribution_function, law_through, log_odds
+from .likelihood import Likelihood, law_through
 
 
 _MIN_SAMPLES = 8
@@ -52,8 +51,8 @@ class GldFit(Result):
     certificate: Certificate
 
     def cdf(self, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
-        """Compute the distribution function of the law, on the host."""
-        return distribution_function(self.law, x)
+        """Compute the distribution function of the law."""
+        return self.law.cdf(x)
 
     @derived("", "l1, the place of the law")
     def l1(self) -> float:
@@ -79,10 +78,10 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
     without bound as the law concentrates around one number. If `censored`, a sample `t` therefore
     stands for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of that interval.
 
-    The best few of a grid of shapes are improved by Newton's method, with exact derivatives of the
-    inverted quantile function. Laws that give a sample no chance are not searched, so the
-    likelihood is smooth. The result is the best of several local maxima, with shapes from -50 to
-    50. A density of huge shapes that peaks at one sample may be likelier, and is of no use.
+    The best few of a grid of shapes are improved by Newton's method. Laws that give a sample no
+    chance are not searched, so the likelihood is smooth. The result is the best of several local
+    maxima, with shapes from -50 to 50. A density of huge shapes that peaks at one sample may be
+    likelier, and is of no use.
 
     **Arguments:**
 
@@ -95,7 +94,7 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
     log-likelihood of another step.
 
     **Raises:** `ValueError` for samples that cannot be fitted; `RuntimeError` if the search does
-    not settle, or where JAX is set to 32 bits.
+    not settle.
 
     Four parameters need more than four samples:
 
@@ -105,7 +104,6 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
             ...
         ValueError: samples: expected at least 8, with 5 different values, got 4 with 3
     """
-    require_x64("fit_gld")
     given = _checked(samples)
     value, count = np.unique(given, return_counts=True)
     whole = value == np.round(value)
@@ -124,12 +122,15 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
     # Values are relative to the least one, so that samples far from 0 lose no digits.
     origin = value[0]
     problem = _Problem.of(value - origin, count, censored)
-    maxima = [_maximum(problem, *start) for start in _starts(problem)]
-    best = min(maxima, key=lambda maximum: maximum.loss)
-    certificate = Certificate(sum(maximum.steps for maximum in maxima), best.gain, _TOLERANCE)
+    ranking = dataclasses.replace(problem, data=problem.few)
+    maxima = [_maximum(ranking, *start) for start in _starts(problem)]
+    likeliest = min(maxima, key=lambda law: float(problem.data.loss(law.numbers, law.point)))
+    best = _maximum(problem, likeliest.numbers, likeliest.point)
+    steps = best.steps + sum(maximum.steps for maximum in maxima)
+    certificate = Certificate(steps, best.gain, _TOLERANCE)
     certificate.check("fit_gld", throw)
-    law = law_through(best.numbers, best.point)
-    law = dataclasses.replace(law, l1=float(law.l1 + origin))
+    l1, l2, l3, l4 = np.concatenate(dataclasses.astuple(law_through(best.numbers, best.point)))
+    law = Gld(*map(float, (l1 + origin, l2, l3, l4)))
     distance = _distance(law, value, count, censored)
     return GldFit(law, -best.loss * given.size, distance, censored, certificate)
 
@@ -140,7 +141,7 @@ class _Problem:
 
     data: Likelihood
     few: Likelihood
-    "A subset of at most `_RANKED` values, enough to rank laws."
+    "A subset of at most `_RANKED` values, enough to rank laws and to begin the search."
     inner: Float[np.ndarray, "2"]
     "Points near the quartiles."
     log_odds: Float[np.ndarray, "2"]
@@ -189,7 +190,9 @@ def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.nd
     numbers = np.concatenate([np.tile(problem.log_odds, (len(shapes), 1)), shapes], axis=1)
     bounded = shapes > 0
     point = np.where(bounded, problem.outer, problem.inner)
-    reaching = np.clip(log_odds(numbers, problem.inner, problem.outer), -farthest, farthest)
+    reaching = np.clip(
+        law_through(numbers, problem.inner).log_odds(problem.outer), -farthest, farthest
+    )
     numbers[:, :2] = np.where(bounded, reaching, problem.log_odds)
     loss = problem.few.loss(numbers, point)
     kind = np.searchsorted(_KINDS, shapes)
@@ -226,7 +229,7 @@ def _maximum(
     if not narrowed.any():
         return wide
     point = np.where(narrowed, problem.narrow, wide.point)
-    there = log_odds(wide.numbers, wide.point, point)
+    there = law_through(wide.numbers, wide.point).log_odds(point)
     there = np.where(narrowed, there, wide.numbers[:2])
     numbers = np.concatenate([there, wide.numbers[2:]])
     outer = np.where(narrowed, problem.narrow, problem.outer)
@@ -277,7 +280,7 @@ def _maximise(
         steps += 1
         suited = np.where(numbers[2:] > 0, problem.outer, problem.inner)
         if (suited != point).any():
-            there = np.clip(log_odds(numbers, point, suited), -farthest, farthest)
+            there = np.clip(law_through(numbers, point).log_odds(suited), -farthest, farthest)
             numbers, point = np.concatenate([there, numbers[2:]]), suited
             loss, slope, hessian = problem.data.expansion(numbers, point)
     edge = np.abs(numbers[:2]) == farthest
@@ -290,8 +293,8 @@ def _distance(
     """Compute the largest difference of the distribution functions, which is beside a value."""
     half = 0.5 if censored else 0.0
     upto = np.cumsum(count)
-    below = distribution_function(law, value - half) - (upto - count) / upto[-1]
-    above = distribution_function(law, value + half) - upto / upto[-1]
+    below = law.cdf(value - half) - (upto - count) / upto[-1]
+    above = law.cdf(value + half) - upto / upto[-1]
     return float(np.abs([below, above]).max())
 
 

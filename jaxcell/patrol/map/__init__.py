@@ -1,1 +1,31 @@
-"""Robots with limited sight that patrol a map: policies, regions, and attacks on its cells."""
+"""Patrols of a map by robots that see only so far (Alam 2018, section 4.4).
+
+The vertices are free cells, `cell_graph`. From each cell a robot sees others (Eq. 4.1,
+`jaxcell.space.visible_cells`). A *cover* is a set of cells from which all cells are seen: robot `i`
+takes the `i`-th best cell each time (Alg. 4.3).
+
+**Policies.** Each robot has a `Policy`. `distributed_policies` emphasise the cover (section 4.4.4).
+Around a `base_station` each robot has a region, `angular_regions`, with a *contact cell* where it
+reports (`Regions`): `centralized_policies` (4.4.5). When a robot falls silent for longer than
+`silence_limit`, `reassign` divides the map among the others (`Reassignment`).
+
+**Attacks.** An attack on a cell begins with each robot anywhere out of view of the cell
+(`outside`), and fails if a robot comes into view, which is at the `boundary`, within the attack
+time `t_a`. With `S_r(t)` the probability that robot `r` has not come by `t`, the probability of
+capture is
+
+    p_d = 1 - prod_r S_r(t_a).
+
+`capture_probabilities` computes it exactly for all cells, in time `O(robots * cells * edges *
+t_a)`. For one cell `vulnerability` adds the method of the source (4.4.6): simulated times, and the
+generalized lambda distribution that is fitted to them (`Vulnerability`). An adversary attacks the
+most vulnerable of the `contested` cells, where an attack may succeed or fail: `capture_policies`
+maximise the least probability of capture, to a local optimum (`CaptureSearch`), and
+`capture_frontier` is its trade-off with the unpredictability of the steps (`Frontier`).
+`PatrolledMap` holds all of it, for datasets and recordings.
+"""
+
+from ...base.hosted import attach
+
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -37,7 +37,7 @@ def boundary(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> patrol.boundary(graph, visible[:, 0]).nonzero()[0].tolist()
+        >>> patrol.map.boundary(graph, visible[:, 0]).nonzero()[0].tolist()
         [1]
     """
     beside = (~view).astype(np.float64) @ graph.matrix(np.ones(len(graph.edges)))
@@ -61,7 +61,7 @@ def outside(
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
         >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> patrol.outside(policies, visible[:, 0]).tolist()
+        >>> patrol.map.outside(policies, visible[:, 0]).tolist()
         [[False, False, True, True, True]]
     """
     cells = np.arange(view.shape[-1])
@@ -91,9 +91,9 @@ def contested(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
-        >>> policies = patrol.centralized_policies(graph, visible, regions)
-        >>> patrol.contested(visible, policies, regions).tolist()
+        >>> regions = patrol.map.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.map.centralized_policies(graph, visible, regions)
+        >>> patrol.map.contested(visible, policies, regions).tolist()
         [0, 4]
     """
     walked = np.unique(np.concatenate([policy.cells for policy in policies]))

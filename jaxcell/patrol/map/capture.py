@@ -173,7 +173,7 @@ def capture_frontier(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> curve = patrol.capture_frontier(graph, visible, 1, 4, [0.6, 0.0])
+        >>> curve = patrol.map.capture_frontier(graph, visible, 1, 4, [0.6, 0.0])
         >>> curve.floor.tolist(), bool(curve.least_capture[0] > curve.least_capture[1])
         ([0.0, 0.6], True)
     """

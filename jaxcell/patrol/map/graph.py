@@ -3,7 +3,7 @@ import math
 import numpy as np
 
 from ...optimize import Graph
-from ...space import CellSpace, free_steps
+from ...space import CellSpace, Motion, free_steps
 
 
 def cell_graph(cells: CellSpace, neighbours: int = 8) -> Graph:
@@ -35,9 +35,9 @@ def cell_graph(cells: CellSpace, neighbours: int = 8) -> Graph:
         raise ValueError(f"neighbours: expected 4 or 8, got {neighbours}")
     plane = CellSpace(cells.workspace, cells.cell, 8, cells.origin, cells.free)
     # Each edge is listed at one of its ends: to the East and North, then North East and North West.
-    steps = [free_steps(plane, 1.0, "swept")[[0, 2]]]
+    steps = [free_steps(plane)[[0, 2]]]
     if neighbours == 8:
-        steps.append(free_steps(plane, math.sqrt(2), "swept")[[1, 3]])
+        steps.append(free_steps(plane, Motion(math.sqrt(2) * plane.cell))[[1, 3]])
     there = np.concatenate(steps)
     here = np.broadcast_to(np.arange(cells.positions), there.shape)
     edges = np.stack([here, there], axis=-1)[here != there]

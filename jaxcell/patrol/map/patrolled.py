@@ -10,11 +10,11 @@ from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
 from ...space import CellSpace
 from .attack import capture_probabilities, contested, weakest
+from .attacked_cell import Vulnerability
 from .capture import CaptureSearch, Frontier, entropy_rate
 from .policies import Policy
 from .reassignment import Reassignment
 from .regions import Regions
-from .vulnerability import Vulnerability
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class PatrolledMap(Result):
 
     @property
     def contested(self) -> Int[np.ndarray, "targets"]:
-        """The cells among which an adversary chooses, [`jaxcell.patrol.contested`][]."""
+        """The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."""
         return contested(self.visible, self.policies, self.regions)
 
     @property

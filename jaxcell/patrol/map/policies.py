@@ -124,8 +124,8 @@ def centralized_policies(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
-        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> regions = patrol.map.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.map.centralized_policies(graph, visible, regions)
         >>> [(policy.contact, policy.cells.tolist(), policy.cover.tolist()) for policy in policies]
         [(3, [3, 4], [3]), (1, [0, 1], [0])]
     """

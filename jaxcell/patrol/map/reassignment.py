@@ -72,9 +72,9 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
-        >>> policies = patrol.centralized_policies(graph, visible, regions)
-        >>> patrol.silence_limit(policies[0])
+        >>> regions = patrol.map.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.map.centralized_policies(graph, visible, regions)
+        >>> patrol.map.silence_limit(policies[0])
         2
     """
     if policy.contact is None:
@@ -135,9 +135,9 @@ def reassign(
         >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (0, 2)])
         >>> cells = space.CellSpace.of(room, 1.0, 1)
         >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 2.2)
-        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
-        >>> policies = patrol.centralized_policies(graph, visible, regions)
-        >>> new = patrol.reassign(graph, visible, regions, policies, lost=1)
+        >>> regions = patrol.map.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.map.centralized_policies(graph, visible, regions)
+        >>> new = patrol.map.reassign(graph, visible, regions, policies, lost=1)
         >>> regions.count, new.regions.count, new.robot.tolist()
         (2, 1, [0])
     """

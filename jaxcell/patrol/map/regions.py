@@ -65,7 +65,7 @@ def base_station(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> patrol.base_station(graph, visible)
+        >>> patrol.map.base_station(graph, visible)
         2
     """
     check_visible(graph, visible)
@@ -118,7 +118,7 @@ def angular_regions(
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> regions = patrol.map.angular_regions(graph, 2, visible[2], 2)
         >>> regions.region.tolist(), regions.cells(0).tolist()
         ([1, 1, -1, 0, 0], [3, 4])
     """

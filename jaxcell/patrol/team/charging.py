@@ -151,7 +151,7 @@ def charged(
         >>> from jaxcell import patrol
         >>> line = patrol.Graph([[0, 1], [1, 2]])
         >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
-        >>> result = patrol.charged(line, walk, 0, 4)
+        >>> result = patrol.team.charged(line, walk, 0, 4)
         >>> result.interval.round(3).tolist(), result.share.round(3).tolist()
         ([0.0, 0.5, 0.0, 0.5], [0.333, 0.5, 0.167])
     """

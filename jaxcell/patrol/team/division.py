@@ -54,7 +54,7 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([(i, i + 1) for i in range(5)])
-        >>> patrol.divide_graph(graph, 2).tolist()
+        >>> patrol.team.divide_graph(graph, 2).tolist()
         [0, 0, 0, 1, 1, 1]
     """
     if not 1 <= parts <= graph.vertices // 2:
@@ -99,7 +99,7 @@ def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
         >>> import numpy as np
         >>> from jaxcell import patrol
         >>> line = patrol.Graph([(i, i + 1) for i in range(3)])
-        >>> patrol.part_of_graph(line, np.array([1, 2, 3])).edges.tolist()
+        >>> patrol.team.part_of_graph(line, np.array([1, 2, 3])).edges.tolist()
         [[0, 1], [1, 2]]
     """
     number = np.full(graph.vertices, -1)
@@ -129,7 +129,8 @@ def walk_in_part(
         >>> import numpy as np
         >>> from jaxcell import patrol
         >>> line = patrol.Graph([(i, i + 1) for i in range(3)])
-        >>> patrol.walk_in_part(line, np.array([0, 1]), np.array([[0, 1.0], [1, 0]])).argmax(axis=1)
+        >>> walk = np.array([[0, 1.0], [1, 0]])
+        >>> patrol.team.walk_in_part(line, np.array([0, 1]), walk).argmax(axis=1)
         array([1, 0, 1, 2])
     """
     lengths = graph.matrix(np.maximum(graph.lengths, np.finfo(np.float64).tiny))

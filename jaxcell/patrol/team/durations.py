@@ -81,7 +81,7 @@ def timed(
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
         >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
-        >>> times = patrol.timed(graph, walk, np.array([[0.25, 0.5, 0.25]]), [1, 10], 1.0)
+        >>> times = patrol.team.timed(graph, walk, np.array([[0.25, 0.5, 0.25]]), [1, 10], 1.0)
         >>> times.hitting_time.round(6).tolist()
         [[0.0, 1.0, 13.0], [21.0, 0.0, 12.0], [31.0, 10.0, 0.0]]
     """

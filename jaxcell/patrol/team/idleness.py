@@ -63,7 +63,7 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
     A robot that alternates between two vertices at one end of a line of three:
 
         >>> from jaxcell import patrol
-        >>> patrol.long_run([[[0, 1, 0], [1, 0, 0], [0, 1, 0]]]).tolist()
+        >>> patrol.team.long_run([[[0, 1, 0], [1, 0, 0], [0, 1, 0]]]).tolist()
         [[0.5, 0.5, 0.0]]
     """
     chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix, dtype=float)) for matrix in matrices]
@@ -105,7 +105,7 @@ def steps_between_visits(
 
         >>> import numpy as np
         >>> from jaxcell import patrol
-        >>> patrol.steps_between_visits(np.array([[0.5, 0.5], [0.5, 0.5]])).round(3).tolist()
+        >>> patrol.team.steps_between_visits(np.array([[0.5, 0.5], [0.5, 0.5]])).round(3).tolist()
         [1.333, 1.333]
     """
     with np.errstate(divide="ignore"):
@@ -145,7 +145,7 @@ def simulate_idleness(
         >>> from jaxcell import patrol
         >>> ring = patrol.Graph([(i, (i + 1) % 8) for i in range(8)])
         >>> walk = patrol.random_walk(ring, np.ones(8)).to_scipy().toarray()
-        >>> result = patrol.simulate_idleness(ring, np.stack([walk, walk]))
+        >>> result = patrol.team.simulate_idleness(ring, np.stack([walk, walk]))
         >>> result.patrol[1], result.mean[1].item(), result.longest[1].item()
         ('tour', 4.0, 4.0)
     """

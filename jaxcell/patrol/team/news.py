@@ -99,7 +99,7 @@ def age_of_news(
         >>> import numpy as np
         >>> from jaxcell import patrol
         >>> ring = patrol.Graph([[0, 1], [1, 2], [2, 0]])
-        >>> news = patrol.age_of_news(ring, np.roll(np.eye(3), 1, axis=1)[None], 0)
+        >>> news = patrol.team.age_of_news(ring, np.roll(np.eye(3), 1, axis=1)[None], 0)
         >>> news.told.round(3).tolist()[:3], news.mean_age.round(3).tolist()
         ([[0.333, 0.0, 0.0], [0.667, 0.0, 0.333], [1.0, 0.333, 0.667]], [1.0, 3.0, 2.0])
     """

@@ -42,7 +42,7 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [3.6, 0]])
-        >>> patrol.whole_times(graph, 0.5, 1.0).tolist()
+        >>> patrol.team.whole_times(graph, 0.5, 1.0).tolist()
         [2, 5]
     """
     return np.maximum(1, np.rint(graph.lengths / (speed * unit))).astype(np.int64)

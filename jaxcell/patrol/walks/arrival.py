@@ -36,7 +36,7 @@ def walk_capture_probabilities(
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
         >>> matrix = [[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]
-        >>> patrol.walk_capture_probabilities(graph, matrix, 2).tolist()
+        >>> patrol.walks.walk_capture_probabilities(graph, matrix, 2).tolist()
         [[0.5, 1.0, 0.5], [0.5, 1.0, 0.5], [0.5, 1.0, 0.5]]
     """
     delays, attack = whole_numbers(graph, attack_time, travel_times)

@@ -89,7 +89,7 @@ def measure(chain: Chain) -> Measures:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
-        >>> walk = patrol.measure(patrol.random_walk(graph, [1, 1, 1]))
+        >>> walk = patrol.walks.measure(patrol.random_walk(graph, [1, 1, 1]))
         >>> round(walk.mean_commute_time, 6), round(walk.kemeny_constant, 6), round(walk.slem, 6)
         (4.0, 1.333333, 0.5)
     """

@@ -60,7 +60,7 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
-        >>> patrol.walk_hitting_times(graph, [1, 1]).round(6).tolist()
+        >>> patrol.walks.walk_hitting_times(graph, [1, 1]).round(6).tolist()
         [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
     weights = _checked(graph, weights)
@@ -95,7 +95,7 @@ def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
-        >>> patrol.edge_shares(graph, patrol.toward(graph, 0)).round(6).tolist()
+        >>> patrol.walks.edge_shares(graph, patrol.toward(graph, 0)).round(6).tolist()
         [1.0, 0.0]
     """
     matrix = chain.to_scipy().toarray()

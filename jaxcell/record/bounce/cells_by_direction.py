@@ -1,4 +1,4 @@
-"""The groups of all cells in a Zarr store, a direction at a time."""
+"""Write the groups of all cells to a Zarr store, one direction at a time."""
 
 import os
 import warnings
@@ -9,11 +9,11 @@ import numpy as np
 import zarr
 from zarr.codecs import BloscCodec
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...base.quantities import quantities, quantity, values
 from ...bounce import BounceGroups
 from ...mapping import GroupSummary
-from ..data.described import attributes_of, check_attributes
+from ..data.dataset import attributes_of, check_attributes
 from ..provenance import direction_coordinates, place_coordinates, provenance
 
 
@@ -22,27 +22,27 @@ _ABOUT = {
     "image": quantity("bounce direction position", "cell that it is mapped to", kind="cell"),
 }
 _TABLES = ("group_period", "group_basin", "group_transient")
-# Cells in a file.
+# The number of cells in a file.
 _CHUNK = 2**22
 _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 
 
 def save_cells(
-    found: BounceGroups, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+    result: BounceGroups, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
 ) -> None:
     """Write the groups of all cells of a map of any size to a Zarr store, whole or not at all.
 
-    It has the variables of the dataset of the groups, and the image of each cell. They are computed
-    and written a direction at a time, so that those of the other directions take no memory.
+    The store has the variables of the dataset of the groups, and the image of each cell. It is
+    computed and written one direction at a time, so that only one direction is in memory.
 
     **Arguments:**
 
-    - `found`: the groups.
+    - `result`: the groups.
     - `path`: the folder to write or replace, such as `groups.zarr`.
-    - `spec`: what was asked for, kept as JSON in the attribute `spec`.
+    - `spec`: the parameters, kept as JSON in the attribute `spec`.
 
-    **Raises:** `FileNotFoundError` if the folder that it is to be in does not exist; `RuntimeError`
-    if the cells contradict the numbers of the groups.
+    **Raises:** `FileNotFoundError` if the parent folder does not exist; `RuntimeError` if the cells
+    contradict the numbers of the groups.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -56,10 +56,10 @@ def save_cells(
         ...     xr.open_zarr(path).image.values.tolist()
         [[[1, 2, 5], [0, 3, 4]]]
     """
-    cells = found.cells
+    cells = result.cells
     with replacing(path) as temporary:
-        store = zarr.create_group(temporary, attributes=provenance(found.title, cells, spec))
-        for name, (_, numbers) in values(found, lambda one: one.dims == ("bounce",)).items():
+        store = zarr.create_group(temporary, attributes=provenance(result.title, cells, spec))
+        for name, (_, numbers) in values(result, lambda one: one.dims == ("bounce",)).items():
             _quantity(store, name, numbers.shape, numbers.dtype)[:] = numbers
         axes = {
             name: _array(store, name, (dim,), (cells.positions,), float, attributes)
@@ -71,19 +71,19 @@ def save_cells(
                 axes[name][some] = numbers
         for name, (dim, numbers, attributes) in direction_coordinates(cells).items():
             _array(store, name, (dim,), numbers.shape, numbers.dtype, attributes)[:] = numbers
-        checks = check_attributes(found.title, _write_cells(store, found))
-        # So xarray knows those that no dimension is called after.
+        checks = check_attributes(result.title, _write_cells(store, result))
+        # xarray recognizes coordinates that are no dimensions by this attribute.
         store.attrs.update(coordinates="bounce_deg theta theta_deg x y", **checks)
         with warnings.catch_warnings():
-            # xarray reads consolidated metadata, whatever the standard says yet.
+            # xarray reads consolidated metadata although no standard has them yet.
             warnings.filterwarnings("ignore", message="Consolidated metadata")
             zarr.consolidate_metadata(temporary)
 
 
-def _write_cells(store: zarr.Group, found: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write what each cell does, and sum that up by group; the checks of the sums."""
-    cells = found.cells
-    shape = len(found.bounce), cells.directions, cells.positions
+def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
+    """Write the quantities of cells, and sum them by group. Returns the checks of the sums."""
+    cells = result.cells
+    shape = len(result.bounce), cells.directions, cells.positions
     arrays = {
         name: _quantity(store, name, shape, bool if one.kind == "flag" else np.int32)
         for name, one in _ABOUT.items()
@@ -91,7 +91,7 @@ def _write_cells(store: zarr.Group, found: BounceGroups) -> dict[str, tuple[int,
     }
     sums: list[list[np.ndarray]] = []
     violations = differ = 0
-    for i, groups in enumerate(found.by_angle()):
+    for i, groups in enumerate(result.by_angle()):
         period, basin, transient = np.zeros((3, groups.period.size), np.int32)
         for direction in range(cells.directions):
             leads = groups.of_cells(direction)
@@ -102,7 +102,7 @@ def _write_cells(store: zarr.Group, found: BounceGroups) -> dict[str, tuple[int,
             period += np.bincount(group[step == 0], minlength=period.size)
             basin += np.bincount(group, minlength=period.size)
             np.maximum.at(transient, group, step)
-            # Within the direction: where a bump leads to is in another one.
+            # Images in this direction only: a bump leads to another direction.
             image = leads.image - direction * cells.positions
             ahead = np.flatnonzero((image >= 0) & (image < cells.positions))
             same = group[image[ahead]] == group[ahead]
@@ -110,7 +110,7 @@ def _write_cells(store: zarr.Group, found: BounceGroups) -> dict[str, tuple[int,
             violations += int(np.count_nonzero(~(same & nearer)))
         sums.append([period, basin, transient])
         totals = GroupSummary(np.array(period.size), period, basin, transient).totals()
-        differ += sum(int(one != getattr(found, name)[i]) for name, one in vars(totals).items())
+        differ += sum(int(one != getattr(result, name)[i]) for name, one in vars(totals).items())
         differ += int(np.count_nonzero(period != groups.period))
     width = max(one[0].size for one in sums)
     for name, tables in zip(_TABLES, zip(*sums, strict=True), strict=True):
@@ -121,7 +121,7 @@ def _write_cells(store: zarr.Group, found: BounceGroups) -> dict[str, tuple[int,
 
 
 def _quantity(store: zarr.Group, name: str, shape: tuple[int, ...], dtype: Any) -> zarr.Array:
-    """An array for a quantity of groups, or for the images."""
+    """Create an array for a quantity of groups, or for the images."""
     about = _ABOUT[name]
     return _array(store, name, about.dims, shape, dtype, attributes_of(about))
 
@@ -137,7 +137,7 @@ def _array(
     return store.create_array(
         name,
         shape=shape,
-        # Directions and angles apart.
+        # A chunk has one direction of one angle.
         chunks=(1,) * (len(shape) - 1) + (max(1, min(shape[-1], _CHUNK)),),
         dtype=dtype,
         compressors=_CODEC,

@@ -25,23 +25,23 @@ from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 
 
-# So many angles have maps, those with the largest shares of time.
+# The largest number of angles with maps: those with the largest shares of time.
 _MAX_ANGLES = 6
 _MAX_ROWS = 24
 _MAX_ANGLE_LABELS = 12
-# Levels double every second class, from this power of two.
+# Bounds double every second level, from this power of two.
 _LOWEST = -4
 _NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
-# Between that of no time and the first level: darker ones are not seen beside walls.
+# Between the colours of no time and of the first level; a darker one would look like a wall.
 _PALE: Color = (149, 154, 184)
 
 
 def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec) -> None:
     """Log a mixture of bouncing policies.
 
-    Heat maps of the coverage by each angle, by the mixture, and of the target, side by side, with
-    the shares of time as bars; and for each angle, over the timeline `direction`, its persistent
-    groups and its limiting distribution.
+    The first tab has heat maps of the coverage by each angle, by the mixture, and of the target,
+    and the shares of time as bars. Each angle has a tab with its persistent groups and its limiting
+    distribution over the timeline `direction`.
     """
     cells, alpha = policy.cells, np.asarray(policy.alpha)
     shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
@@ -69,7 +69,7 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 
 
 def heat_scale(most: float) -> Scale:
-    """The scale of time spent, in multiples of an even share: two levels make a doubling."""
+    """Make the scale of time spent, in multiples of an even share; two levels make a doubling."""
     highest = max(1, math.ceil(math.log2(max(most, 1))))
     bounds = 2.0 ** (np.arange(2 * _LOWEST, 2 * highest + 1) / 2)
     special: dict[str, Color] = {_NONE: FREE, _LITTLE: _PALE}
@@ -77,12 +77,12 @@ def heat_scale(most: float) -> Scale:
 
 
 def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    """The class of each multiple of an even share."""
+    """Return the class of each multiple of an even share."""
     return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
 
 
 def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
-    """What the colours mean: every fourth level, which begins at a power of four."""
+    """Return the legend: every fourth level, which begins at a power of four."""
     begins = zip(scale.bounds[:-1:4].tolist(), scale.colors[::4], strict=True)
     levels = [Level(f"from {_shares(low)}", color) for low, color in begins]
     return [*levels[::-1], *reversed([*scale.special.items()])]
@@ -99,7 +99,7 @@ def _log_shares(
     degrees: Float[np.ndarray, "angles"],
     alpha: Float[np.ndarray, "angles"],
 ) -> rrb.View:
-    """Log the share of each angle as a bar; every bar, or every few, has its angle below it."""
+    """Log the share of each angle as a bar; all bars, or one of several, have their angle below."""
     count, high = alpha.size, 100 * float(alpha.max())
     every = -(-count // _MAX_ANGLE_LABELS)
     named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
@@ -132,7 +132,7 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
 
 
 def _group_classes(count: int) -> list[PictureClass]:
-    """What is not free, transient cells, and the groups; those past the colours are pale."""
+    """Return the classes: not free, transient, and the groups; pale beyond the colours."""
     named = ["on the likeliest persistent group"]
     named += [f"on the persistent group of rank {rank}" for rank in range(2, len(CATEGORIES) + 1)]
     groups = list(map(PictureClass, named, CATEGORIES.values()))
@@ -146,7 +146,7 @@ def _group_classes(count: int) -> list[PictureClass]:
 def _group_kinds(
     group: Int[np.ndarray, "directions positions"], weights: Float[np.ndarray, "groups"]
 ) -> UInt8[np.ndarray, "directions positions"]:
-    """The class of each cell; groups have ranks by their weights."""
+    """Return the class of each cell; groups have ranks by their weights."""
     colors = len(CATEGORIES)
     rank = ranks(weights)
     place = np.where(rank < colors, rank, colors + rank % colors)
@@ -154,7 +154,7 @@ def _group_kinds(
 
 
 def _text(policy: CoveragePolicy, shown: int, spec: Spec) -> str:
-    """What the heat maps of a mixture show."""
+    """Write the text beside the heat maps of a mixture."""
     angles, cells = len(policy.bounce), policy.cells
     if angles == 1:
         divides = "Here there is one angle, so all the time goes to it."
@@ -165,17 +165,17 @@ def _text(policy: CoveragePolicy, shown: int, spec: Spec) -> str:
         )
     left_out = f" (those of the {shown} largest shares)" if shown < angles else ""
     columns = "bounce_deg", "alpha", "persistent_groups", "persistent_cells"
-    return f"""# Covering a room without knowing where one is
+    return f"""# Covering a room without knowing the place
 
-A robot runs straight. Where it bumps it turns by its bouncing angle, but not precisely, and runs
-on. {divides}
+A robot runs straight. At a bump it turns by its bouncing angle, but not precisely, and runs on.
+{divides}
 
 {described(policy, *columns, most=_MAX_ROWS)}
 
 ## How to look
 
 - **The maps** show the time spent in each square in multiples of an even share,
-  1/{cells.positions:,}: for each angle alone{left_out}, for the mixture, and as it was wanted.
+  1/{cells.positions:,}: for each angle alone{left_out}, for the mixture, and for the target.
   Hover over a square to read it.
 - **The bars** are the shares of the angles.
 - Each angle has a tab with its persistent groups.
@@ -186,7 +186,7 @@ on. {divides}
 
 
 def _angle_text(policy: CoveragePolicy, i: int) -> str:
-    """What the pictures of one angle show."""
+    """Write the text beside the pictures of one angle."""
     groups, cells = policy.groups[i], policy.cells
     which = "" if groups.count == 1 else "one of "
     return f"""# Bouncing by {policy.bounce_deg[i]:.6g}°, imprecisely
@@ -195,6 +195,6 @@ Sooner or later the robot is in {which}{counted(groups.count, "*persistent group
 {policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. Drag `direction` at
 the bottom to see all {cells.directions} directions.
 
-- **Persistent groups**: a colour is a group, the likeliest to end in first.
+- **Persistent groups**: each has a colour, in the order of the probability to end in it.
 - **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
 """

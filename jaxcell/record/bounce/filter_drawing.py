@@ -7,14 +7,14 @@ from jaxtyping import Float, Int, Integer
 from ...automata import Filter
 
 
-# A graph with more states than this is not drawn as a whole.
+# The most states of a graph that is drawn whole.
 _MAX_STATES = 300
-# What is drawn of a larger one: the last states of a run, and cycles, until there are so many.
+# A larger graph has the last states of a run, and cycles up to this number of states.
 _LAST_VISITED = 120
 _MAX_ON_CYCLES = 300
 _SPACING = 30.0
 _GAP = 1.5
-# Cycles with more states than this are folded.
+# The most states of a ring; longer cycles are folded.
 _MAX_RING = 40
 _PATH_COLUMNS = 24
 
@@ -26,17 +26,17 @@ class Drawing:
     state: Int[np.ndarray, "drawn"]
     "The states that are drawn."
     position: Float[np.ndarray, "drawn 2"]
-    "Where."
+    "Their places."
     edge: Int[np.ndarray, "edges 2"]
     "The transitions between them, as pairs of states, each pair once."
     whole: bool
-    "Whether all states are drawn, except a trap that was not entered."
+    "`True` if all states are drawn, except a trap that the run did not enter."
     cycles_left_out: int
     "The number of knowledge cycles that are not drawn."
 
 
 def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
-    """Give the states of a filter fixed places.
+    """Place the states of a filter in the plane.
 
     The states outside the knowledge cycles stand in columns by their distance from the start; the
     cycles are loops beside them. Of a filter with more than 300 states, only the last states of a
@@ -45,7 +45,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
     **Arguments:**
 
     - `filter`: the filter.
-    - `visited`: the states that a run goes through, in order.
+    - `visited`: the states of a run, in order.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)
@@ -80,7 +80,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
-    """Columns by distance from the start, in an order that keeps edges short."""
+    """Place states in columns by their distance from the start, in an order with short edges."""
     # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
     depth = np.full(len(transition), -1)
     depth[0] = 0
@@ -98,7 +98,7 @@ def _columns(
     for sweep in range(8):
         here, there = (target, source) if sweep % 2 == 0 else (source, target)
         for column in columns if sweep % 2 == 0 else columns[::-1]:
-            # Each state wants to be level with the mean of its neighbours on one side.
+            # Order states by the mean height of their neighbours on one side.
             wanted = [height[there[here == state]] for state in column]
             mean = [w.mean() if w.size else height[s] for w, s in zip(wanted, column, strict=True)]
             order = column[np.argsort(mean, kind="stable")]
@@ -108,14 +108,14 @@ def _columns(
 
 
 def _rows(count: int) -> Float[np.ndarray, "count 2"]:
-    """A path in rows that turn back at their ends."""
+    """Place states along a path in rows, which change direction at their ends."""
     row, column = np.divmod(np.arange(count), _PATH_COLUMNS)
     column = np.where(row % 2 == 0, column, _PATH_COLUMNS - 1 - column)
     return np.stack([column, row], axis=1).astype(float)
 
 
 def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
-    """The cycle that a run ends in, whatever its length, and the first of the others."""
+    """Choose the cycle at the end of a run, of any length, and the first of the others."""
     reached = [c.states for c in filter.cycles if visited[-1] in c.states]
     others = [c.states for c in filter.cycles if visited[-1] not in c.states]
     drawn, total = reached, sum(map(len, reached))
@@ -128,7 +128,7 @@ def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[
 
 
 def _loop(count: int) -> Float[np.ndarray, "count 2"]:
-    """A closed path through so many points: a ring, or where it would be large, a comb."""
+    """Place states on a closed path: a ring, or a comb if the ring would be large."""
     if count <= _MAX_RING:
         radius = max(count / (2 * np.pi), 0.4)
         angle = 2 * np.pi * np.arange(count) / count
@@ -147,7 +147,7 @@ def _loop(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _pack(shapes: list[Float[np.ndarray, "_ 2"]], wide: float) -> list[Float[np.ndarray, "_ 2"]]:
-    """Put shapes side by side in rows that are so wide, or as wide as a shape."""
+    """Put shapes side by side in rows of a width, which a wider shape may exceed."""
     placed = []
     left = top = height = 0.0
     for shape in shapes:
@@ -164,6 +164,6 @@ def _area(shapes: list[Float[np.ndarray, "_ 2"]]) -> float:
 
 
 def _size(shape: Float[np.ndarray, "_ 2"]) -> tuple[float, float]:
-    """Width and height of a shape at the origin, with a gap after it."""
+    """Return the width and height of a shape at the origin, with a gap after it."""
     width, height = shape.max(axis=0, initial=0) + _GAP
     return float(width), float(height)

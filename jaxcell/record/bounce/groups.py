@@ -17,9 +17,9 @@ from ..canvas.stream import pace, send_blueprint, send_changing
 
 
 _NO_GROUP = len(palette.GROUP_CLASSES)
-# The groups with colours, the others, two rows on shades, and an empty one.
+# Rows for the groups with colours, the others, two on shades, and an empty one.
 _HEADING_ROW = len(palette.CATEGORIES) + 4
-# After the heading: a row for it, one empty, and those of the steps.
+# Then a row for the heading, an empty one, and the rows of the steps.
 _LEGEND_ROWS = _HEADING_ROW + 8
 _ON_GROUP, _OFF_GROUPS = "on a group", "on no such group"
 _EMPTY = "", palette.CLEAR
@@ -28,8 +28,8 @@ _EMPTY = "", palette.CLEAR
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
     """Log periodic groups.
 
-    For each bouncing angle, over the timeline `direction`: the group that every cell leads to, the
-    mappings it takes, and where these groups run. Several angles have a tab each.
+    Each bouncing angle has a tab. Over the timeline `direction` it shows the group that each cell
+    leads to, the number of mappings until then, and the squares of these groups.
     """
     map, shown = CellMap(stream, groups.cells), directions_shown(groups.cells)
     tabs = [
@@ -46,9 +46,9 @@ def log_group_tab(
 
     **Arguments:**
 
-    - `angle`: its number.
-    - `title`: what the tab is called.
-    - `shown`: when which direction is shown.
+    - `angle`: the index of the angle.
+    - `title`: the name of the tab.
+    - `shown`: the direction that each time of a timeline shows.
     """
     stream, period = map.stream, groups.group_period[angle]
     one = _OfAngle(groups.group[angle], groups.step[angle], period)
@@ -75,8 +75,8 @@ def log_group_tab(
 class _OfAngle:
     """The groups of one bouncing angle as pictures and legends.
 
-    Groups have ranks, and by these their colours, among those that are met in the same directions:
-    a bounce by 90 of 360 degrees has 90 such families, and no picture shows two of them.
+    A family is the set of groups that pass the same directions: a bounce by 90 of 360 degrees has
+    90 families, and no picture shows two of them. Groups have colours by their ranks in a family.
     """
 
     group: Int[np.ndarray, "directions positions"]
@@ -89,7 +89,7 @@ class _OfAngle:
 
     @functools.cached_property
     def _direction(self) -> Int[np.ndarray, "groups"]:
-        """The lowest direction of the cells of each group, which all of its family have."""
+        """The lowest direction of the cells of each group; it identifies the family."""
         direction = np.zeros(self._basin.size, np.int32)
         for k, group in reversed(list(enumerate(self.group))):
             direction[group] = k
@@ -101,7 +101,7 @@ class _OfAngle:
 
     @functools.cached_property
     def _rank(self) -> Int[np.ndarray, "groups"]:
-        """The rank of each group by its basin among those of its family, 0 for the largest."""
+        """The rank of each group in its family by its basin, 0 for the largest."""
         order = np.lexsort((-self._basin, self._direction))
         direction = self._direction[order]
         rank = np.empty(order.size, np.int64)
@@ -114,7 +114,7 @@ class _OfAngle:
         return Scale.counting(1, longest, _mappings, special=special)
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
-        """The title and the name of each kind of picture, its classes, and those of the cells."""
+        """Return the title, name and classes of each picture, and the class of each cell."""
         on_group = self.step == 0
         kind = (palette.group_class(self._rank)[self.group] + on_group).astype(np.uint8)
         passing = np.where(on_group, kind, np.uint8(_NO_GROUP))
@@ -125,24 +125,24 @@ class _OfAngle:
         groups, none = palette.GROUP_CLASSES, PictureClass(_OFF_GROUPS, palette.FREE)
         away = self._steps.levels(self.step, {_ON_GROUP: on_group})
         return [
-            ("The group that each cell leads to", "groups", groups, kind),
-            ("The mappings that it takes", "steps", self._steps.classes, away),
-            ("Where these groups run", "cycles", [*groups, none], cycles),
+            ("Group that each cell leads to", "groups", groups, kind),
+            ("Mappings to the group", "steps", self._steps.classes, away),
+            ("Squares of these groups", "cycles", [*groups, none], cycles),
         ]
 
     def legends(self) -> list[list[tuple[str, Color]]]:
-        """What the colours mean, for each direction."""
+        """Return the legend for each direction."""
         scale = self._steps.legend()
         of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
         spacing = 360 / len(self.group)
-        # An arrow is drawn in the place of this swatch.
+        # An arrow takes the place of the clear swatch.
         return [
             [*of_family[one], (f"heading {k * spacing:.6g}°", palette.CLEAR), _EMPTY, *scale]
             for k, one in enumerate(self._family.tolist())
         ]
 
     def _legend(self, direction: int) -> list[tuple[str, Color]]:
-        """The groups whose lowest direction this is, in as many rows for each direction."""
+        """Return the rows for the family of a direction; all families have equally many rows."""
         members = np.flatnonzero(self._direction == direction)
         members = members[np.argsort(self._rank[members])]
         basin = self._basin[members]
@@ -170,28 +170,28 @@ def _mappings(count: str) -> str:
 
 
 def _text(groups: BounceGroups, i: int, spec: Spec) -> str:
-    """What the pictures of one bouncing angle show."""
+    """Write the text beside the pictures of one bouncing angle."""
     cells, count = groups.cells, groups.count[i]
     shortest, longest = groups.shortest_period[i], groups.longest_period[i]
     if count == 1:
-        found = f"There is **one**, with period {longest:,}"
+        periods = f"There is **one**, with period {longest:,}"
     else:
-        found = f"There are **{count:,}**, with periods from {shortest:,} to {longest:,}"
+        periods = f"There are **{count:,}**, with periods from {shortest:,} to {longest:,}"
     return f"""# Periodic groups
 
 {bouncing(float(groups.bounce[i]))}
 
-From every cell the robot ends in a cycle of cells, a *periodic group*. {found}. The farthest cell
-gets there in **{groups.longest_transient[i]:,}** mappings.
+From every cell the robot ends in a cycle of cells, a *periodic group*. {periods}. The farthest cell
+reaches its group in **{groups.longest_transient[i]:,}** mappings.
 
 ## The three maps
 
 Each shows one of {cells.directions} directions: drag `direction` at the bottom.
 
-- **The group that each cell leads to**: a colour is a group, darker on the group itself.
-- **The mappings that it takes** to get there.
-- **Where these groups run**, in whatever direction.
+- **Group that each cell leads to**: a colour is a group, darker on the group itself.
+- **Mappings to the group**: their number, from each cell.
+- **Squares of these groups**, for all directions together.
 
-The legend names those with the largest basins in the direction that is shown.
+The legend names the groups with the largest basins in the direction that is shown.
 
 {made_with(spec, cells)}"""

@@ -4,7 +4,7 @@ import rerun.blueprint as rrb
 
 from ...automata import Filter
 from ...bounce import Localized
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
 from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, Color, cycle_color
@@ -18,34 +18,33 @@ from .run import SEEN, log_localized, log_states, observed, run_legend
 _MAX_ROWS = 12
 
 
-def log_localization(stream: rr.RecordingStream, found: Localized, spec: Spec) -> None:
+def log_localization(stream: rr.RecordingStream, localized: Localized, spec: Spec) -> None:
     """Log a robot that is localized by its bumps.
 
-    Over the timeline `step`: the robot and its trail, the cells where it may be, how many they
-    are, and the path through the filter, drawn as a graph. The periodic groups are there too, for
-    the heading of the robot on `step`, and over the timeline `direction`.
+    Over the timeline `step`: the robot and its trail, the cells where it may be and their number,
+    and the path through the filter, drawn as a graph. A second tab has the periodic groups, for the
+    heading of the robot over `step`, and over the timeline `direction`.
     """
-    drawing = draw_filter(found.filter, found.run.states)
-    map, colors = CellMap(stream, found.cells), found.belief_color
-    log_curve(stream, "filter/color", colors, color=KNOWN, shape="StepBefore")
-    last, most = colors.size - 1, int(colors.max())
-    color = curve_view("filter/color", "Filter's colour", last, most)
-    maps = log_localized(map, found, "filter", curves=[color])
-    shown = directions_shown(found.cells, found.run.path)
-    text = log_text(stream, "text", _text(found, drawing, spec))
-    graph = _log_graph(stream, found, drawing)
-    side = log_tab(stream, "filter", "Filter", graph, "", _legend(map, found), shares=(1, 1))
+    drawing = draw_filter(localized.filter, localized.run.states)
+    map, colors = CellMap(stream, localized.cells), localized.belief_color
+    path, title, most = "filter/color", "Filter's colour", int(colors.max())
+    color = curve(stream, path, title, colors, most, color=KNOWN, shape="StepBefore")
+    maps = log_localized(map, localized, "filter", curves=[color])
+    shown = directions_shown(localized.cells, localized.run.path)
+    text = log_text(stream, "text", _text(localized, drawing, spec))
+    graph = _log_graph(stream, localized, drawing)
+    side = log_tab(stream, "filter", "Filter", graph, "", _legend(map, localized), shares=(1, 1))
     beside = rrb.Vertical(text, side, row_shares=[1, 1])
     tabs = [
         rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
-        log_group_tab(map, found.groups, 0, "Groups", shown, spec),
+        log_group_tab(map, localized.groups, 0, "Groups", shown, spec),
     ]
-    send_blueprint(stream, tabs, "step", pace(found.run.path.size))
+    send_blueprint(stream, tabs, "step", pace(localized.run.path.size))
 
 
-def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -> rrb.View:
-    """Log the filter as a graph in which the states that were visited light up."""
-    filter, run, drawn = found.filter, found.run, drawing.state
+def _log_graph(stream: rr.RecordingStream, localized: Localized, drawing: Drawing) -> rrb.View:
+    """Log the filter as a graph in which visited states light up."""
+    filter, run, drawn = localized.filter, localized.run, drawing.state
     size = filter.uncertainty[drawn]
     names = {
         state: f"state {state}: {counted(cells, 'cell').replace(',', '')}"
@@ -67,56 +66,58 @@ def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -
     return log_states(stream, path, title, names, drawing.position, edges, size, colors, visited)
 
 
-def _legend(map: CellMap, found: Localized) -> list[tuple[str, Color]]:
-    """The meaning of the colours on the map and in the filter."""
+def _legend(map: CellMap, localized: Localized) -> list[tuple[str, Color]]:
+    """Return the legend for the map and the filter."""
     cycles = [("on a knowledge cycle (its colour)", cycle_color(2)[1])]
     return [
         *run_legend(map),
         ("the state of the filter", CURRENT),
         ("a state that it was in", ROBOT),
         ("a state that it was not in", PLAIN),
-        *(cycles if found.filter.cycles else []),
+        *(cycles if localized.filter.cycles else []),
     ]
 
 
-def _text(found: Localized, drawing: Drawing, spec: Spec) -> str:
-    """What the recording of a localization shows."""
-    run = found.run
-    colors = {"colour": [f"{one} ({cycle_color(one)[0]})" for one in found.cycle_color.tolist()]}
+def _text(localized: Localized, drawing: Drawing, spec: Spec) -> str:
+    """Write the text of the recording."""
+    run = localized.run
+    colors = {
+        "colour": [f"{one} ({cycle_color(one)[0]})" for one in localized.cycle_color.tolist()]
+    }
     return f"""# Where is the robot?
 
-{bouncing(found.bounce)} It has a map, a bump sensor and a clock. This run
+{bouncing(localized.bounce)} It has a map, a bump sensor and a clock. This run
 makes {len(run.word):,} observations (0: it moved, 1: it bumped):
 
 `{observed(run.word)}`
 
-{_outcome(found)}
+{_outcome(localized)}
 
 ## How to look
 
 {SEEN}
 
-The tab **Groups** shows where all cells lead in the end, over the slider `direction`.
+The tab **Groups** shows the periodic group of each cell, over the slider `direction`.
 
-## {counted(len(found.filter.cycles), "knowledge cycle")}
+## {counted(len(localized.filter.cycles), "knowledge cycle")}
 
-A dot is a set of cells, violet where the filter is, vermilion where it was.
-{_drawn(found.filter, drawing)} A coloured loop is a *knowledge cycle*, which nothing leaves:
+A dot is a set of cells: violet is the state of the filter, vermilion are its earlier states.
+{_drawn(localized.filter, drawing)} A coloured loop is a *knowledge cycle*, which is never left:
 
-{described(found, "cycle_uncertainty", "cycle_length", first=colors, most=_MAX_ROWS)}
+{described(localized, "cycle_uncertainty", "cycle_length", first=colors, most=_MAX_ROWS)}
 
-{made_with(spec, found.cells)}"""
+{made_with(spec, localized.cells)}"""
 
 
-def _outcome(found: Localized) -> str:
-    state, filter = int(found.run.states[-1]), found.filter
+def _outcome(localized: Localized) -> str:
+    state, filter = int(localized.run.states[-1]), localized.filter
     if state == filter.trap:
-        return "The last of them cannot occur on this map: the robot is **somewhere else**."
+        return "The last observation cannot occur on this map: the robot is **somewhere else**."
     count = int(filter.uncertainty[state])
     if filter.color[state] == 1:
         return f"In the end it may be in {count:,} cells: it is **not localized** yet."
     where = "it is in **one** cell" if count == 1 else f"it is in one of **{count:,}** cells"
-    truth = "" if found.run.truth_is_a_candidate else ", but the truth is **not** among them"
+    truth = "" if localized.run.truth_is_a_candidate else ", but the truth is **not** among them"
     return f"Then it is **localized**: {where}{truth}."
 
 
@@ -125,6 +126,6 @@ def _drawn(filter: Filter, drawing: Drawing) -> str:
         return "Each column is one observation farther from the start."
     left_out = f"; {drawing.cycles_left_out:,} cycles are left out" * bool(drawing.cycles_left_out)
     return (
-        f"There are {len(filter.transition):,}, too many to draw: these are the last of this run, "
-        f"in the rows at the top, and knowledge cycles{left_out}."
+        f"Of {len(filter.transition):,} states, too many to draw, the graph has the last states of "
+        f"this run, in the rows at the top, and knowledge cycles{left_out}."
     )

@@ -6,11 +6,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
-from ...base.written import configuration
+from ...base.formatting import configuration
 from ...bounce import CostSummary, Plan
 from ...space import CellSpace
 from ..canvas import palette
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
 from ..canvas.page import log_legends, log_tab
@@ -21,7 +21,7 @@ from ..canvas.stream import pace, send_blueprint
 from .run import log_turns
 
 
-# In this order, so that few angles have none of the colours of the robot and its ends.
+# In this order, so that few angles avoid the colours of the robot, the start and the goal.
 _ANGLES = [
     palette.CATEGORIES[name]
     for name in ("orange", "sky blue", "pink", "yellow", "green", "blue", "vermilion")
@@ -32,14 +32,14 @@ _MAX_ACTIONS = 60
 _ENDS = ["start/**", "goal/**"]
 
 
-def log_navigation(stream: rr.RecordingStream, found: Plan | CostSummary, spec: Spec) -> None:
-    """Log a plan of a bouncing robot, or the costliest plan of all.
+def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec: Spec) -> None:
+    """Log a plan of a bouncing robot, or the costliest of all plans.
 
-    Over the timeline `step`: the robot, and the angle it turns by at each bump. The whole plan is
-    there as arrows, with a colour for each angle. Over the timeline `direction`: the cells from
-    which the goal can be reached; if there is no path, that is all there is to see.
+    Over the timeline `step`: the robot, and the angle of its turn at each bump. Arrows show the
+    whole plan, with one colour per angle. Over the timeline `direction`: the cells from which the
+    goal can be reached; without a path the recording has only these.
     """
-    plan = found.costliest if isinstance(found, CostSummary) else found
+    plan = result.costliest if isinstance(result, CostSummary) else result
     map = CellMap(stream, plan.cells)
     _log_end(map, "start", plan.start, palette.START)
     _log_end(map, "goal", plan.goal, palette.GOAL)
@@ -54,7 +54,7 @@ def log_navigation(stream: rr.RecordingStream, found: Plan | CostSummary, spec: 
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
-    """Log where the robot starts or is to be: a frame, its heading, and its name."""
+    """Log the start or the goal of the robot: a frame, its heading, and its name."""
     place, half = map.xy(np.array([cell])), map.frame
     theta = float(map.cells.centre(cell)[2])
     heading = half * np.array([[math.cos(theta), math.sin(theta)]])
@@ -65,7 +65,7 @@ def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
 
 
 def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
-    """Log the plan, the robot that follows it, and how often it bumps."""
+    """Log the plan, the robot that follows it, and the number of its bumps."""
     place = map.xy(plan.visited)
     legend = _log_runs(map, plan, place)
     poses = plan.robot_x, plan.robot_y, plan.robot_theta
@@ -89,9 +89,8 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     ):
         happens = np.zeros(len(plan.visited))
         happens[1:][plan.actions != 0] = turns
-        log_curve(map.stream, f"plan/{name}", np.cumsum(happens), color=color)
-        last = len(plan.visited) - 1
-        views.append(curve_view(f"plan/{name}", title, last, int(happens.sum())))
+        most, path = int(happens.sum()), f"plan/{name}"
+        views.append(curve(map.stream, path, title, np.cumsum(happens), most, color=color))
     shown = ["plan/**", *_ENDS, "trail", "robot", "turn"]
     left = rrb.Vertical(map.view("The plan", shown), rrb.Horizontal(*views), row_shares=[3, 1])
     return log_tab(map.stream, "", "Plan", left, text, legend, shares=(3, 2), rows=(2, 1))
@@ -100,9 +99,9 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
 def _log_runs(
     map: CellMap, plan: Plan, place: Float[np.ndarray, "times 2"]
 ) -> list[tuple[str, Color]]:
-    """Log an arrow for each run and a dot for each bump, in the colours of their angles.
+    """Log an arrow per run and a dot per bump, in the colours of their angles.
 
-    **Returns:** what the colours mean.
+    **Returns:** the legend.
     """
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
@@ -119,7 +118,7 @@ def _log_runs(
     log_arrows(
         map.stream, "map/plan/runs", place[begin[moves]], vectors, of_runs, points(2.5), order=20.0
     )
-    # Where the robot bumps again, the dots are rings, the first one outermost.
+    # Several bumps at one position are rings, the first one outermost.
     seen: dict[int, int] = {}
     again = np.empty(bump.size)
     for i, position in enumerate((plan.visited[bump] % map.cells.positions).tolist()):
@@ -137,7 +136,7 @@ def _log_runs(
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
-    """Log from where the goal can be reached: in how many headings, and in one at a time."""
+    """Log the cells that reach the goal: a number of headings per square, and each heading."""
     cells, below = map.cells, f"{path}/" if path else ""
     headings, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format
@@ -153,7 +152,7 @@ def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Contain
         legends = [[*shades, *_heading_legend(cells, one, k)] for k in directions.tolist()]
         log_legends(map.stream, f"{below}legend", legends, timeline, when)
     views = rrb.Vertical(
-        map.view("From where the goal can be reached", [all_headings, *_ENDS]),
+        map.view("Cells that reach the goal", [all_headings, *_ENDS]),
         map.view("The same for one heading", [one_heading, *_ENDS]),
     )
     rows = len(shades) + 2
@@ -163,7 +162,7 @@ def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Contain
 def _heading_legend(
     cells: CellSpace, classes: list[PictureClass], direction: int
 ) -> list[PictureClass]:
-    """What the colours for one heading mean."""
+    """Return the legend for one heading."""
     heading = f"heading {360 * direction / cells.directions:.4g}°"
     return [PictureClass(f"{one.label}, {heading}", one.color) for one in classes[:0:-1]]
 
@@ -173,22 +172,22 @@ _HOW_TO_LOOK = """## How to look
 Press play, or drag `step` at the bottom.
 
 - **vermilion arrow**: the robot, and its trail since its last bump.
-- **other arrows**: runs, in the colour of the angle turned by before.
+- **other arrows**: runs, in the colour of the turn before them.
 - **dots**: bumps, a second one inside the first.
 
-The tab **Reaching the goal** shows from where it can be reached."""
-_REACHING = """- **Above**: in how many headings it can set out from each square.
-- **Below**: whether it can in one, that of `direction`, or of the robot at `step`."""
+The tab **Reaching the goal** shows the cells from which it can be reached."""
+_REACHING = """- **Above**: the number of headings that reach the goal, from each square.
+- **Below**: the squares that reach it with one heading, that of `direction`, or of the robot at
+  `step`."""
 
 
 def _text(plan: Plan, spec: Spec) -> str:
-    """What the recording shows."""
+    """Write the text of the recording."""
     look = _HOW_TO_LOOK if plan.actions.size else ""
     slider = "" if plan.found else _REACHING
     return f"""# From start to goal by bumps
 
-A robot runs straight. Where it bumps it turns by one of its bouncing angles (counter-clockwise),
-as the plan says.
+A robot runs straight. At a bump it turns by the bouncing angle of the plan (counter-clockwise).
 
 {_outcome(plan)}
 
@@ -202,9 +201,9 @@ as the plan says.
 
 
 def _reaching_text(plan: Plan) -> str:
-    return f"""# From where the goal can be reached
+    return f"""# Cells that reach the goal
 
-From **{plan.cells_that_reach_the_goal:,} of {plan.cells.size:,} cells** the robot can get to the
+From **{plan.cells_that_reach_the_goal:,} of {plan.cells.size:,} cells** the robot can reach the
 goal, {configuration(plan.cells, plan.goal)}, with its bouncing angles.
 
 {_REACHING}
@@ -215,14 +214,14 @@ def _outcome(plan: Plan) -> str:
     if not plan.found:
         return "**There is no path** from the start to the goal with these angles."
     if not plan.actions.size:
-        return "The robot **is there already**."
-    return f"""This plan is a cheapest one, with cost **{plan.cost:,}**:
+        return "The robot **starts at the goal**."
+    return f"""No plan is cheaper than this one, with cost **{plan.cost:,}**:
 
 `{_action_string(plan)}`"""
 
 
 def _action_string(plan: Plan) -> str:
-    """Angles in degrees, and between them numbers of steps forward."""
+    """Write a plan as angles in degrees, and numbers of steps between them."""
     words = []
     for action, same in itertools.groupby(plan.actions.tolist()):
         count = len(list(same))

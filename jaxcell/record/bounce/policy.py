@@ -18,7 +18,7 @@ from ..canvas.stream import pace, send_blueprint
 from .run import SEEN, log_localized, log_states, log_turns, run_legend
 
 
-# Without the colours of the robot, and of what is known in the end.
+# Green is for the cells that are left at the end.
 _ANGLES = [
     CATEGORIES[name] for name in ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
 ]
@@ -28,33 +28,35 @@ _Tree: TypeAlias = dict[int, int]
 
 
 def log_localization_policy(
-    stream: rr.RecordingStream, found: AdaptivelyLocalized, spec: Spec
+    stream: rr.RecordingStream, localized: AdaptivelyLocalized, spec: Spec
 ) -> None:
     """Log a robot that is localized by its choice of angles.
 
-    Over the timeline `step`: the robot and its trail, the cells where it may be, the angle that it
-    turns by at each bump, and its path through the tree of the policy. Over the timeline
-    `direction`: from where it takes how many bumps.
+    Over the timeline `step`: the robot and its trail, the cells where it may be, the angle of its
+    turn at each bump, and its path through the tree of the policy. Over the timeline `direction`:
+    the number of bumps that localize it, from each cell.
     """
-    map = CellMap(stream, found.cells)
-    tabs = [_log_run(map, found, spec), _log_needed(map, found)]
-    send_blueprint(stream, tabs, "step", pace(found.run.path.size))
+    map = CellMap(stream, localized.cells)
+    tabs = [_log_run(map, localized, spec), _log_needed(map, localized)]
+    send_blueprint(stream, tabs, "step", pace(localized.run.path.size))
 
 
-def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Spec) -> rrb.Container:
-    stream, turns = map.stream, found.turned_by[found.turned_by >= 0]
-    left = log_localized(map, found, "policy", ["turn"])
-    log_turns(map, map.xy(found.run.path), found.turned_by >= 0, found.bounces[turns].tolist())
-    tree = _tree(found.policy, found.run.states.tolist())
-    drawing = _log_tree(stream, found, tree)
+def _log_run(map: CellMap, localized: AdaptivelyLocalized, spec: Spec) -> rrb.Container:
+    stream, turns = map.stream, localized.turned_by[localized.turned_by >= 0]
+    left = log_localized(map, localized, "policy", ["turn"])
+    log_turns(
+        map, map.xy(localized.run.path), localized.turned_by >= 0, localized.bounces[turns].tolist()
+    )
+    tree = _tree(localized.policy, localized.run.states.tolist())
+    drawing = _log_tree(stream, localized, tree)
     legend = [
         *run_legend(map),
-        *((f"turns by {degrees(one)}", _angle_color(i)) for i, one in enumerate(found.bounces)),
+        *((f"turns by {degrees(one)}", _angle_color(i)) for i, one in enumerate(localized.bounces)),
         ("a state where it is localized", KNOWN),
         ("the start, until the first bump", PLAIN),
         ("the state of the robot", CURRENT),
     ]
-    text = log_text(stream, "text", _text(found, len(tree), spec))
+    text = log_text(stream, "text", _text(localized, len(tree), spec))
     side = log_tab(stream, "tree", "Policy", drawing, "", legend, shares=(5, 4))
     about = rrb.Vertical(text, side, row_shares=[1, 1])
     return rrb.Horizontal(left, about, column_shares=[1, 1], name="Localization")
@@ -63,8 +65,8 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Spec) -> rrb.Contai
 def _tree(policy: Policy, visited: Sequence[int]) -> _Tree:
     """Choose the states to draw, each with a state that leads to it, or -1 for the start.
 
-    They are those of a run, the first levels of the tree while these are few, and the successors of
-    states of the run while there is space.
+    These are the states of a run, the first levels of the tree while they are small, and successors
+    of states of the run up to the largest number.
     """
     run = list(dict.fromkeys(visited))
     above = dict(zip(run, [-1, *run], strict=False))
@@ -81,39 +83,39 @@ def _tree(policy: Policy, visited: Sequence[int]) -> _Tree:
     return above | dict(kept[: _MAX_DRAWN - len(above)])
 
 
-def _log_tree(stream: rr.RecordingStream, found: AdaptivelyLocalized, tree: _Tree) -> rrb.View:
-    """Log the policy as a tree, with the start at the top and a row for each bump."""
-    policy, drawn = found.policy, sorted(tree)
-    names = {state: _name(found, state) for state in drawn}
+def _log_tree(stream: rr.RecordingStream, localized: AdaptivelyLocalized, tree: _Tree) -> rrb.View:
+    """Log the policy as a tree, with the start at the top and a row per bump."""
+    policy, drawn = localized.policy, sorted(tree)
+    names = {state: _name(localized, state) for state in drawn}
     edges = [(above, state) for state, above in tree.items() if above >= 0]
     colors = np.array([_state_color(policy, state) for state in drawn], np.uint8)
     place, size = _layout(tree), policy.uncertainty[drawn]
-    path, title, visited = "tree/graph", "The policy", found.run.states
+    path, title, visited = "tree/graph", "The policy", localized.run.states
     return log_states(stream, path, title, names, place, edges, size, colors, visited)
 
 
 def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
-    """A row for each bump, and each state over the middle of those below it."""
+    """Place states in a row per bump, each above the middle of its successors."""
     graph = nx.DiGraph((above, state) for state, above in tree.items())
     depth = nx.single_source_shortest_path_length(graph, -1)
-    # Ends are side by side, in the order of a walk through the tree.
+    # Ends stand side by side, in the order of a walk through the tree.
     below, order = nx.dfs_successors(graph, -1), list(nx.dfs_preorder_nodes(graph, -1))
     ends = [state for state in order if state not in below]
     across = {state: float(column) for column, state in enumerate(ends)}
     for state in reversed(order):
         if state in below:
             across[state] = float(np.mean([across[target] for target in below[state]]))
-    # As wide as the view is for its height.
+    # The rows have the proportions of the view.
     down = max(_DOWN, 0.55 * _ACROSS * len(ends) / max(depth.values()))
     return np.array([[_ACROSS * across[s], down * depth[s]] for s in sorted(tree)])
 
 
-def _name(found: AdaptivelyLocalized, state: int) -> str:
-    """What hovering over a state shows."""
-    turn = int(found.policy.turn[state])
-    cells = counted(int(found.policy.uncertainty[state]), "cell").replace(",", "")
-    does = f"turn by {degrees(found.bounces[turn])}" if turn >= 0 else "run to the first bump"
-    if state in found.policy.ends:
+def _name(localized: AdaptivelyLocalized, state: int) -> str:
+    """Write the text that the viewer shows for a state under the pointer."""
+    turn = int(localized.policy.turn[state])
+    cells = counted(int(localized.policy.uncertainty[state]), "cell").replace(",", "")
+    does = f"turn by {degrees(localized.bounces[turn])}" if turn >= 0 else "run to the first bump"
+    if state in localized.policy.ends:
         does = "localized"
     return f"state {state}: {cells}, {does}"
 
@@ -129,67 +131,67 @@ def _angle_color(turn: int) -> Color:
     return _ANGLES[turn % len(_ANGLES)]
 
 
-def _log_needed(map: CellMap, found: AdaptivelyLocalized) -> rrb.Container:
-    """Log from where it takes how many bumps: at worst over the headings, and for each."""
-    needed = found.bumps_needed
+def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
+    """Log the number of bumps from each square: for the worst heading, and for each."""
+    needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"
     )
     worst = map.picture("bumps_worst", scale.classes, scale.levels(needed.max(axis=0)))
-    shown = directions_shown(found.cells, found.run.path)
+    shown = directions_shown(localized.cells, localized.run.path)
     one = map.by_direction("bumps_needed", scale.classes, scale.levels(needed), shown)
     views = rrb.Vertical(
         map.view("Bumps until it is localized, from the worst heading", [worst]),
         map.view("The same for one heading", [one]),
     )
-    text, legend = _needed_text(found), scale.legend()
+    text, legend = _needed_text(localized), scale.legend()
     return log_tab(map.stream, "needed", "Bumps needed", views, text, legend, shares=(3, 2))
 
 
-def _needed_text(found: AdaptivelyLocalized) -> str:
-    bumps, starts = np.unique(found.bumps_needed, return_counts=True)
+def _needed_text(localized: AdaptivelyLocalized) -> str:
+    bumps, starts = np.unique(localized.bumps_needed, return_counts=True)
     rows = list(zip(bumps.tolist(), (f"{n:,}" for n in starts.tolist()), strict=True))
-    return f"""# How long it takes
+    return f"""# Bumps until the robot is localized
 
-From each cell, how many bumps it takes until the robot knows where it is.
+Their number, from each cell.
 
 - **Above**: from the worst heading on each square.
 - **Below**: from one heading, that of `direction` at the bottom, or of the robot at `step`.
 
-{table(("bumps", "cells from which it takes so many"), rows)}
+{table(("bumps", "cells"), rows)}
 """
 
 
-def _text(found: AdaptivelyLocalized, drawn: int, spec: Spec) -> str:
-    """What the recording shows."""
-    angles = ", ".join(degrees(one) for one in found.bounces)
-    end = found.run.candidates.size
+def _text(localized: AdaptivelyLocalized, drawn: int, spec: Spec) -> str:
+    """Write the text of the recording."""
+    angles = ", ".join(degrees(one) for one in localized.bounces)
+    end = localized.run.candidates.size
     where = "**one cell**" if end == 1 else f"one of **{end:,} cells**"
-    fixed = ", ".join(f"{one:g}°" for one in found.fixed_turns_deg.tolist())
+    fixed = ", ".join(f"{one:g}°" for one in localized.fixed_turns_deg.tolist())
     part = (
-        ""
-        if drawn == found.policy.turn.size
-        else f" Of {found.policy_states:,} states you see those of this run, with their "
-        "neighbours, and the first ones from the start."
+        f" The tree has those of {localized.policy_states:,} states that this run visits, some of "
+        "their neighbours, and the first ones from the start."
+        if drawn < localized.policy.turn.size
+        else ""
     )
-    return f"""# Which way to turn, to find out where one is
+    return f"""# Turns that localize a robot
 
-A robot runs straight and counts its steps. Where it bumps the *policy* says by which of its angles,
-{angles}, it turns. This run bumps {times(found.run.bumps)}; then it is in {where}.
+A robot runs straight and counts its steps. At a bump the *policy* chooses one of its angles,
+{angles}. This run bumps {times(localized.run.bumps)}; then it is in {where}.
 
 ## How to look
 
 {SEEN}
 
-The tab **Bumps needed** shows how long it takes from everywhere.
+The tab **Bumps needed** shows the number of bumps from each square.
 
 ## The policy
 
 The start is at the top, and each row is a bump. A dot is a set of cells where the robot may be, in
-the colour of the angle that it turns by, below one of the dots that lead to it.{part}
+the colour of its next turn, below a dot that leads to it.{part}
 
-{numbers(found)}
+{numbers(localized)}
 
 One sequence of turns for all starts is `{fixed or "none"}`.
 
-{made_with(spec, found.cells)}"""
+{made_with(spec, localized.cells)}"""

@@ -1,4 +1,4 @@
-"""What recordings of a robot that is localized have in common."""
+"""Parts of all recordings of a robot that is localized."""
 
 from collections.abc import Iterable, Sequence
 
@@ -9,29 +9,26 @@ from jaxtyping import Bool, Float, Int, Integer, UInt8
 
 from ...bounce.localization.result import RunOnMap
 from ..canvas.belief import MAX_ARROWS, log_beliefs, robot_length
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap
-from ..canvas.marks import Poses, log_robot, send_labels
+from ..canvas.marks import MAX_CORNERS, Poses, log_robot, send_labels
 from ..canvas.palette import BELIEF, CURRENT, KNOWN, ROBOT, TRAIL, Color
 from ..canvas.prose import degrees
 from ..canvas.stream import send_changing
 
 
-# A trail has so many corners at most; a run of n steps would else take n^2 points.
-_MAX_CORNERS = 100
-# Around a graph, of which neighbours are some 30 apart.
+# The margin around a graph, whose states are about 30 apart.
 _MARGIN = 40
 _MAX_OBSERVATIONS = 240
 SEEN = f"""Press play, or drag `step` at the bottom.
 
 - **vermilion arrow**: the true robot; the grey line is its trail.
-- **blue arrows**: the cells where it may be; blue squares, while these are more than
-  {MAX_ARROWS:,}.
+- **blue arrows**: the cells where it may be; blue squares if there are more than {MAX_ARROWS:,}.
 - **green squares**, at the end: the cells that are left."""
 
 
 def run_legend(map: CellMap) -> list[tuple[str, Color]]:
-    """The meaning of the colours on the map of a robot that is localized."""
+    """Return the legend for the map of a robot that is localized."""
     return [
         ("the true robot", ROBOT),
         ("its trail", TRAIL),
@@ -42,12 +39,12 @@ def run_legend(map: CellMap) -> list[tuple[str, Color]]:
 
 
 def observed(word: str) -> str:
-    """The first observations of a run, for its text."""
+    """Write the first observations of a run."""
     return (word[:_MAX_OBSERVATIONS] + "..." * (len(word) > _MAX_OBSERVATIONS)) or "none"
 
 
 def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
-    """Log the true robot, by default below the arrows of the belief, of which one lies on it."""
+    """Log the true robot, by default below the arrows of the belief."""
     log_robot(
         map.stream,
         "map/robot",
@@ -56,47 +53,46 @@ def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
         ROBOT,
         "map/trail",
         trail_color=TRAIL,
-        corners=_MAX_CORNERS,
+        corners=MAX_CORNERS,
         middle=0.0,
         order=order,
     )
 
 
 def log_candidates(map: CellMap, cells: Int[np.ndarray, "candidates"], time: int) -> None:
-    """Log frames around the cells that are left in the end, if they are few."""
+    """Log frames around the cells that are left at the end, at most `MAX_ARROWS`."""
     few = cells[:MAX_ARROWS]
     map.frames("candidates", few, KNOWN, np.array([time]), [few.size])
 
 
 def log_localized(
     map: CellMap,
-    found: RunOnMap,
+    localized: RunOnMap,
     path: str,
     also: Sequence[str] = (),
     curves: Sequence[rrb.View] = (),
 ) -> rrb.Container:
-    """Log a robot that is localized, with the cells where it may be and how many they are.
+    """Log a robot that is localized, the cells where it may be, and their number.
 
     **Arguments:**
 
-    - `path`: the entity of their numbers.
+    - `path`: the entity of the numbers of cells.
     - `also`: further entities on the map.
-    - `curves`: further numbers.
+    - `curves`: views of further numbers.
     """
-    run, stream, size = found.run, map.stream, found.belief_size
-    log_beliefs(stream, found.cells, found.beliefs)
-    log_run(map, (found.robot_x, found.robot_y, found.robot_theta))
+    run, stream, size = localized.run, map.stream, localized.belief_size
+    log_beliefs(stream, localized.cells, localized.beliefs)
+    log_run(map, (localized.robot_x, localized.robot_y, localized.robot_theta))
     last = run.observations.size
     log_candidates(map, run.candidates, last)
     at, ground = map.below(map.xy(run.path[-1:])[0], map.frame)
     end, labels = np.array([last]), ["the truth"]
     send_labels(stream, "map/truth", labels, end, ground=ground, positions=at[None])
-    log_curve(stream, f"{path}/uncertainty", size, shape="Linear")
-    log_curve(stream, f"{path}/bits", np.log2(np.maximum(size, 1)), shape="Linear")
+    bits, most = np.log2(np.maximum(size, 1)), int(size.max())
     marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth", *also]
     numbers = (
-        curve_view(f"{path}/uncertainty", "Cells left", last, int(size.max())),
-        curve_view(f"{path}/bits", "The same, log2", last),
+        curve(stream, f"{path}/uncertainty", "Cells left", size, most, shape="Linear"),
+        curve(stream, f"{path}/bits", "The same, log2", bits, shape="Linear"),
         log_bumps(stream, run.observations),
         *curves,
     )
@@ -110,7 +106,7 @@ def log_turns(
     turns: Bool[np.ndarray, "times"],
     angles: Sequence[float],
 ) -> None:
-    """Log by which angle the robot turns at a bump, when it is there."""
+    """Log the angle of each turn, as a label at its bump."""
     bumps = np.flatnonzero(turns)
     labels = [f"bump {i}: turn by {degrees(angle)}" for i, angle in enumerate(angles, 1)]
     times, shown = np.arange(turns.size), turns.astype(int)
@@ -118,11 +114,11 @@ def log_turns(
 
 
 def log_bumps(stream: rr.RecordingStream, observations: Int[np.ndarray, "steps"]) -> rrb.View:
-    """Log how often the robot has bumped."""
-    # A step ends with its observation, so what follows from it is drawn from the step before.
+    """Log the number of bumps so far."""
+    # A step ends with its observation, so a bump counts from the step before.
     bumps = np.append(0, np.cumsum(observations))
-    log_curve(stream, "robot/bumps", bumps, color=ROBOT, shape="StepBefore")
-    return curve_view("robot/bumps", "Bumps so far", observations.size, int(bumps[-1]))
+    path, title, most = "robot/bumps", "Bumps so far", int(bumps[-1])
+    return curve(stream, path, title, bumps, most, color=ROBOT, shape="StepBefore")
 
 
 def log_states(
@@ -136,17 +132,17 @@ def log_states(
     colors: UInt8[np.ndarray, "*#times states 3"],
     visited: Int[np.ndarray, "times"],
 ) -> rrb.View:
-    """Log states as a graph, in which that of the robot lights up.
+    """Log states as a graph, in which the current state lights up.
 
     **Arguments:**
 
     - `path`: the entity.
-    - `names`: the states that are drawn; their names are what hovering shows.
-    - `place`: where they are, with y down.
-    - `edges`: pairs of them.
-    - `size`: how many cells each stands for.
-    - `colors`: of those that the robot is not in.
-    - `visited`: the state at each step.
+    - `names`: the states to draw, with the texts for the pointer.
+    - `place`: the place of each state, with y down.
+    - `edges`: pairs of states.
+    - `size`: the number of cells of each state.
+    - `colors`: the colours of the other states.
+    - `visited`: the current state at each step.
     """
     drawn = np.array([*names])
     nodes = rr.GraphNodes.from_fields(

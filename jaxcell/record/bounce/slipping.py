@@ -4,7 +4,7 @@ import rerun.blueprint as rrb
 
 from ...bounce import Slipped
 from ..canvas.belief import arrows, belief_length, heat, heat_scale, log_belief_style
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES
@@ -13,82 +13,82 @@ from ..canvas.stream import pace, send_blueprint, send_changing
 from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
-def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Spec) -> None:
+def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
     """Log a robot that slips and is localized by a belief.
 
-    Over the timeline `step`: the robot and its trail, how probable each position is, the likeliest
-    cell, the size of the credible set, and how probable it is that the robot is nowhere.
+    Over the timeline `step`: the robot and its trail, the probability of each position, the
+    likeliest cell, the size of the credible set, and the probability that the robot is nowhere.
     """
-    cells, last = found.cells, found.observations.size
+    cells, last = slipped.cells, slipped.observations.size
     steps = np.arange(last + 1)
     map = CellMap(stream, cells)
     scale = heat_scale()
-    picture = map.picture("heat", scale.classes, heat(found.belief), "step", steps)
-    _log_likeliest(map, found)
-    log_run(map, (found.pose[:, 0], found.pose[:, 1], found.pose[:, 2]), order=30.0)
-    log_candidates(map, found.candidates, last)
+    picture = map.picture("heat", scale.classes, heat(slipped.belief), "step", steps)
+    _log_likeliest(map, slipped)
+    log_run(map, (slipped.pose[:, 0], slipped.pose[:, 1], slipped.pose[:, 2]), order=30.0)
+    log_candidates(map, slipped.candidates, last)
     marks = [picture, "belief", "likeliest", "trail", "robot", "candidates"]
-    if len(found.bounces) > 1:
-        turns = found.turned_by[found.turned_by >= 0]
-        log_turns(map, found.pose[:, :2], found.turned_by >= 0, found.bounces[turns].tolist())
+    if len(slipped.bounces) > 1:
+        turns = slipped.turned_by[slipped.turned_by >= 0]
+        log_turns(map, slipped.pose[:, :2], slipped.turned_by >= 0, slipped.bounces[turns].tolist())
         marks.append("turn")
-    seen = map.view("Where the robot is, and where it takes itself to be", marks)
-    views = rrb.Vertical(seen, _curves(stream, found, last), row_shares=[7, 3])
-    legend, text = scale.legend(shown=[]), _text(found, spec)
+    seen = map.view("The robot, and its belief", marks)
+    views = rrb.Vertical(seen, _curves(stream, slipped), row_shares=[7, 3])
+    legend, text = scale.legend(shown=[]), _text(slipped, spec)
     tabs = [log_tab(stream, "", "Belief", views, text, legend, shares=(3, 2), rows=(3, 1))]
-    if len(found.smoothed):
-        after = map.picture("smoothed", scale.classes, heat(found.smoothed), "step", steps)
-        view = map.view("Where it was, by the whole run", [after, "trail", "robot"])
+    if len(slipped.smoothed):
+        after = map.picture("smoothed", scale.classes, heat(slipped.smoothed), "step", steps)
+        view = map.view("Positions, given the whole run", [after, "trail", "robot"])
         tabs.append(log_tab(stream, "smoothed", "Looking back", view, "", legend, shares=(7, 2)))
     send_blueprint(stream, tabs, "step", pace(last))
 
 
-def _log_likeliest(map: CellMap, found: Slipped) -> None:
+def _log_likeliest(map: CellMap, slipped: Slipped) -> None:
     """Log a frame around the likeliest cell, with its heading."""
-    stream, cells = map.stream, found.cells
-    known = np.flatnonzero(found.likeliest >= 0)
-    where = found.likeliest[known]
+    stream, cells = map.stream, slipped.cells
+    known = np.flatnonzero(slipped.likeliest >= 0)
+    where = slipped.likeliest[known]
     map.frames("likeliest", where, CATEGORIES["pink"], known, width=2.0, order=28.0)
     origins, vectors = arrows(cells, where, belief_length(cells))
     send_changing(stream, "map/belief", rr.Arrows2D, known, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)
 
 
-def _curves(stream: rr.RecordingStream, found: Slipped, last: int) -> rrb.Container:
-    log_curve(stream, "belief/credible", found.credible)
-    log_curve(stream, "belief/nowhere", found.nowhere, color=CATEGORIES["pink"])
-    most = int(found.credible.max())
+def _curves(stream: rr.RecordingStream, slipped: Slipped) -> rrb.Container:
+    credible, nowhere = slipped.credible, slipped.nowhere
+    title, most = "Cells of the credible set, 95 %", int(credible.max())
+    pink = CATEGORIES["pink"]
     return rrb.Horizontal(
-        curve_view("belief/credible", "Cells of the credible set, 95 %", last, most),
-        curve_view("belief/nowhere", "Probability that it is nowhere", last, 1.0),
-        log_bumps(stream, found.observations),
+        curve(stream, "belief/credible", title, credible, most),
+        curve(stream, "belief/nowhere", "Probability of being nowhere", nowhere, 1.0, color=pink),
+        log_bumps(stream, slipped.observations),
     )
 
 
-def _turning(found: Slipped) -> str:
-    if len(found.bounces) == 1:
-        return bouncing(float(found.bounces[0]))
+def _turning(slipped: Slipped) -> str:
+    if len(slipped.bounces) == 1:
+        return bouncing(float(slipped.bounces[0]))
     return (
-        "A robot runs straight. Where it bumps it turns by one of its angles, "
-        f"**{', '.join(map(degrees, found.bounces))}**, for the least entropy at the next bump."
+        "A robot runs straight. At a bump it turns by one of its angles, "
+        f"**{', '.join(map(degrees, slipped.bounces))}**, for the least entropy at the next bump."
     )
 
 
-def _text(found: Slipped, spec: Spec) -> str:
-    if found.is_nowhere:
+def _text(slipped: Slipped, spec: Spec) -> str:
+    if slipped.is_nowhere:
         end = "The belief says that the robot is **nowhere on this map**."
     else:
-        truth = "among" if found.truth_is_a_candidate else "**not** among"
+        truth = "among" if slipped.truth_is_a_candidate else "**not** among"
         end = (
-            f"In the end {counted(found.candidates.size, 'cell')} hold it with probability 0.95; "
+            f"In the end {counted(slipped.candidates.size, 'cell')} hold it with probability 0.95; "
             f"the truth is {truth} them."
         )
     return f"""# Where is a robot that slips?
 
-{_turning(found)} Its steps and turns are off by {100 * found.slip.step:.3g} %. It makes
-{len(found.word):,} observations (0: it moved, 1: it bumped):
+{_turning(slipped)} Its steps and turns are off by {100 * slipped.slip.step:.3g} %. It makes
+{len(slipped.word):,} observations (0: it moved, 1: it bumped):
 
-`{observed(found.word)}`
+`{observed(slipped.word)}`
 
 {end}
 
@@ -96,11 +96,11 @@ def _text(found: Slipped, spec: Spec) -> str:
 
 Press play, or drag `step` at the bottom.
 
-- **colours**: how probable each position is, whatever the heading.
+- **colours**: the probability of each position, summed over headings.
 - **vermilion arrow**: the true robot, and its trail.
 - **pink frame and blue arrow**: the likeliest cell.
 - **green frames**, at the end: the credible set.
 
-The tab **Looking back**: how probable each position was, given the whole run.
+The tab **Looking back** shows the probability of each position, given the whole run.
 
-{made_with(spec, found.cells)}"""
+{made_with(spec, slipped.cells)}"""

@@ -4,7 +4,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Int
 
 from ...bounce import TeamTrajectory
-from ..canvas.curves import curve_view, log_curve
+from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.marks import log_robot
 from ..canvas.page import log_tab
@@ -14,7 +14,7 @@ from ..canvas.stream import send_blueprint
 
 
 _MARK: Color = (0, 0, 0)
-# Longer trajectories are shown at so many times, and at the end.
+# The most times that are shown of a trajectory, beside its end.
 _MAX_TIMES = 20_000
 _MAX_PICTURES = 500
 
@@ -22,16 +22,16 @@ _MAX_PICTURES = 500
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
     """Log a joint trajectory of several robots.
 
-    Over the timeline `step`: the robots with the last corners of their trails, the positions that
-    were visited, in the colour of the robot that came first, the robots that collide, and curves of
-    the coverage, the collisions and the parts.
+    Over the timeline `step`: the robots with the last corners of their trails, the visited
+    positions in the colour of the first visitor, the robots that collide, and curves of the
+    coverage, the collisions and the parts.
     """
     stride = max(1, -(-team.steps // _MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))
     map = CellMap(stream, team.cells)
     shown = [_log_visited(map, team), "collisions", *_log_robots(map, team, times)]
     _log_collisions(map, team, times)
-    seen = map.view("The robots, and what they have visited", shown)
+    seen = map.view("The robots, and the positions that they have visited", shown)
     views = rrb.Vertical(seen, _log_curves(stream, team, times), row_shares=[7, 3])
     tab = log_tab(
         stream, "", "Team", views, _text(team, stride, spec), _legend(team), shares=(3, 2)
@@ -40,7 +40,7 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
 
 
 def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
-    """Log which robot came first to each square that was visited."""
+    """Log the first visitor of each visited square."""
     classes = [PictureClass("not visited", CLEAR)]
     for robot in range(min(team.starts.size, len(ROBOTS))):
         name, color = robot_color(robot)
@@ -67,7 +67,7 @@ def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "time
 def _log_collisions(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> None:
     """Mark the robots that collided since the time before."""
     move, robot = np.nonzero(team.collided)
-    # What happens in a move is seen when it has been made.
+    # A move is seen at its end.
     marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
     map.frames("collisions", team.cell[move, robot], _MARK, times, marks, order=40.0)
 
@@ -75,7 +75,7 @@ def _log_collisions(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "
 def _log_curves(
     stream: rr.RecordingStream, team: TeamTrajectory, times: Int[np.ndarray, "times"]
 ) -> rrb.Container:
-    """Log the numbers that change along the trajectory."""
+    """Log numbers along the trajectory as curves."""
     part = np.searchsorted(team.part_begin, team.time, side="right")
     collisions = np.append(0, np.cumsum(team.collisions))
     of, views = team.cells.positions, []
@@ -84,13 +84,12 @@ def _log_curves(
         ("collisions", "Collisions so far", collisions, team.collisions_in_all),
         ("part", "Part", part, team.parts),
     ):
-        log_curve(stream, f"team/{name}", values[times], times=times)
-        views.append(curve_view(f"team/{name}", title, team.steps, most))
+        views.append(curve(stream, f"team/{name}", title, values[times], most, times))
     return rrb.Horizontal(*views, column_shares=[2, 1, 1])
 
 
 def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
-    """The meaning of each colour; robots past the colours have those of others."""
+    """Return the legend; robots beyond the number of colours share colours."""
     robots = [(f"robot {i}", _shade(i)) for i in range(min(team.starts.size, len(ROBOTS)))]
     return [
         *robots,
@@ -101,22 +100,22 @@ def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
 
 
 def _shade(robot: int) -> Color:
-    """The colour of the arrow of a robot, which is darker than the squares that it visited."""
+    """Return the colour of the arrow of a robot, darker than its visited squares."""
     return mix(robot_color(robot)[1], (0, 0, 0), 0.15)
 
 
 def _text(team: TeamTrajectory, stride: int, spec: Spec) -> str:
-    """What the recording shows."""
+    """Write the text of the recording."""
     robots = range(team.starts.size)
     who = {"robot": robots, "colour": [robot_color(robot)[0] for robot in robots]}
-    every = f" Of so many steps every {stride:,}th is shown." if stride > 1 else ""
+    every = f" Every {stride:,}th step is shown." if stride > 1 else ""
     return f"""# {counted(len(robots), "bouncing robot")}
 
-Each runs straight. Where it bumps, into a wall or another robot, it stays and turns by its
-bouncing angle, and runs on.
+Each robot runs straight. At a bump, into a wall or another robot, it stays, turns by its bouncing
+angle, and runs on.
 
-A part ends when the robots are all as they were before; the next begins with one of them turned by
-one direction. The search ended since {team.meaning}.
+A part ends when all robots are in an earlier joint state; the next part begins with one robot
+turned by one direction. The search ended because {team.meaning}.
 
 ## How to look
 

@@ -1,4 +1,4 @@
-"""The parts that all recordings are made of; each is here once.
+"""The parts of which all recordings are made.
 
 - `stream`: the file, and what the viewer opens with.
 - `map`: a map with y up, pictures of its cells, and views of it.

@@ -1,6 +1,6 @@
-"""Cells where a robot may be, as arrows, or as shaded squares while there are too many.
+"""The cells where a robot may be: arrows, or shaded squares while the cells are many.
 
-A belief is a heat map of how probable each position is."""
+A belief is a heat map of the probability of each position."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from .stream import send_changing
 
 
 MAX_ARROWS = 400
-"""More cells than this are shown as shaded squares."""
+"""The largest number of cells that are shown as arrows; more are shaded squares."""
 _SHADES = 8
 _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 
@@ -24,30 +24,30 @@ _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 def arrows(
     cells: CellSpace, where: Integer[np.ndarray, "arrows"], length: float
 ) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
-    """Arrows at cells, along their directions: where they begin, and their vectors."""
+    """Return the origins and the vectors of arrows at cells, along the directions of the cells."""
     x, y, theta = cells.centre(where)
     heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     return np.stack([x, y], axis=1), length * heading
 
 
 def belief_length(cells: CellSpace) -> float:
-    """The length of the arrows of a belief, in metres."""
+    """Return the length of the arrows of a belief, in metres."""
     return max(0.42 * cells.cell, 0.02 * max(cells.free.shape) * cells.cell)
 
 
 def robot_length(map: CellMap) -> float:
-    """The length of the arrow of a robot that is sought, which begins at its centre, in metres."""
+    """Return the length of the arrow of a robot to localize, in metres; it begins at the centre."""
     return max(0.7 * map.cells.cell, 0.035 * map.extent)
 
 
 def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
-    """Log what the arrows of all beliefs have in common, at `map/belief`."""
+    """Log the style of the arrows of a belief, at `map/belief`."""
     style = rr.Arrows2D.from_fields(colors=BELIEF, radii=belief_length(cells) / 10, draw_order=20)
     stream.log("map/belief", style, static=True)
 
 
 def log_shades(stream: rr.RecordingStream) -> None:
-    """Log what the shades of squares mean, at `map/grid/belief`."""
+    """Log the meaning of the shades of squares, at `map/grid/belief`."""
     shares = np.linspace(0.2, 1, _SHADES)
     classes = [PictureClass("the robot cannot be here", CLEAR)]
     classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shares]
@@ -57,7 +57,7 @@ def log_shades(stream: rr.RecordingStream) -> None:
 def shades(
     cells: CellSpace, where: Integer[np.ndarray, "belief"]
 ) -> UInt8[np.ndarray, "positions"]:
-    """The share of directions that are possible at each position; none if arrows show it."""
+    """Return a shade per position: its share of possible directions, or 0 if arrows show them."""
     if where.size <= MAX_ARROWS:
         return np.zeros(cells.positions, np.uint8)
     count = np.bincount(where % cells.positions, minlength=cells.positions)
@@ -67,7 +67,7 @@ def shades(
 def log_beliefs(
     stream: rr.RecordingStream, cells: CellSpace, beliefs: Sequence[Integer[np.ndarray, "_"]]
 ) -> None:
-    """Log where a robot may be at each step: arrows, or shaded squares while there are too many."""
+    """Log the cells where a robot may be at each step, as arrows or as shaded squares."""
     size = np.array([where.size for where in beliefs])
     shown = np.where(size <= MAX_ARROWS, size, 0)
     few = [where for where in beliefs if where.size <= MAX_ARROWS]
@@ -87,7 +87,7 @@ def log_beliefs(
 
 
 def heat_scale() -> Scale:
-    """The colours of how probable positions are; squares that are not are clear."""
+    """Return the scale of probabilities of positions; improbable squares are clear."""
     return Scale.over(
         np.array([_FAINT, 1.0]),
         "probability {}".format,
@@ -98,5 +98,5 @@ def heat_scale() -> Scale:
 
 
 def heat(share: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
-    """The classes of positions on the scale of [`heat_scale`][], by how probable they are."""
+    """Return the classes of positions on the scale of [`heat_scale`][], from probabilities."""
     return heat_scale().levels(np.maximum(share, _FAINT), {_UNLIKELY: share < _FAINT})

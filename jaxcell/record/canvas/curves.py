@@ -1,6 +1,6 @@
-"""Numbers that change over a timeline, as curves over the whole of it."""
+"""Curves of numbers over a whole timeline."""
 
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -26,11 +26,25 @@ def log_curve(
     shape: Shape = "StepAfter",
     width: float = 2.0,
 ) -> None:
-    """Log a number at each time as a curve, by default of steps that begin at their times."""
+    """Log a number at each time as a curve, by default with steps that begin at the times."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
     log_curve_style(stream, path, color, name, shape, width)
+
+
+def curve(
+    stream: rr.RecordingStream,
+    path: str,
+    title: str,
+    values: Num[np.ndarray, "times"],
+    most: float | int | None = None,
+    times: Int[np.ndarray, "times"] | None = None,
+    **style: Any,
+) -> rrb.TimeSeriesView:
+    """Log a curve over the timeline `step`, as [`log_curve`][], and return a view of it."""
+    log_curve(stream, path, values, times=times, **style)
+    return curve_view(path, title, values.size - 1 if times is None else int(times[-1]), most)
 
 
 def log_curve_style(
@@ -41,7 +55,7 @@ def log_curve_style(
     shape: Shape = "StepAfter",
     width: float = 2.0,
 ) -> None:
-    """Log how a curve looks whose numbers are logged later."""
+    """Log the style of a curve; its numbers are logged later."""
     names = None if name is None else [name]
     line = rr.SeriesLines(colors=color, widths=width, interpolation_mode=shape, names=names)
     stream.log(path, line, static=True)
@@ -55,14 +69,14 @@ def curve_view(
     legend: bool = False,
     first: int = 0,
 ) -> rrb.TimeSeriesView:
-    """A view of the curves at a path, from the start to the end and not near one time.
+    """Make a view of the curves at a path, over the whole timeline.
 
     **Arguments:**
 
     - `last`: the last time; `None` while the recording grows.
-    - `most`: the largest number, if the axis is to begin at 0 and end there. That of a count is an
-        `int`, and its axis is so long that the viewer puts ticks at whole numbers only.
-    - `legend`: whether to name the curves.
+    - `most`: the largest number, for an axis from 0 to this number. For counts it is an `int`, and
+        the axis is long enough for the viewer to place ticks at whole numbers only.
+    - `legend`: `True` to name the curves.
     - `first`: the first time.
     """
     boundary = rrb.TimeRangeBoundary

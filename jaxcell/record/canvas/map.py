@@ -32,7 +32,7 @@ _FINE, _MAX_FINE = 8, 2**22
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CellMap:
-    """The map of a cell space in a recording; making one logs its free squares and its walls."""
+    """The map of a cell space in a recording. The constructor logs its free squares and walls."""
 
     stream: rr.RecordingStream
     cells: CellSpace
@@ -73,29 +73,32 @@ class CellMap:
 
     @functools.cached_property
     def extent(self) -> float:
-        """The larger side of the map: marks have at least a share of it, so that they are seen."""
+        """The larger side of the map, in metres. Marks are never smaller than a share of it."""
         left, bottom, right, top = self.bounds
         return max(right - left, top - bottom)
 
     @property
     def arrow(self) -> float:
-        """The length of the arrow of a robot that is seen on the whole map, in metres."""
+        """The length of the arrow of a robot, in metres, for a view of the whole map."""
         return max(0.8 * self.cells.cell, 0.045 * self.extent)
 
     @functools.cached_property
     def frame(self) -> float:
-        """Half the side of a frame around a square, in metres."""
+        """Half the side of the frame around a square, in metres."""
         return max(0.5 * self.cells.cell, 0.02 * self.extent)
 
     def xy(self, cell: Int[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape 2"]:
-        """The centres of cells or positions, in metres."""
+        """Return the centres of cells or positions, in metres."""
         x, y, _ = self.cells.centre(cell)
         return np.stack([x, y], axis=-1)
 
     def below(
         self, place: Float[np.ndarray, "2"], gap: float
     ) -> tuple[Float[np.ndarray, "2"], Color]:
-        """Where the label of a mark stands, so far below its middle, and the colour there."""
+        """Return the place of a label below the middle of a mark, and the colour of its ground.
+
+        `gap` is the distance of the label from the middle, in metres.
+        """
         at = place - np.array([0, gap])
         # A label hangs below its place.
         under = at - np.array([0, 0.25 * self.cells.cell])
@@ -112,7 +115,7 @@ class CellMap:
         timeline: str | None = None,
         times: Int[np.ndarray, "pictures"] | None = None,
     ) -> str:
-        """Log the class of each position as a picture, or one picture for each time.
+        """Log the class of each position as a picture, or as one picture per time.
 
         The arguments are those of [`log_pictures`][].
 
@@ -129,11 +132,11 @@ class CellMap:
         kind: Integer[np.ndarray, "directions positions"],
         shown: "Directions",
     ) -> str:
-        """Log the class of each cell as a picture for each direction.
+        """Log the class of each cell as one picture per direction.
 
         **Arguments:**
 
-        - `shown`: when which direction is shown.
+        - `shown`: the direction that each time of a timeline shows.
 
         **Returns:** the name of the entity, for [`CellMap.view`][].
         """
@@ -160,7 +163,7 @@ class CellMap:
         send_changing(self.stream, f"map/{name}", rr.Boxes2D, times, lengths, style=style, **boxes)
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
-        """A view of entities on the map, with a margin around it."""
+        """Make a view of entities on the map, with a margin around it."""
         left, bottom, right, top = self.bounds
         margin = 0.04 * self.extent
         box = left - margin, -top - margin, right + margin, margin - bottom
@@ -170,11 +173,14 @@ class CellMap:
 
 
 Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]
-"""For each timeline, times and the directions that are shown at these."""
+"""By timeline: times, and the direction that each of them shows."""
 
 
 def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = None) -> Directions:
-    """Each direction over the timeline `direction`; over `step` that of a robot, by its cells."""
+    """Show all directions over `direction`, and the direction of a robot over `step`.
+
+    `path` has the cell of the robot at each step; without it there is no `step`.
+    """
     every = np.arange(cells.directions)
     shown = {"direction": (every, every)}
     if path is not None:
@@ -187,7 +193,7 @@ def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = 
 def on_squares(
     cells: CellSpace, kind: Integer[np.ndarray, "*pictures positions"]
 ) -> UInt8[np.ndarray, "*pictures rows columns"]:
-    """Classes of positions as pictures, with 0 for what is not free; the first row is lowest."""
+    """Return the classes of positions as pictures, 0 where not free; the first row is lowest."""
     pictures = np.zeros((*kind.shape[:-1], cells.free.size), np.uint8)
     pictures[..., cells.square] = kind
     return pictures.reshape(*kind.shape[:-1], *cells.free.shape)
@@ -237,7 +243,7 @@ def send_pictures(
 
 
 def _stretch(cells: CellSpace, side: float) -> rr.Transform3D:
-    """The way of a picture of squares of a side to their places on the map."""
+    """Return the transform of a picture, whose pixels have this side in metres, to the map."""
     return rr.Transform3D(translation=[*cells.origin, 0], scale=[side, side, 1])
 
 
@@ -253,9 +259,9 @@ def _sticks_out(cells: CellSpace) -> bool:
 
 
 def _beyond(cells: CellSpace) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
-    """The side of fine squares in metres, and 1 for those beyond the walls.
+    """Return the side of fine squares in metres, and 1 for each square beyond the walls.
 
-    They fit the pixels of a map that is a picture, of which the workspace knows the side.
+    If the map is a picture, several squares make one of its pixels.
     """
     assert cells.workspace is not None
     rows, columns = cells.free.shape
@@ -268,10 +274,10 @@ def _beyond(cells: CellSpace) -> tuple[float, UInt8[np.ndarray, "rows columns"]]
 
 
 def _squares(cells: CellSpace) -> UInt8[np.ndarray, "rows columns"]:
-    """0 for squares in an obstacle, 1 for free ones, 2 for those that are too near a wall."""
+    """Return 0 for squares in an obstacle, 1 for free ones, 2 for those too near a wall."""
     squares = cells.free.astype(np.uint8)
     if _sticks_out(cells):
-        # What lies in an obstacle is covered.
+        # Another picture covers the parts in obstacles.
         squares[squares == 0] = 2
     elif cells.workspace is not None and cells.workspace.robot_radius > 0:
         row, column = np.nonzero(~cells.free)
@@ -285,7 +291,7 @@ def _squares(cells: CellSpace) -> UInt8[np.ndarray, "rows columns"]:
 
 
 def _walls(cells: CellSpace) -> list[Float[np.ndarray, "points 2"]]:
-    """The edges of the environment, or of the free squares where there are only these."""
+    """Return the edges of the environment, or of the free squares if there is no workspace."""
     if cells.workspace is not None:
         rings = shapely.get_rings(shapely.get_parts(cells.workspace.environment))
         return [shapely.get_coordinates(ring) for ring in rings]

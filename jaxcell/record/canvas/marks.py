@@ -15,18 +15,20 @@ from .palette import BLACK, FREE, PLAIN, TEXT, Color, share_colors, text_on
 from .stream import send_changing
 
 
-# Corners of the trail behind a robot; all of them would hide the map.
+MAX_CORNERS = 100
+"""The most corners of a trail: without a limit, a run of n steps would take n^2 points."""
+# The corners of a trail by default; more would hide the map.
 _CORNERS = 6
 _LAST_STEPS = 4
 _Numbers: TypeAlias = Float[np.ndarray, "states"]
 Poses: TypeAlias = tuple[_Numbers, _Numbers, _Numbers]
 """x, y and heading of each state of a robot, in metres and radians."""
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""The style of points of which one sees their labels only, which stand on black."""
+"""The style of points that show only their labels, which stand on black."""
 
 
 def points(width: float) -> float:
-    """A width on the screen, in points, however far one looks from."""
+    """Return a width in points of the screen, independent of the zoom, as a radius."""
     return float(np.asarray(rr.Radius.ui_points(width)))
 
 
@@ -37,11 +39,11 @@ def log_labels(
     grounds: Sequence[Color] = (BLACK,),
     order: float = 60.0,
 ) -> None:
-    """Log texts at places; the viewer hangs each centred below its place.
+    """Log texts at places; the viewer centres each below its place.
 
     **Arguments:**
 
-    - `grounds`: the colour on which each stands, or one on which all do.
+    - `grounds`: the colour below each text, or one colour for all.
     """
     if labels:
         texts, x, y = zip(*labels, strict=True)
@@ -74,7 +76,7 @@ def log_dots(
     color: Color | Sequence[Color],
     order: float = 40.0,
 ) -> None:
-    """Log round marks, of one radius or one for each."""
+    """Log round marks, with one radius for all or one per mark."""
     stream.log(path, rr.Points2D(xy, colors=color, radii=radius, draw_order=order), static=True)
 
 
@@ -87,7 +89,7 @@ def log_frame(
     width: float = 3.0,
     order: float = 40.0,
 ) -> None:
-    """Log frames around squares of which half the side is given."""
+    """Log frames around squares; `half` is half the side."""
     centers = np.atleast_2d(np.asarray(xy, float))
     frame = rr.Boxes2D(
         centers=centers,
@@ -107,7 +109,7 @@ def log_lines(
     width: float = 1.5,
     order: float = 20.0,
 ) -> None:
-    """Log lines through points, so many points wide on the screen."""
+    """Log lines through points; `width` is in points of the screen."""
     lines = rr.LineStrips2D(list(strips), colors=color, radii=points(width), draw_order=order)
     stream.log(path, lines, static=True)
 
@@ -119,11 +121,11 @@ def log_shares(
     level: Float[np.ndarray, "lines"],
     width: float,
 ) -> None:
-    """Log lines that are wide and yellow where a number is near 1, and thin and grey where it is 0.
+    """Log lines for numbers from 0 (thin and grey) to 1 (wide and yellow).
 
     **Arguments:**
 
-    - `width`: half that of the widest, in units of the plane.
+    - `width`: half the width of the widest line, in units of the plane.
     """
     colors, radii = share_colors(level, PLAIN), width * (0.1 + 0.9 * level)
     stream.log(path, rr.LineStrips2D(ends, colors=colors, radii=radii, draw_order=15), static=True)
@@ -138,7 +140,7 @@ def log_arrows(
     radius: float,
     order: float,
 ) -> None:
-    """Log arrows from places."""
+    """Log arrows that begin at places."""
     arrows = rr.Arrows2D(origins=xy, vectors=vectors, colors=color, radii=radius, draw_order=order)
     stream.log(path, arrows, static=True)
 
@@ -162,16 +164,16 @@ def log_robot(
     **Arguments:**
 
     - `path`: the entity of the robot.
-    - `poses`: those of each state.
-    - `length`: of the arrow.
+    - `poses`: the pose of each state.
+    - `length`: the length of the arrow.
     - `trail`: the entity of the trail.
-    - `times`: the states that are shown; by default all.
-    - `trail_color`: by default that of the robot.
-    - `corners`: how many corners of the trail are kept.
-    - `width`: of the trail, in points on the screen.
-    - `middle`: the share of the arrow that is behind the centre of the robot; at the half it lies
-        in its square in any heading.
-    - `order`: of the robot; the trail lies below it.
+    - `times`: the states to show; by default all.
+    - `trail_color`: by default the colour of the robot.
+    - `corners`: the number of corners of the trail.
+    - `width`: the width of the trail, in points of the screen.
+    - `middle`: the share of the arrow behind the centre of the robot; with a half, the arrow stays
+        in its square at any heading.
+    - `order`: the drawing order of the robot; the trail lies below it.
     """
     x, y, theta = poses
     times = np.arange(x.size) if times is None else times
@@ -199,13 +201,13 @@ def log_walker(
     width: float = 3.0,
     rim: float | None = None,
 ) -> None:
-    """Log a dot that goes from place to place over the timeline `step`, with its last steps.
+    """Log a dot that goes from place to place over the timeline `step`, and its last steps.
 
     **Arguments:**
 
-    - `radius`: of the dot.
-    - `width`: of the line along the last steps, in points on the screen.
-    - `rim`: that of a light rim of this line, if it is to have one.
+    - `radius`: the radius of the dot.
+    - `width`: the width of the line along the last steps, in points of the screen.
+    - `rim`: the width of a light rim of this line, or `None` for no rim.
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]

@@ -1,4 +1,4 @@
-"""Matrices as heat maps, whose first row is on top; yellow is for large numbers."""
+"""Heat maps of matrices: the first row is on top, large numbers are yellow."""
 
 from collections.abc import Sequence
 
@@ -14,8 +14,7 @@ from .scale import Scale
 from .stream import plane
 
 
-# More squares than this do not have their numbers written on them, and more rows or columns have
-# no names beside them.
+# The most squares with their numbers written on them, and the most rows or columns with names.
 _MAX_NUMBERS = 150
 _MAX_NAMES = 40
 # A label hangs below its point.
@@ -36,12 +35,12 @@ def log_matrix(
 
     **Arguments:**
 
-    - `values`: the numbers, not negative; squares that have none are NaN.
+    - `values`: the numbers, not negative; NaN where there is none.
     - `rows`, `columns`: their names.
-    - `unit`: what the numbers count; empty for nothing.
-    - `margin`: how much space the names of rows have, in squares.
+    - `unit`: the unit of the numbers, or an empty text.
+    - `margin`: the space for the names of rows, in squares.
 
-    **Returns:** a view of it, and what the colours mean.
+    **Returns:** the view, and the legend.
     """
     scale = Scale.over(values, f"{{}} {unit}".rstrip().format, special={"none": PLAIN})
     known = ~np.isnan(values)

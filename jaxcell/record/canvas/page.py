@@ -16,13 +16,13 @@ from .stream import plane
 
 
 _SECTION = re.compile(r"\n+(?=## )")
-# Lines in a row of a colour bar.
+# The number of lines in a row of a colour bar.
 _STRIPES = 8
 # Points of the screen: a letter of a label, a row of a legend at most, and a legend.
 _LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
-"""What colours mean, row by row; classes of pictures are entries too."""
+"""The meanings of colours, one per row; classes of pictures are entries too."""
 
 
 def log_tab(
@@ -40,14 +40,14 @@ def log_tab(
 
     **Arguments:**
 
-    - `path`: what its text and legend are under; empty for the recording as a whole.
-    - `name`: what the tab is called.
-    - `views`: what is on its left; several make a grid, and the legend fills a hole in it.
-    - `text`: what one sees, in Markdown; empty for no text, if there is a legend.
-    - `legend`: what the colours mean, or how many rows a legend has that changes over time, which
-        [`log_legends`][] logs; none for no legend.
-    - `shares`: how much of the width the views and the rest have.
-    - `rows`: how much of the height the text and the legend have.
+    - `path`: the entity above its text and legend; empty for the whole recording.
+    - `name`: the name of the tab.
+    - `views`: the views on the left; several make a grid, and the legend fills a hole in it.
+    - `text`: the text in Markdown; it may be empty if there is a legend.
+    - `legend`: the meanings of the colours, or an empty list. For a legend that changes over time,
+        logged by [`log_legends`][], the number of its rows.
+    - `shares`: the shares of the width for the views and for the rest.
+    - `rows`: the shares of the height for the text and for the legend.
     """
     below = f"{path}/" if path else ""
     side: list[rrb.View | rrb.Container] = [log_text(stream, f"{below}text", text)] if text else []
@@ -69,7 +69,7 @@ def log_tab(
 
 
 def log_text(stream: rr.RecordingStream, path: str, text: str) -> rrb.View | rrb.Container:
-    """Log a text in Markdown, and give a view of it: a tab for each of its sections."""
+    """Log a text in Markdown, and return a view with a tab for each section."""
     views = []
     for i, part in enumerate(_SECTION.split(text)):
         heading, _, _ = part.partition("\n")
@@ -81,7 +81,7 @@ def log_text(stream: rr.RecordingStream, path: str, text: str) -> rrb.View | rrb
 
 
 def log_legend(stream: rr.RecordingStream, path: str, legend: Legend) -> rrb.View:
-    """Log what colours mean at all times, and give a view of it."""
+    """Log a legend that does not change, and return a view of it."""
     log_legends(stream, path, [legend])
     return _legend_view(path, len(legend))
 
@@ -93,7 +93,7 @@ def log_legends(
     timeline: str | None = None,
     times: Int[np.ndarray, "legends"] | None = None,
 ) -> None:
-    """Log a column of swatches with their meanings for each time, or once without a timeline."""
+    """Log swatches with their meanings, one column per time, or one without a timeline."""
     stream.log(f"{path}/text", rr.Points2D.from_fields(**LABEL), static=True)
     index = []
     if timeline is not None and times is not None:
@@ -106,7 +106,7 @@ def log_legends(
         f"{path}/swatch", index, swatch.partition([len(one) for one, _, _ in drawn])
     )
     labels = [label for legend in legends for label, _ in legend]
-    # The viewer writes a label centred under its point, so many points wide whatever the scale.
+    # The viewer centres a label under its point, and its width does not depend on the scale.
     unit = min(_MAX_UNIT, _HEIGHT / (max(lengths) + 0.6))
     middle = 0.9 + np.array([len(label) for label in labels]) * _LETTER / unit / 2
     row = np.concatenate([np.arange(length) for length in lengths])
@@ -119,8 +119,8 @@ def _swatches(
 ) -> tuple[
     Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
 ]:
-    """The lines that are drawn for a legend: one for a meaning, many for a part of a colour bar."""
-    # What is clear is drawn black, so it has the colour of the ground.
+    """Return the lines that draw a legend: one per colour, many per part of a colour bar."""
+    # Clear colours would be drawn black; they get the colour of the ground.
     shown = [OBSTACLE if one == CLEAR else one for _, one in legend]
     color = np.array([(*one, 255)[:4] for one in shown], float)
     is_level = np.array([isinstance(one, Level) for one in legend])
@@ -140,5 +140,5 @@ def _swatches(
 
 
 def _legend_view(path: str, rows: int) -> rrb.Spatial2DView:
-    """A view of a legend of so many rows."""
+    """Make a view of a legend; `rows` is the number of its rows."""
     return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2), ground=OBSTACLE)

@@ -1,8 +1,8 @@
 """The colours of all recordings, which colour-blind people can distinguish too.
 
-What stands for one thing is the same everywhere: obstacles are dark, free space is light, the
-robot is vermilion, where it may be is blue, and what is known in the end is green. A way goes from
-the blue start to the green goal, and what an adversary attacks is pink.
+A colour has one meaning everywhere: obstacles are dark, free space is light, the robot is
+vermilion, its possible cells are blue, and the cells that are left at the end are green. A path
+goes from the blue start to the green goal, and the target of an adversary is pink.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -32,7 +32,7 @@ PLAIN: Color = (140, 144, 150)
 CURRENT: Color = (120, 94, 240)
 ON_GROUP: Color = (255, 255, 255)
 
-# Okabe and Ito's, without black.
+# The colours of Okabe and Ito, without black.
 CATEGORIES: dict[str, Color] = {
     "orange": (230, 159, 0),
     "sky blue": (86, 180, 233),
@@ -45,9 +45,9 @@ CATEGORIES: dict[str, Color] = {
 
 _ROBOTS = ("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow")
 ROBOTS: list[tuple[str, Color]] = [*((name, CATEGORIES[name]) for name in _ROBOTS), ("grey", PLAIN)]
-"""The first robot, the second, and so on."""
+"""The name and the colour of each robot, in order."""
 
-# Samples of viridis, without its darkest part, which obstacles would be taken for.
+# Samples of viridis, without its darkest part, which looks like an obstacle.
 _RAMP = np.array(
     [
         (62, 73, 137),
@@ -63,58 +63,58 @@ _RAMP = np.array(
 )
 
 
-# Grounds that are darker than this have white labels.
+# Darker grounds than this have white labels.
 _DARK = 104
-# What a solver leaves of a probability that is 0.
+# A solver gives up to this in place of a probability of 0.
 _NOTHING = 1e-9
 
 
 def robot_color(robot: int) -> tuple[str, Color]:
-    """What stands for one of several robots, which are counted from 0."""
+    """Return the name and the colour of a robot; robots are counted from 0."""
     return ROBOTS[robot % len(ROBOTS)]
 
 
 def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:
-    """Colours for numbers from 0 (dark blue) to 1 (yellow)."""
+    """Return colours for numbers from 0 (dark blue) to 1 (yellow)."""
     at = np.clip(value, 0, 1) * (len(_RAMP) - 1)
     channels = [np.interp(at, np.arange(len(_RAMP)), channel) for channel in _RAMP.T]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
 def share_colors(share: Float[np.ndarray, "values"], none: Color) -> UInt8[np.ndarray, "values 3"]:
-    """The colours of [`ramp`][], and another for what is 0."""
+    """Return the colours of [`ramp`][], and the colour `none` for 0."""
     return np.where(share[:, None] > _NOTHING, ramp(share), none[:3]).astype(np.uint8)
 
 
 def text_on(ground: Color) -> Color:
-    """The colour of a label on a ground, which is legible in both themes of the viewer.
+    """Choose the colour of a label on a ground; it is legible in both themes of the viewer.
 
-    Behind a label there is half a veil, dark in the dark theme and light in the light one.
+    The viewer lays half of its own ground behind a label: dark in one theme, light in the other.
     """
     red, green, blue = ground[:3]
     return INK if 0.3 * red + 0.59 * green + 0.11 * blue > _DARK else TEXT
 
 
 def mix(color: Color, other: Color, share: float) -> Color:
-    """A colour with a share of another."""
+    """Mix a colour with a share of another."""
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(color, other, strict=True))
     return red, green, blue
 
 
 def tint(color: Color, share: float) -> Color:
-    """A colour with a share of that of free space."""
+    """Mix a colour with a share of the colour of free space."""
     return mix(color, FREE, share)
 
 
 class PictureClass(NamedTuple):
-    """What squares of one class in a picture have in common: an entry of a legend."""
+    """A class of squares in a picture, with its label and colour; also an entry of a legend."""
 
     label: str
     color: Color
 
 
 class Level(NamedTuple):
-    """An entry of a legend that is part of a colour bar with those beside it."""
+    """An entry of a legend; neighbouring levels make one colour bar."""
 
     label: str
     color: Color
@@ -125,7 +125,7 @@ NOT_FREE = PictureClass("not free", CLEAR)
 
 
 def cycle_color(color: int) -> tuple[str, Color]:
-    """What stands for a knowledge cycle, by the colour that its filter gives it (2, 3, ...)."""
+    """Return the name and the colour for a knowledge cycle, from its number (2, 3, ...)."""
     named = list(CATEGORIES.items())
     return named[(color - 2) % len(named)]
 
@@ -142,20 +142,21 @@ def _group_classes() -> list[PictureClass]:
 
 
 GROUP_CLASSES = _group_classes()
-"""The classes in pictures of groups: what is not free, then for each rank the cells that lead to
-the group and the cells on it, which are darker. The groups past the colours are pale."""
+"""The classes in pictures of groups: not free; then for each rank the cells that lead to the
+group, and the cells on it, which are darker. Groups beyond the number of colours are pale."""
 
 
 def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
-    """The rank of each size, 0 for the largest; equal ones in their order."""
+    """Return the rank of each size, 0 for the largest; equal sizes keep their order."""
     rank = np.empty(sizes.size, np.int64)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(sizes.size)
     return rank
 
 
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
-    """The class of the cells that lead to groups, from the ranks of their basins; the next class is
-    that of the cells on them.
+    """Return the class of the cells that lead to each group, from the ranks of the basins.
+
+    The next class is for the cells on the group.
     """
     count = len(CATEGORIES)
     place = np.where(rank < count, rank, count + rank % count)

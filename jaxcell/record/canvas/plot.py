@@ -1,6 +1,6 @@
-"""Charts that are drawn in a plane, so that bars and curves lie over each other at all times.
+"""Charts drawn in a plane, in which bars and curves lie over each other at all times.
 
-The viewer's own charts show one kind of mark, or only what is on the timeline that plays.
+A chart of the viewer itself has one kind of mark, or only data on the timeline that plays.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from .stream import plane
 
 
 _WIDTH, _HEIGHT = 160.0, 90.0
-# Of the picture of bars.
+# The height of the picture of bars, in pixels.
 _ROWS = 512
 _LEFT, _RIGHT, _BELOW, _ABOVE = 22.0, 8.0, 20.0, 14.0
 
@@ -29,7 +29,7 @@ Ticks: TypeAlias = Sequence[float | int] | Mapping[float, str]
 
 @dataclasses.dataclass(frozen=True)
 class Plot:
-    """A chart with both axes from 0."""
+    """A chart whose axes begin at 0."""
 
     stream: rr.RecordingStream
     path: str
@@ -37,7 +37,7 @@ class Plot:
     most_y: float
 
     def axes(self, x: Ticks, y: Ticks, about_x: str, about_y: str) -> None:
-        """Log the axes with ticks at some numbers, which have other names where these are given."""
+        """Log the axes with their titles and ticks; a mapping replaces numbers by names."""
         across, up = self.at(np.array([*x], float), 0.0), self.at(0.0, np.array([*y], float))
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
@@ -53,8 +53,8 @@ class Plot:
     def bars(
         self, name: str, heights: Float[np.ndarray, "bars"], last: float, color: Color
     ) -> None:
-        """Log bars of one width, side by side from 0 to a number."""
-        # A picture, for the viewer does not fill boxes in a plane.
+        """Log bars of equal width, side by side from 0 to `last`."""
+        # A picture, because the viewer does not fill boxes in a plane.
         level = (np.arange(_ROWS) + 0.5) / _ROWS * self.most_y
         picture = (heights > level[:, None]).astype(np.uint8)
         classes = [PictureClass("", CLEAR), PictureClass(name, color)]
@@ -68,7 +68,7 @@ class Plot:
         last: float,
         order: float = -10.0,
     ) -> None:
-        """Log a picture of classes as high as the chart, from 0 to a number; its first row is the
+        """Log a picture of classes as high as the chart, from 0 to `last`; its first row is the
         lowest.
         """
         path, (rows, columns) = f"{self.path}/{name}", picture.shape
@@ -85,25 +85,25 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Log a curve, over wider ones; what is not finite or above the chart is cut off."""
+        """Log a curve, which lies over wider ones. Values above the chart are drawn at its top."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)
 
     def marks(self, name: str, x: Sequence[float | int], color: Color) -> None:
-        """Log upright lines."""
+        """Log vertical lines."""
         strips = [self.at(np.full(2, float(one)), np.array([0.0, self.most_y])) for one in x]
         self._lines(name, strips, color, 1.0, 5.0)
 
     def view(self, name: str, also: Sequence[str] = ()) -> rrb.Spatial2DView:
-        """A view of the chart, and of other entities in its plane."""
+        """Make a view of the chart, and of other entities in its plane."""
         box = -_LEFT, -_HEIGHT - _ABOVE, _WIDTH + _RIGHT, _BELOW
         return plane("/", name, box, (f"/{self.path}/**", *also))
 
     def at(
         self, x: Float[np.ndarray, "points"] | float, y: Float[np.ndarray, "points"] | float
     ) -> Float[np.ndarray, "points 2"]:
-        """Where numbers lie in the plane of the chart."""
+        """Return the points of the plane for coordinates of the chart."""
         across = np.atleast_1d(x) * (_WIDTH / self.most_x)
         up = np.atleast_1d(y) * (-_HEIGHT / self.most_y)
         return np.stack(np.broadcast_arrays(across, up), axis=1)
@@ -119,7 +119,7 @@ def _names(ticks: Ticks) -> list[str]:
 
 
 def ticks(most: float | int, about: int = 5) -> list[float]:
-    """Round numbers from 0 up to a number, about so many."""
+    """Return round numbers from 0 to `most`; `about` is roughly their number."""
     size = 10.0 ** np.floor(np.log10(most / about))
     step = next(size * one for one in (1, 2, 5, 10) if size * one * about >= most)
     return [float(one) for one in np.arange(int(most / step + 1e-9) + 1) * step]

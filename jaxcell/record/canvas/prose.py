@@ -1,25 +1,25 @@
-"""Pieces of the texts beside the pictures, in Markdown."""
+"""Parts of the texts beside the pictures, in Markdown."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
+from ...base.formatting import format_value
 from ...base.quantities import Result, quantities, values
-from ...base.written import written
 from ...space import CellSpace
 from ..data.summary import cells_of
 
 
 _MAX_ROWS = 60
-# Letters of the heads of columns, beyond which their names stand for their meanings.
+# If the meanings of columns have more letters than this, their names are the heads.
 _MAX_HEAD = 72
 
 Spec: TypeAlias = Mapping[str, Any]
-"""What was asked for, by the names of parameters."""
+"""The parameters of a result, by name."""
 
 
 def describe(cells: CellSpace) -> str:
-    """What the map is, and into which cells it is cut."""
+    """Describe the map and its cells."""
     if cells.workspace is not None:
         place = cells.workspace.describe()
     else:
@@ -32,7 +32,7 @@ def describe(cells: CellSpace) -> str:
 
 
 def bouncing(bounce: float) -> str:
-    """How a robot with one bouncing angle, in radians, moves."""
+    """Describe the motion of a robot with one bouncing angle, in radians."""
     return (
         f"A robot runs straight. Where it bumps it turns by **{degrees(bounce)}** "
         "(counter-clockwise), and runs on."
@@ -40,20 +40,20 @@ def bouncing(bounce: float) -> str:
 
 
 def degrees(angle: float) -> str:
-    """An angle in radians as people read it."""
+    """Write an angle, in radians, in degrees."""
     return f"{math.degrees(angle):.6g}°"
 
 
 def made_with(spec: Spec, cells: CellSpace | None = None) -> str:
-    """The parameters of a recording, and the map that it is on, as its last section."""
+    """Write the last section of a text: the parameters of the recording, and its map."""
     given = [(key, value) for key, value in spec.items() if value is not None]
     parts = [] if cells is None else [describe(cells)]
-    parts += [table(("what", "value"), given)] if given else []
+    parts += [table(("parameter", "value"), given)] if given else []
     return "\n\n".join(["## Made with", *parts]) if parts else ""
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = _MAX_ROWS) -> str:
-    """A table in Markdown, of which at most so many rows are shown."""
+    """Write a table in Markdown, with at most `most` rows."""
     body = [[str(cell).replace("|", "&#124;") for cell in row] for row in rows[:most]]
     if len(rows) > most:
         body.append([f"{len(rows) - most:,} more"] + [""] * (len(columns) - 1))
@@ -62,14 +62,16 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = 
 
 
 def numbers(result: Result, cells: CellSpace | None = None) -> str:
-    """The single numbers and texts of a result as a table in Markdown; none for none.
+    """Write the single numbers and texts of a result as a table in Markdown.
 
     **Arguments:**
 
-    - `cells`: those on which its positions are; by default its own.
+    - `cells`: the cells of its positions; by default the cells of the result.
+
+    **Returns:** the table; an empty text if there is nothing to show.
     """
-    found, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
-    rows = [(about.meaning, written(value, about, cells)) for about, value in found.values()]
+    singles, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
+    rows = [(about.meaning, format_value(value, about, cells)) for about, value in singles.values()]
     return table(("quantity", "value"), rows) if rows else ""
 
 
@@ -79,15 +81,15 @@ def described(
     first: Mapping[str, Sequence[object]] | None = None,
     most: int = _MAX_ROWS,
 ) -> str:
-    """A table of quantities in Markdown, with their meanings, or their names, as its head.
+    """Write a table of quantities in Markdown, with their meanings or names as heads.
 
     **Arguments:**
 
-    - `results`: one result, with a row for each place along the dimension of the quantities; or
-        several of one kind, with a row for each.
-    - `names`: the quantities; those that no result has are left out.
-    - `first`: columns before them, by their heads.
-    - `most`: how many rows are shown.
+    - `results`: one result, with a row per element along the dimension of the quantities; or
+        several results of one class, with a row per result.
+    - `names`: the quantities; a quantity that no result has is left out.
+    - `first`: columns before the quantities, by their heads.
+    - `most`: the largest number of rows.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])
@@ -101,16 +103,16 @@ def described(
         column = [getattr(one, name) for one in several]
         column = list(column[0]) if isinstance(results, Result) else column
         columns[head] = [
-            "" if value is None else written(value, about[name], cells) for value in column
+            "" if value is None else format_value(value, about[name], cells) for value in column
         ]
     return table([*columns], list(zip(*columns.values(), strict=True)), most)
 
 
 def times(count: int) -> str:
-    """How often: `once`, `twice`, `3 times`."""
+    """Write a frequency: `once`, `twice`, `3 times`."""
     return {1: "once", 2: "twice"}.get(count, f"{count:,} times")
 
 
 def counted(count: int, one: str) -> str:
-    """A number with its noun: `1 group`, `2,000 groups`."""
+    """Write a number with its noun: `1 group`, `2,000 groups`."""
     return f"{count:,} {one}{'s' * (count != 1)}"

@@ -1,4 +1,4 @@
-"""Numbers as colours: the classes of a picture, the class of each number, and the legend."""
+"""Scales of colours: the classes of a picture, the class of each number, and the legend."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -11,31 +11,31 @@ from .palette import CLEAR, Color, Level, PictureClass, ramp
 
 
 LEVELS = 32
-# Of the 255 classes of a picture, so that there is space for others.
+# Of 255 classes of a picture; the rest is for special ones.
 _MOST_LEVELS = 250
 _LEGEND_ROWS = 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scale:
-    """A ramp of colours over levels of numbers, and colours for what is not a number.
+    """A ramp of colours over levels of numbers, with special colours beside it.
 
-    Class 0 of a picture is its ground, the next are the special ones in their order, and from there
-    on each level has a class.
+    Class 0 of a picture is its ground. The special classes follow in their order, and then one
+    class per level.
     """
 
     bounds: Float[np.ndarray, "bounds"]
     "The ends of the levels, ascending; numbers outside belong to the first or the last."
     label: Callable[[str], str] = "{}".format
-    'What a number or a range means, given how it is written: `"{} h".format`.'
+    'Turns a written number or range into its meaning: `"{} h".format`.'
     special: Mapping[str, Color] = dataclasses.field(default_factory=dict)
     "The meanings and colours of squares without a level."
     ground: str = "not free"
     digits: int = 3
     open: bool = False
-    "Whether the legend says that the last level holds all larger numbers."
+    "`True` if the legend says that the last level holds all larger numbers."
     whole: bool = False
-    "Whether levels are of whole numbers, each from its bound to before the next."
+    "`True` if a level holds the whole numbers from its bound to before the next bound."
 
     @classmethod
     def over(
@@ -49,21 +49,21 @@ class Scale:
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
         **about: Any,
     ) -> "Scale":
-        """The scale over the range of some numbers, or between given ends.
+        """Make a scale over the range of numbers, or between two ends.
 
         **Arguments:**
 
-        - `values`: the numbers; those that are not finite are passed over.
-        - `levels`: how many.
-        - `least`, `most`: the ends, instead of those of the numbers.
-        - `spaced`: how bounds lie between the ends, `numpy.linspace` or `numpy.geomspace`.
+        - `values`: the numbers; only finite ones count.
+        - `levels`: the number of levels.
+        - `least`, `most`: the ends; by default the least and the largest number.
+        - `spaced`: the spacing of the bounds, `numpy.linspace` or `numpy.geomspace`.
         - `label`, and further keywords: the other fields.
         """
         finite = values[np.isfinite(values)]
         low = float(finite.min(initial=np.inf)) if least is None else least
         high = float(finite.max(initial=-np.inf)) if most is None else most
         low, high = (low, high) if low <= high else (0.0, 0.0)
-        # A range of nothing has no levels.
+        # Equal ends would make no levels.
         high = max(high, low + max(1e-6, 1e-9 * abs(low)))
         return cls(spaced(low, high, levels + 1), label, **about)
 
@@ -77,9 +77,9 @@ class Scale:
         levels: int = _MOST_LEVELS,
         **about: Any,
     ) -> "Scale":
-        """The scale of whole numbers between two of them, on at most so many levels.
+        """Make a scale of the whole numbers from `least` to `most`, on at most `levels` levels.
 
-        The arguments are those of [`Scale.over`][].
+        The other arguments are those of [`Scale.over`][].
         """
         most = max(least, most)
         share = -(-(most - least + 1) // levels)
@@ -104,12 +104,12 @@ class Scale:
         values: Num[np.ndarray, "*shape"],
         special: Mapping[str, Bool[np.ndarray, "*shape"]] | None = None,
     ) -> UInt8[np.ndarray, "*shape"]:
-        """The class of each number.
+        """Return the class of each number.
 
         **Arguments:**
 
         - `values`: the numbers.
-        - `special`: by its meaning, where a special class stands; later ones win.
+        - `special`: masks of the special classes, by their meanings; later ones win.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")
         kind = 1 + len(self.special) + level
@@ -121,30 +121,30 @@ class Scale:
     def legend(
         self, rows: int = _LEGEND_ROWS, shown: Sequence[str] | None = None
     ) -> list[tuple[str, Color]]:
-        """What some levels mean, the largest first, and what the special colours do.
+        """Return the meanings of some levels, the largest first, and of the special colours.
 
         **Arguments:**
 
-        - `rows`: how many levels.
-        - `shown`: the special ones that are part of it; by default all.
+        - `rows`: the number of levels.
+        - `shown`: the special colours in the legend; by default all.
         """
         colors = self.colors
         last = len(colors) - 1
         name, ends = (self._range, last) if self.whole else (self._bound, last + 1)
         at = np.unique(np.linspace(0, ends, rows).round().astype(int))[::-1].tolist()
-        # Levels of a range of nothing are written alike.
+        # Levels between nearly equal ends have equal texts.
         entries = {name(i): colors[min(i, last)] for i in at}
         names = self.special if shown is None else shown
         levels = [Level(*entry) for entry in entries.items()]
         return levels + [(name, self.special[name]) for name in names]
 
     def _bound(self, number: int) -> str:
-        """What a bound means."""
+        """Return the meaning of a bound."""
         more = " or more" if self.open and number == self.bounds.size - 1 else ""
         return self.label(self._written(self.bounds[number])) + more
 
     def _range(self, level: int) -> str:
-        """What a level means."""
+        """Return the meaning of a level."""
         low, high = self.bounds[level], self.bounds[level + 1] - self.whole
         if self.open and level == self.bounds.size - 2:
             return f"{self.label(self._written(low))} or more"

@@ -1,4 +1,4 @@
-"""The file of a recording, and what the viewer shows when it opens it."""
+"""The file of a recording, and the layout that the viewer opens with."""
 
 import contextlib
 import os
@@ -13,17 +13,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from .palette import BLACK, Color
 
 
 @contextlib.contextmanager
 def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingStream]:
-    """Open a stream into a file, which appears when the block ends well, or not at all.
+    """Open a stream into a file, which appears only if the block ends without an error.
 
-    Inside, bad arguments to Rerun raise.
+    In the block, Rerun raises for bad arguments.
 
-    **Raises:** `ValueError` if the name does not end in `.rrd`, which the viewer asks for;
+    **Raises:** `ValueError` if the name does not end in `.rrd`, as the viewer requires;
     `FileNotFoundError` if the folder does not exist; `OSError` if the disk is full.
     """
     if Path(path).suffix != ".rrd":
@@ -45,14 +45,14 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
 def new_stream(kind: str) -> rr.RecordingStream:
     """Make a stream of its own application.
 
-    The viewer keeps one blueprint for each application. Two recordings of one, opened side by side,
-    would both have that of the last, and views of what is only in the other would be empty.
+    The viewer keeps one blueprint per application. If two recordings shared an application, both
+    would be shown by the blueprint of the last one, with empty views.
     """
     return rr.RecordingStream(f"jaxcell_{kind}_{uuid.uuid4().hex[:8]}")
 
 
 def recording_name(path: str | os.PathLike[str]) -> str:
-    """What the viewer calls a recording in its list: its folder and its own name."""
+    """Return the name of a recording in the list of the viewer: its folder and its own name."""
     path = Path(path).absolute()
     return f"{path.parent.name}/{path.stem}"
 
@@ -73,11 +73,11 @@ def send_changing(
 
     **Arguments:**
 
-    - `archetype`: what they are, `rerun.Points2D` say.
-    - `times`: when they change.
-    - `lengths`: how many there are from each time on; by default one.
+    - `archetype`: the kind of the marks, such as `rerun.Points2D`.
+    - `times`: the times of changes.
+    - `lengths`: the number of marks from each time on; by default one.
     - `style`: the components that do not change.
-    - `columns`: those that do, one after the other.
+    - `columns`: the components that change, for all times in a row.
     """
     index = [rr.TimeColumn(timeline, sequence=times)]
     changing = archetype.columns(**columns)
@@ -89,14 +89,14 @@ def send_changing(
 def send_blueprint(
     stream: rr.RecordingStream, tabs: Sequence[rrb.Container], timeline: str, speed: float
 ) -> None:
-    """Fix what the viewer shows: our tabs, and a timeline that plays, in steps a second."""
+    """Send the layout of the viewer: tabs, and a timeline that plays, with its steps per second."""
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
     play = rrb.TimePanel(timeline=timeline, fps=speed, play_state="playing", state="collapsed")
     stream.send_blueprint(fixed(layout, play))
 
 
 def pace(steps: int) -> float:
-    """Steps a second of what plays in some twenty seconds, if that can be followed."""
+    """Return the steps per second that play a run in about 20 seconds, within limits."""
     return float(np.clip(steps / 20, 2, 30))
 
 
@@ -107,10 +107,10 @@ def plane(
     contents: Sequence[str] | None = None,
     ground: Color = BLACK,
 ) -> rrb.Spatial2DView:
-    """A view of a box in a plane: left, top, right, bottom, as the viewer has them, y down.
+    """Make a view of a box in a plane: left, top, right, bottom, with y down.
 
-    The ground is that of white labels, which have a veil behind them: black in the dark theme of
-    the viewer, white in the light one.
+    `ground` is the colour behind everything. Labels on it are white; the viewer lays a veil behind
+    them, which is dark in its dark theme and light in its light one.
     """
     left, top, right, bottom = box
     return rrb.Spatial2DView(
@@ -123,7 +123,7 @@ def plane(
 
 
 def fixed(layout: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
-    """What the viewer shows: our views only, and how time goes in them."""
+    """Make a blueprint of these views only, with this panel of time."""
     return rrb.Blueprint(
         layout,
         time,

@@ -1,4 +1,4 @@
-"""Timelines that show the values of a parameter, although their times are whole numbers."""
+"""Timelines along the values of a parameter; times of the viewer are whole numbers."""
 
 from typing import NamedTuple
 
@@ -13,19 +13,19 @@ class Timeline(NamedTuple):
     """A timeline along the values of a parameter."""
 
     name: str
-    "Its name, which says how times follow from values."
+    "Its name, which names the factor from values to times."
     times: Int[np.ndarray, "values"]
     meaning: str
-    "What a time of the timeline is."
+    "The meaning of a time, in words."
 
 
 def along_values(name: str, values: np.ndarray) -> Timeline:
-    """Choose a timeline for the values of a parameter, by which its slider shows them.
+    """Choose a timeline whose slider shows the values of a parameter.
 
     **Arguments:**
 
     - `name`: the name of the parameter.
-    - `values`: its values. Texts and equal numbers are counted instead.
+    - `values`: its values. If they are texts, or not all different, their numbers are the times.
     """
     times, digits = _scaled(values) if values.dtype.kind in "iuf" else (values, None)
     if digits is None:
@@ -38,10 +38,10 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 
 
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """Whole numbers in proportion to different values, and how many decimal digits they took.
+    """Scale values to whole numbers. Returns these, and the number of decimal digits of the factor.
 
-    They are exact where six digits do, and else rounded to the fewest digits that
-    distinguish the values, at least four.
+    The numbers are exact if six digits suffice. Otherwise they are rounded to the fewest digits,
+    but at least four, that keep the values different.
     """
     largest = float(np.abs(values).max())
     for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):

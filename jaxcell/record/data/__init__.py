@@ -1,1 +1,1 @@
-"""Datasets and summaries that follow from what a result says of its quantities."""
+"""Datasets and summaries of results, from the descriptions of their quantities."""

@@ -1,4 +1,4 @@
-"""The summary of any result, from the descriptions of its quantities."""
+"""Summarize any result, from the descriptions of its quantities."""
 
 import math
 from typing import Any
@@ -10,15 +10,15 @@ from ...space import CellSpace
 
 
 def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
-    """The numbers of a result that a person or a script wants, as JSON has them.
+    """Summarize a result as an object of JSON, for people and scripts.
 
-    Single numbers and texts, listed arrays, and a list of rows for each of `result.tables`; a part
-    has an object of its own. What is not finite is `None`.
+    It has single numbers and texts, listed arrays, and a list of rows for each of `result.tables`;
+    a part has its own object. Numbers that are not finite are `None`.
 
     **Arguments:**
 
-    - `result`: what a study gave.
-    - `cells`: those on which its positions are; by default its own.
+    - `result`: the result of a study.
+    - `cells`: the cells of its positions; by default the cells of the result.
 
     **Returns:** an object for `json.dumps`.
 
@@ -35,7 +35,7 @@ def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
         {'steps': 100}
     """
     cells = cells_of(result) if cells is None else cells
-    found = {
+    numbers = {
         name: _plain(value, about, cells)
         for name, (about, value) in summarized(result).items()
         if is_single(about)
@@ -48,24 +48,24 @@ def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
         }
         if plain:
             rows = zip(*plain.values(), strict=True)
-            found[title] = [dict(zip(plain, row, strict=True)) for row in rows]
-    below = {
-        name: [summary(one, cells) for one in part]
+            numbers[title] = [dict(zip(plain, row, strict=True)) for row in rows]
+    nested = {
+        name: [summary(member, cells) for member in part]
         if isinstance(part, tuple)
         else summary(part, cells)
         for name, part in parts(result).items()
     }
-    return {**found, **below}
+    return {**numbers, **nested}
 
 
 def cells_of(result: Result) -> CellSpace | None:
-    """The cell space of a result that has one."""
+    """Return the cell space of a result, or `None`."""
     cells = getattr(result, "cells", None)
     return cells if isinstance(cells, CellSpace) else None
 
 
 def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
-    """A position with its place in metres; none for -1."""
+    """Return a position with its place in metres; `None` for -1."""
     if position < 0:
         return None
     x, y, _ = cells.centre(position)
@@ -73,15 +73,15 @@ def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
 
 
 def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
-    """Numbers and texts as JSON has them."""
+    """Convert a value of a quantity to JSON."""
     if isinstance(value, str | bool | None):
         return value
     array = np.asarray(value)
     if about.kind == "place" and cells is not None:
-        places = [place(cells, one) for one in array.ravel().tolist()]
+        places = [place(cells, position) for position in array.ravel().tolist()]
         return places if array.ndim else places[0]
     if about.kind == "index" and array.ndim == 2:
-        return [[one for one in row if one >= 0] for row in array.tolist()]
+        return [[index for index in row if index >= 0] for row in array.tolist()]
     if array.dtype.kind == "f":
         return _finite(array.tolist())
     return array.tolist()
@@ -89,5 +89,5 @@ def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
 
 def _finite(value: Any) -> Any:
     if isinstance(value, list):
-        return [_finite(one) for one in value]
+        return [_finite(element) for element in value]
     return value if math.isfinite(value) else None

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from ...drift.ends import ALMOST_FOR_EVER, LayerEnds
+from ...drift.results.ends import ALMOST_FOREVER, LayerEnds
 from ..canvas.palette import FREE, PLAIN, mix
 from ..canvas.prose import described
 from ..canvas.scale import Scale
@@ -13,14 +13,14 @@ from .map import SeaMap
 
 
 _PERSISTENT = "in a persistent group"
-_LATE = f"almost for ever: over {ALMOST_FOR_EVER:,} steps"
+_LATE = f"almost forever: over {ALMOST_FOREVER:,} steps"
 
 
 def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     """Log the absorption times of each layer."""
     layers = [map.drift.layers[map.number] for map in maps]
     hours = [np.asarray(layer.begins.hours) for layer in layers]
-    late = [layer.almost_for_ever for layer in layers]
+    late = [layer.almost_forever for layer in layers]
     shown = np.concatenate([one[(one > 0) & ~two] for one, two in zip(hours, late, strict=True)])
     # A few that take very long would leave one colour for all others.
     most = min(float(shown.max()), 3 * float(np.quantile(shown, 0.9))) if shown.size else 1.0
@@ -48,7 +48,7 @@ def _text(layers: Sequence[LayerEnds]) -> str:
     caught = ""
     if any(layer.almost_for_ever_cells for layer in layers):
         caught = (
-            f"*Almost for ever* is more than {ALMOST_FOR_EVER:,} steps: take what holds drifters "
+            f"*Almost forever* is more than {ALMOST_FOREVER:,} steps: take what holds drifters "
             "there for a persistent group."
         )
     return f"""# How long it takes

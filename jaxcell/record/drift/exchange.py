@@ -44,7 +44,7 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
 
 def _hours(hours: float) -> str:
     if not np.isfinite(hours):
-        return "for ever"
+        return "forever"
     return f"{hours / 24:.3g} days" if hours >= 72 else f"{hours:.3g} h"
 
 

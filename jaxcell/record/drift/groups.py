@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Int, UInt8
 
 from ...drift import Layer, SeaDrift
-from ...drift.ends import LayerEnds
+from ...drift.results.ends import LayerEnds
 from ..canvas.marks import log_labels
 from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, tint
 from ..canvas.prose import Spec, counted, described, made_with
@@ -130,7 +130,7 @@ def groups_text(drift: SeaDrift, spec: Spec) -> str:
     hours = f"**{drift.step / 3600:.3g} hours**"
     current = "the mean current" if drift.phases is None else "the current, as it changes,"
     spread = "on points of its cell"
-    if drift.layers[0].options.get("spread") != "sampled":
+    if drift.layers[0].step.spread != "sampled":
         spread = "or to a cell beside that"
     warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
     beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""

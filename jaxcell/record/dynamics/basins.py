@@ -24,46 +24,46 @@ _SEEN = """Cells of one colour lead to the same attractor, which has a dark shad
 out of the box. A period is in mappings, 0 where an orbit does not come back."""
 
 
-def log_basins(stream: rr.RecordingStream, found: Basins, spec: Spec) -> None:
+def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     """Log attractors and basins.
 
-    The first two axes are drawn. Of a box with more, the timeline `slice` goes through the third,
-    and the others are cut in the middle.
+    The first two axes are drawn. If there are more, the timeline `slice` goes through the third
+    axis, and the others are cut in the middle.
     """
-    names = np.arange(found.attractors)
-    count = found.box.cells[2] if found.box.dimensions > 2 else 1
+    names = np.arange(basins.attractors)
+    count = basins.box.cells[2] if basins.box.dimensions > 2 else 1
     times = np.arange(count)
-    basins = _pictures(found, names, times)
-    log_pictures(stream, "box/basins", _classes(found.attractors), basins, "slice", times)
-    scale = Scale.counting(0, int(found.step.max()), "{} mappings".format, ground="out of the box")
-    steps = _slices(found, np.where(found.basin < 0, 0, scale.levels(found.step)), times)
+    pictures = _pictures(basins, names, times)
+    log_pictures(stream, "box/basins", _classes(basins.attractors), pictures, "slice", times)
+    scale = Scale.counting(0, int(basins.step.max()), "{} mappings".format, ground="out of the box")
+    steps = _slices(basins, np.where(basins.basin < 0, 0, scale.levels(basins.step)), times)
     log_pictures(stream, "box/steps", scale.classes, steps, "slice", times)
-    _log_ends(stream, found)
+    _log_ends(stream, basins)
     views: list[rrb.View] = [_view("Basins", "basins"), _view("Mappings to the attractor", "steps")]
-    if _deep(found):
-        _log_orbits(stream, found)
+    if _deep(basins):
+        _log_orbits(stream, basins)
         views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
     columns = "fraction", "sampled", "period", "cells_on", "mean_steps"
-    table = described(found, *columns, first={"": names.tolist()})
-    seen = _SEEN + _cut(found, "slice")
-    text = "\n\n".join([f"# {found.title}", seen, table, numbers(found), made_with(spec)])
-    legend = [*_legend(found.attractors), *scale.legend(4)]
-    tab = log_tab(stream, "", found.title, views, text, legend)
+    table = described(basins, *columns, first={"": names.tolist()})
+    seen = _SEEN + _cut(basins, "slice")
+    text = "\n\n".join([f"# {basins.title}", seen, table, numbers(basins), made_with(spec)])
+    legend = [*_legend(basins.attractors), *scale.legend(4)]
+    tab = log_tab(stream, "", basins.title, views, text, legend)
     send_blueprint(stream, [tab], "slice", speed=10.0)
 
 
-def log_continuation(stream: rr.RecordingStream, found: Continuation, spec: Spec) -> None:
-    """Log attractors and basins along parameters, over a timeline of the values of the first."""
-    name, values = next(iter(found.params.items()))
+def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: Spec) -> None:
+    """Log attractors and basins along parameters, over a timeline of the first parameter."""
+    name, values = next(iter(branches.params.items()))
     line, times, meaning = along_values(name, values)
-    each = zip(found.members, found.label, strict=True)
-    middle = np.array(found.members[0].box.cells[2:3] or (0,)) // 2
-    pictures = np.concatenate([_pictures(one, name, middle) for one, name in each])
-    log_pictures(stream, "box/basins", _classes(found.attractors), pictures, line, times)
-    for number, share in enumerate(found.fraction.T):
+    each = zip(branches.members, branches.label, strict=True)
+    middle = np.array(branches.members[0].box.cells[2:3] or (0,)) // 2
+    pictures = np.concatenate([_pictures(member, name, middle) for member, name in each])
+    log_pictures(stream, "box/basins", _classes(branches.attractors), pictures, line, times)
+    for number, share in enumerate(branches.fraction.T):
         curve = f"fractions/attractor_{number}"
         log_curve(stream, curve, share, line, times, _color(number), shape="Linear")
-    _log_ends(stream, found.members[0])
+    _log_ends(stream, branches.members[0])
     style = {**LABEL, "positions": [[_SIDE / 2, -0.6]]}
     send_changing(
         stream,
@@ -73,21 +73,23 @@ def log_continuation(stream: rr.RecordingStream, found: Continuation, spec: Spec
         None,
         line,
         style=style,
-        labels=found.parameters,
+        labels=branches.parameters,
     )
-    table = described(found, "parameters", "count", "outside_share", first={"": range(times.size)})
-    seen = f"{_SEEN}{_cut(found.members[0])}\n\nA time of the slider `{line}` is {meaning}."
-    text = "\n\n".join([f"# {found.title}", seen, table, made_with(spec)])
+    table = described(
+        branches, "parameters", "count", "outside_share", first={"": range(times.size)}
+    )
+    seen = f"{_SEEN}{_cut(branches.members[0])}\n\nA time of the slider `{line}` is {meaning}."
+    text = "\n\n".join([f"# {branches.title}", seen, table, made_with(spec)])
     first, last = int(times.min()), int(times.max())
     curves = curve_view("fractions", f"Share of the box, along {line}", last, 1.0, first=first)
     views = [_view("Basins", "basins", "parameters"), curves]
-    legend = _legend(found.attractors)
-    tab = log_tab(stream, "", found.title, views, text, legend)
+    legend = _legend(branches.attractors)
+    tab = log_tab(stream, "", branches.title, views, text, legend)
     send_blueprint(stream, [tab], line, speed=max(4.0, (last - first) / 10))
 
 
 def _classes(attractors: int) -> list[PictureClass]:
-    """Class 0 leads to no attractor; then the basin of each, and the attractor itself."""
+    """Return the classes: 0 leads to no attractor; then the basin of each attractor, and itself."""
     named = [PictureClass("out of the box", _OUT)]
     for k in range(attractors):
         color = _color(k)
@@ -110,25 +112,24 @@ def _legend(attractors: int) -> list[tuple[str, Color]]:
 
 
 def _slices(
-    found: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
+    basins: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """The classes of cells over the first two axes, rows along the second, for each of some
-    coordinates along the third; the others are cut.
-    """
-    box = found.box
+    """Return the classes of cells over the first two axes, rows along the second, at coordinates
+    along the third; the other axes are cut."""
+    box = basins.box
     rest = [n // 2 for n in box.cells[3:]]
-    cuts = [np.ravel_multi_index([k, *rest], box.cells[2:]) if _deep(found) else 0 for k in thirds]
+    cuts = [np.ravel_multi_index([k, *rest], box.cells[2:]) if _deep(basins) else 0 for k in thirds]
     first, second = (*box.cells[:2], 1)[:2]
     return classes.astype(np.uint8).reshape(first, second, -1)[..., cuts].T
 
 
-def _cut(found: Basins, timeline: str = "") -> str:
-    """What the pictures show of a box with more axes than two."""
-    if not _deep(found):
+def _cut(basins: Basins, timeline: str = "") -> str:
+    """Describe the cut of a box with more than two axes."""
+    if not _deep(basins):
         return ""
-    cut = [(name, found.box.ticks(axis)) for axis, name in enumerate(found.names)][2:]
+    cut = [(name, basins.box.ticks(axis)) for axis, name in enumerate(basins.names)][2:]
     at = [f"{name} = {ticks[ticks.size // 2]:.4g}" for name, ticks in cut]
-    said = f"\n\nThe maps go along {found.names[0]} and {found.names[1]}"
+    said = f"\n\nThe maps go along {basins.names[0]} and {basins.names[1]}"
     if not timeline:
         return f"{said}, at {', '.join(at)}."
     name, ticks = cut[0]
@@ -137,29 +138,29 @@ def _cut(found: Basins, timeline: str = "") -> str:
     return f"{through}, from {ticks[0]:.4g} to {ticks[-1]:.4g}{rest}."
 
 
-def _deep(found: Basins) -> bool:
-    return found.box.dimensions > 2
+def _deep(basins: Basins) -> bool:
+    return basins.box.dimensions > 2
 
 
 def _pictures(
-    found: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
+    basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """The classes of cells, for each of some coordinates along the third axis."""
+    """Return the classes of cells at coordinates along the third axis."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
-    kind = kinds[found.basin]
-    for k, cells in zip(names, found.attractor_cells, strict=True):
+    kind = kinds[basins.basin]
+    for k, cells in zip(names, basins.attractor_cells, strict=True):
         kind[cells] = min(2 + 2 * k, 255)
-    return _slices(found, kind, thirds)
+    return _slices(basins, kind, thirds)
 
 
-def _log_orbits(stream: rr.RecordingStream, found: Basins) -> None:
-    """The attractors of a box with three axes or more, in its first three."""
-    size = np.array(found.box.upper) - np.array(found.box.lower)
-    each = {f"attractor_{k}": orbit for k, orbit in enumerate(found.orbit[:_MAX_NAMED])}
-    if found.attractors > _MAX_NAMED:
-        each["more_attractors"] = np.concatenate(found.orbit[_MAX_NAMED:])
+def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
+    """Log the attractors of a box with three axes or more, in its first three."""
+    size = np.array(basins.box.upper) - np.array(basins.box.lower)
+    each = {f"attractor_{k}": orbit for k, orbit in enumerate(basins.orbit[:_MAX_NAMED])}
+    if basins.attractors > _MAX_NAMED:
+        each["more_attractors"] = np.concatenate(basins.orbit[_MAX_NAMED:])
     for k, (name, orbit) in enumerate(each.items()):
-        place = _SIDE * (orbit[:, :3] - np.array(found.box.lower)[:3]) / size[:3]
+        place = _SIDE * (orbit[:, :3] - np.array(basins.box.lower)[:3]) / size[:3]
         cloud = rr.Points3D(place, colors=_color(k), radii=0.08)
         stream.log(f"space/{name}", cloud, static=True)
     half = np.full(3, _SIDE / 2)
@@ -167,15 +168,15 @@ def _log_orbits(stream: rr.RecordingStream, found: Basins) -> None:
     stream.log("space/box", frame, static=True)
 
 
-def _log_ends(stream: rr.RecordingStream, found: Basins) -> None:
-    """The drawn box, with the ends and the names of its axes."""
-    box = found.box
+def _log_ends(stream: rr.RecordingStream, basins: Basins) -> None:
+    """Log the ends and the names of the drawn axes."""
+    box = basins.box
     columns, rows = box.cells[0], box.cells[1] if box.dimensions > 1 else 1
     stretch = rr.Transform3D(translation=[0, _SIDE, 0], scale=[_SIDE / columns, -_SIDE / rows, 1])
     for name in ("basins", "steps"):
         stream.log(f"box/{name}", stretch, static=True)
     below = _SIDE + 0.2
-    names = (*found.names, "")
+    names = (*basins.names, "")
     labels = [
         (f"{box.lower[0]:.4g}", 0.0, below),
         (names[0], _SIDE / 2, below),

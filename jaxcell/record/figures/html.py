@@ -5,9 +5,9 @@ import html as markup
 import io
 from collections.abc import Iterable
 
-from ...base.extras import has_module
+from ...base.optional_modules import has_module
 from ...base.quantities import Quantity, Result, is_single, parts, quantities, summarized
-from ...base.written import written
+from ...base.formatting import format_value
 from ..data.summary import cells_of
 from .plot import picture, plot
 
@@ -32,7 +32,7 @@ def html(result: Result) -> str:
     cells = cells_of(result)
     for heading, part in _with_parts(result):
         singles = (
-            (about.meaning, written(value, about, cells))
+            (about.meaning, format_value(value, about, cells))
             for about, value in summarized(part).values()
             if is_single(about)
         )

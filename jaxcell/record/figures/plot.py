@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ...base.quantities import Quantity, Result, quantities
 from ..canvas.palette import robot_color
 from . import ground

@@ -4,7 +4,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...patrol import Frontier
+from ...patrol.map import Frontier
 from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
 from ..canvas.palette import BELIEF, KNOWN

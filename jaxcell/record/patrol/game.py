@@ -2,7 +2,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...patrol import StrategyGame
+from ...patrol.walks import StrategyGame
 from ..canvas.matrix import log_matrix
 from ..canvas.page import log_tab
 from ..canvas.palette import CLEAR, Color

@@ -10,7 +10,8 @@ from jaxtyping import Float, Int
 
 from ...mapping import Chain
 from ...markov import sample_walks
-from ...patrol import GraphPatrol, steps_between_visits
+from ...patrol import GraphPatrol
+from ...patrol.team import steps_between_visits
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from ...patrol import PatrolledMap, Policy, Regions
+from ...patrol import PatrolledMap
+from ...patrol.map import Policy, Regions
 from ..canvas import palette
 from ..canvas.map import CellMap
 from ..canvas.marks import log_dots, log_frame, log_labels

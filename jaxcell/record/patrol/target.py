@@ -4,7 +4,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...patrol import PatrolledMap, Vulnerability
+from ...patrol import PatrolledMap
+from ...patrol.map import Vulnerability
 from ..canvas.map import CellMap
 from ..canvas.marks import log_dots
 from ..canvas.page import log_tab

@@ -1,6 +1,6 @@
-"""Recordings of robots that are driven."""
+"""Recordings of robots while they drive."""
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 
 
 import_module("rerun")

@@ -1,4 +1,4 @@
-"""What a robot believes as it drives, as a heat map over its map."""
+"""Log the belief of a robot while it drives, as a heat map."""
 
 import dataclasses
 
@@ -12,13 +12,13 @@ from ..canvas.marks import points
 from ..canvas.palette import KNOWN
 
 
-# Cells of a credible set that arrows show.
+# The most cells of a credible set that arrows show.
 _FEW = 24
 
 
 @dataclasses.dataclass(eq=False)
 class BeliefHeat:
-    """A belief that follows a run, and what of it is on the map."""
+    """A belief that follows a run, drawn on the map."""
 
     belief: Belief
     cells: CellSpace
@@ -33,12 +33,12 @@ class BeliefHeat:
         self.state = self.belief.start()
 
     def observe(self, stream: rr.RecordingStream, observation: int) -> None:
-        """Take an observation, and log what is believed then."""
+        """Take an observation, and log the new belief."""
         self.state = self.belief.observe(self.state, observation)
         self.log(stream)
 
     def log(self, stream: rr.RecordingStream) -> None:
-        """Log what is believed now."""
+        """Log the current belief."""
         cells = self.cells
         share = self.belief.hidden.by_position(self.state.weight, cells.positions)
         picture = on_squares(cells, heat(share))
@@ -49,7 +49,7 @@ class BeliefHeat:
         stream.log("map/credible", rr.Arrows2D(origins=origins, vectors=vectors))
 
     def log_style(self, stream: rr.RecordingStream) -> None:
-        """Log what does not change."""
+        """Log the classes and the style, which do not change."""
         log_classes(stream, "map/grid/heat", heat_scale().classes)
         style = rr.Arrows2D.from_fields(colors=KNOWN, radii=points(2.0), draw_order=20)
         stream.log("map/credible", style, static=True)

@@ -1,4 +1,4 @@
-"""Recordings of robots that are driven, written while they drive."""
+"""Write recordings of robots while they drive."""
 
 import os
 import threading
@@ -33,9 +33,9 @@ from .belief_heat import BeliefHeat
 from .track import NOWHERE, RecordedRobot, Track, longer_trail
 
 
-# Seconds between two looks at the robots.
+# Seconds between two readings of the poses of robots.
 _LOOK = 0.2
-# Seconds of the robot in a second, where a recording is played.
+# The speed of a recording in the viewer: seconds of the robot per second.
 _SPEED = 8.0
 _ESTIMATE: Color = CATEGORIES["pink"]
 _TOUCH: Color = CATEGORIES["sky blue"]
@@ -45,15 +45,14 @@ _DONE = ("localized", "arrived", "patrolled")
 class RobotRecording:
     """A Rerun recording of robots, written while they drive.
 
-    A context manager. Whatever ends the run, even the loss of power, the file has all but the last
-    moments of it. Over the timelines `seconds` and `observation` it has the true pose and the trail
-    of each robot, where its odometry has it, what it observed, and for a robot that is localized
-    the cells where it may be, by its filter.
+    This is a context manager. If the run ends for any reason, even the loss of power, the file has
+    all but the last moments. Over the timelines `seconds` and `observation` it has the true pose,
+    the trail, the place by odometry and the observations of each robot, and the cells where a robot
+    may be by its filter.
 
-    In the block, `event` takes the events of the run, as `jaxcell.robot.RunLog.on_event` gives
-    them.
+    In the block, `event` takes the events of the run from `jaxcell.robot.RunLog.on_event`.
 
-    A robot that met a wall:
+    A robot that bumps into a wall:
 
         >>> import pathlib, tempfile
         >>> from jaxcell import record
@@ -80,16 +79,17 @@ class RobotRecording:
         """**Arguments:**
 
         - `path`: the file to write or replace; its name ends in `.rrd`.
-        - `robots`: who drives.
-        - `cells`: the map that they drive in, if it is known.
-        - `filter`: the localization filter or policy that the robot runs, if it does.
-        - `belief`: the belief that it runs instead, if it does.
-        - `filter_of_cells`: whether it is of that map, so that its cells can be shown on it.
-        - `viewer`: where to show the run as it goes; see `jaxcell.record.viewer.viewer_sink`.
-        - `spec`: what was asked for, shown in the text.
+        - `robots`: the robots.
+        - `cells`: the cells of their map, or `None`.
+        - `filter`: the localization filter or policy of the robot, or `None`.
+        - `belief`: the belief of the robot, or `None`.
+        - `filter_of_cells`: `True` if the filter or belief is of `cells`, so that the map can show
+            its cells.
+        - `viewer`: a viewer for the run while it lasts; see `jaxcell.record.viewer.viewer_sink`.
+        - `spec`: the parameters, shown in the text.
 
-        **Raises:** `ValueError` if there are no robots, if the name or the viewer is not one, or if
-        the filter is not of these cells; `OSError` if there is no such folder, or no viewer.
+        **Raises:** `ValueError` if there are no robots, if the name or the viewer is invalid, or if
+        the filter has other cells; `OSError` if the folder does not exist, or no viewer answers.
         """
         path = Path(path)
         if path.suffix != ".rrd":
@@ -98,7 +98,7 @@ class RobotRecording:
             raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         if not robots:
             raise ValueError("robots: expected one or more, got none")
-        # The cells of what the robot localizes itself by.
+        # The cells of the filter or belief.
         known = cells if filter_of_cells else None
         self._of_filter = None if filter is None else known
         if filter is not None and known is not None and filter.uncertainty[0] != known.size:
@@ -112,7 +112,7 @@ class RobotRecording:
         self._robots = [Track(about, robot_color(index)[1]) for index, about in enumerate(robots)]
         self._viewer = None if viewer is None else viewer_sink(viewer)
         self._stream = new_stream("robot")
-        # The clock of the robot is the one that counts.
+        # Times are those of the robot, not of this computer.
         self._stream.set_log_time_enabled(False)
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -150,16 +150,16 @@ class RobotRecording:
         self._stream.disconnect()
 
     def event(self, name: str, fields: Mapping[str, Any]) -> None:
-        """Take an event of the run.
+        """Log an event of the run.
 
         **Arguments:**
 
-        - `name`: `"observation"`, `"end"`, or another, which only the text log shows.
-        - `fields`: `seconds`, the time by the clock; `robot`, the index of the robot, 0 unless
-            given. An observation has `observation`, 0 for a step and 1 for a bump; it may have
-            `estimate`, how far ahead and left of its start the odometry has the robot, in metres,
-            and by how much turned, in radians; and `state`, `color` and `uncertainty` of a filter.
-            An end has `result` and `reason`.
+        - `name`: `"observation"`, `"end"`, or another name, which only the text log shows.
+        - `fields`: `seconds`, the time by the clock; `robot`, the index of the robot, by default 0.
+            An observation has `observation`, 0 for a step and 1 for a bump. It may have `estimate`,
+            the pose by odometry relative to the start: metres ahead, metres to the left, and
+            radians; and `state`, `color` and `uncertainty` of a filter. An end has `result` and
+            `reason`.
         """
         with self._lock:
             robot = self._robots[fields.get("robot", 0)]
@@ -171,7 +171,7 @@ class RobotRecording:
                 self._log_observation(robot, fields)
                 return
             if name == "end":
-                # So that what came last can be seen, up to the end.
+                # Curves go on to the end.
                 for path, value in robot.scalars.items():
                     self._log_scalar(robot, path, value)
             values = [str(fields[key]) for key in fields if key not in ("seconds", "robot")]
@@ -193,7 +193,7 @@ class RobotRecording:
                 self._follow(robot)
 
     def _follow(self, robot: Track) -> None:
-        """Log where a robot has been since the last time."""
+        """Log the new poses of a robot."""
         poses, observation = robot.follow()
         if not len(poses):
             return
@@ -236,7 +236,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of the filter, `None` if it is refuted, and its cells."""
+        """Log a state of the filter, or `None` for a refuted one, and its cells."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:
@@ -258,7 +258,7 @@ class RobotRecording:
         self._stream.log(f"{path}/trail", rr.LineStrips2D([robot.believed]))
 
     def _log_styles(self) -> None:
-        """Log what does not change: how marks and curves look."""
+        """Log the styles of marks and curves, which do not change."""
         styles: dict[str, rr.AsComponents] = {"odometry": rr.Transform3D(scale=[1, -1, 1])}
         if self._of_filter is not None:
             log_belief_style(self._stream, self._of_filter)
@@ -307,17 +307,17 @@ class RobotRecording:
         self._stream.log("log", rr.TextLog(who + text, level=level))
 
     def _set_time(self, seconds: float, observation: int) -> None:
-        """Set the times of what this thread logs next."""
+        """Set the times of the next data from this thread."""
         self._stream.set_time("seconds", duration=float(seconds))
         self._stream.set_time("observation", sequence=int(observation))
 
     @property
     def _length(self) -> float:
-        """Length of the arrow of a robot, in metres."""
+        """The length of the arrow of a robot, in metres."""
         return 0.3 if self._map is None else robot_length(self._map)
 
     def _frame(self, robot: Track) -> str:
-        """The frame of its odometry."""
+        """Return the entity above the estimates of a robot: the map if its start is known."""
         known = self._cells is not None and robot.about.start is not None
         return "map" if known else "odometry"
 
@@ -333,9 +333,9 @@ class RobotRecording:
                 "robots/**",
                 "estimates/**",
             ]
-            views.append(self._map.view("Where it is", [*shown, "candidates"]))
+            views.append(self._map.view("Places on the map", [*shown, "candidates"]))
         if any(self._frame(robot) == "odometry" for robot in self._robots):
-            title = "Where its wheels say it is"
+            title = "Places by odometry"
             views.append(rrb.Spatial2DView(origin="odometry", name=title, background=OBSTACLE))
         curves: list[rrb.View] = []
         if self._filter is not None:
@@ -345,10 +345,10 @@ class RobotRecording:
         if self._heat is not None:
             credible = "Cells of the credible set, 95 %"
             curves.append(curve_view("belief/credible", credible, None))
-            nowhere = "Probability that it is nowhere"
+            nowhere = "Probability of being nowhere"
             curves.append(curve_view("belief/nowhere", nowhere, None, 1.0))
         curves.append(curve_view("robot", "Bumps (1) and steps (0)", None))
-        observed = rrb.TextLogView(origin="log", name="What it observed")
+        observed = rrb.TextLogView(origin="log", name="Observations")
         return rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*views), rrb.Horizontal(*curves), row_shares=[7, 3]),
             rrb.Vertical(log_text(self._stream, "text", self._text()), observed),
@@ -357,30 +357,32 @@ class RobotRecording:
         )
 
     def _text(self) -> str:
-        marks = ["- **Pink**: where the encoders of its wheels say that it is."]
+        marks = ["- **Pink**: its place by the encoders of its wheels."]
         if any(robot.about.trace is not None for robot in self._robots):
-            marks.insert(0, "- **Arrow and line**: where the emulated robot truly is, and was.")
+            marks.insert(
+                0, "- **Arrow and line**: the true pose of the emulated robot, and its trail."
+            )
         if any(robot.about.radius for robot in self._robots):
             marks.insert(1, "- **Disc**: its body.")
         if any(robot.about.touches is not None for robot in self._robots):
-            marks.insert(2, "- **Light blue**: where a wall presses it.")
+            marks.insert(2, "- **Light blue**: the place where a wall touches it.")
         if self._of_filter is not None:
             by = "filter"
             if isinstance(self._filter, Policy):
                 by = "policy, at each bump and before it turns"
             marks += [
-                f"- **Blue**: the cells where it may be, by its {by}; squares while they are more "
+                f"- **Blue**: the cells where it may be, by its {by}; squares if there are more "
                 f"than {MAX_ARROWS}.",
-                "- **Green**: those that are left when it is localized.",
+                "- **Green**: the cells that are left when it is localized.",
             ]
         if self._heat is not None:
             marks += [
-                "- **Colours**: how probable each position is, by its belief, from dark (0.001) to "
-                "bright.",
-                "- **Green**: the cells that hold it with probability 0.95, once they are few.",
+                "- **Colours**: the probability of each position by its belief, from dark (0.001) "
+                "to bright.",
+                "- **Green**: the cells that hold it with probability 0.95, if they are few.",
             ]
         parts = ["# A run of a robot", "\n".join(marks)]
-        parts += ["The timeline `observation` counts what it observed."]
+        parts += ["The timeline `observation` counts its observations."]
         return "\n\n".join(filter(None, [*parts, made_with(self._spec, self._cells)]))
 
 

@@ -1,4 +1,4 @@
-"""What a recording keeps of a robot that drives: where it was, and what was logged of it."""
+"""The state of a robot in a recording: its poses, and the values logged last."""
 
 import dataclasses
 import math
@@ -9,15 +9,14 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int32
 
+from ..canvas.marks import MAX_CORNERS
 from ..canvas.palette import Color
 
 
-# Seconds between two poses that are kept.
+# Seconds between two logged poses.
 _INTERVAL = 0.1
-# A robot that is so many metres from where it made an observation is on its next step.
+# A robot is on its next step at this distance from its last observation, in metres.
 _OFF = 0.01
-# A trail has so many corners at most; a run of n steps would else take n^2 points.
-_MAX_CORNERS = 100
 NOWHERE = np.empty(0, np.int32)
 _NO_TRAIL = np.empty((0, 2))
 
@@ -28,40 +27,40 @@ class RecordedRobot:
 
     name: str = "robot"
     start: Sequence[float] | None = None
-    "Where its odometry begins, if that is known: x and y in metres, the heading in radians."
+    "The start of its odometry: x and y in metres, the heading in radians; `None` if unknown."
     trace: Sequence[tuple[float, float, float, float]] | None = None
-    """Its time in seconds and its true pose, again and again: a list that grows while the robot
-    drives, as that of an emulated one. `None` where nobody knows the truth."""
+    """Times in seconds with true poses, in a list that grows while the robot drives, as an emulated
+    robot has it. `None` if the truth is not known."""
     radius: float = 0.0
-    "The radius of its body in metres; that of a point is not drawn."
+    "The radius of its body in metres; a point, with 0, is not drawn."
     touches: Sequence[tuple[float, float, float]] | None = None
-    """Time in seconds, x and y of each touch of a wall, in the order of time: a list that grows.
-    `None` where touches are not known."""
+    """Time in seconds, x and y of each touch of a wall, in the order of time, in a list that grows.
+    `None` if touches are not known."""
 
 
 @dataclasses.dataclass(eq=False)
 class Track:
-    """A robot in a recording, and what was logged of it."""
+    """A robot in a recording, and the values logged last."""
 
     about: RecordedRobot
     color: Color
     observed: int = 0
     read: int = 0
-    "How many entries of its trace were read."
+    "The number of entries of its trace that were read."
     last: tuple[float, float, float, float] | None = None
-    "The last of them."
+    "The last of these entries."
     logged: float = -math.inf
-    "The time of the last pose that was logged."
+    "The time of the last logged pose."
     place: Float[np.ndarray, "2"] | None = None
-    "Where it made its last observation, as long as it is there."
+    "The place of its last observation; `None` once it has left this place."
     scalars: dict[str, int | float] = dataclasses.field(default_factory=dict)
-    "The numbers that were logged last."
+    "The last number of each curve."
     trail: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
     believed: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
     cells: Int32[np.ndarray, "belief"] = dataclasses.field(default_factory=lambda: NOWHERE)
 
     def follow(self) -> tuple[Float[np.ndarray, "poses 4"], Int32[np.ndarray, "poses"]]:
-        """The poses to log since the last time, and the observation that each belongs to."""
+        """Return the new poses to log, and the number of the observation of each pose."""
         new = list(self.about.trace[self.read :]) if self.about.trace is not None else []
         self.read += len(new)
         if not new:
@@ -76,7 +75,7 @@ class Track:
                 self.logged = time
                 kept.append(index)
         poses = poses[kept]
-        # The turn after a bump, which is part of the observation, does not move the robot.
+        # The turn after a bump is part of the observation, and does not move the robot.
         observation = np.full(len(poses), self.observed + 1, np.int32)
         if self.place is not None:
             off = np.hypot(*(poses[:, 1:3] - self.place).T) > _OFF
@@ -99,16 +98,16 @@ class Track:
         return touches[last[there], 1:], there.astype(np.int32)
 
     def observe(self) -> None:
-        """Count an observation, made where the robot was last seen."""
+        """Count an observation, at the last pose of the robot."""
         self.observed += 1
         self.place = None if self.last is None else np.array(self.last[1:3])
 
     def seconds(self, fields: Mapping[str, Any]) -> float:
-        """The time of an event: the robot's own, where it has one."""
+        """Return the time of an event: by the trace of the robot, if it has one."""
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
 
     def estimated(self, estimate: Sequence[float]) -> Float[np.ndarray, "2"]:
-        """Where its odometry has it, in metres, from how far ahead and left of its start it is."""
+        """Return the place by odometry, from metres ahead and to the left of the start."""
         x, y, theta = self.about.start or (0.0, 0.0, 0.0)
         place = complex(x, y) + complex(*estimate[:2]) * complex(math.cos(theta), math.sin(theta))
         return np.array([place.real, place.imag])
@@ -117,9 +116,9 @@ class Track:
 def longer_trail(
     old: Float[np.ndarray, "old 2"], new: Float[np.ndarray, "new 2"]
 ) -> Float[np.ndarray, "corners 2"]:
-    """The corners of a trail that goes on."""
+    """Add places to a trail. Returns the corners of the longer trail."""
     trail = np.concatenate([old, new])
     if len(trail) < 2:
         return trail
     line = shapely.simplify(shapely.LineString(trail), _OFF / 2, preserve_topology=False)
-    return shapely.get_coordinates(line)[-_MAX_CORNERS:]
+    return shapely.get_coordinates(line)[-MAX_CORNERS:]

@@ -1,6 +1,6 @@
-"""Recordings of sweeps, whose parameters are timelines."""
+"""Recordings of sweeps, with parameters as timelines."""
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 
 
 import_module("rerun")

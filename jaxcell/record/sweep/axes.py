@@ -1,4 +1,4 @@
-"""The parameters of a sweep as axes, and what is shown of its results along them."""
+"""The parameters of a sweep as axes, and statistics of its results along them."""
 
 import dataclasses
 
@@ -17,19 +17,19 @@ _MAX_LETTERS = 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Axis:
-    """A parameter along which results are shown, in steps of a value or of a few neighbours."""
+    """A parameter, in steps of one value or of a few neighbouring values."""
 
     name: str
     dimension: str
     timeline: str
-    "Name of its timeline, which says how times follow from values."
+    "The name of its timeline, which names the factor from values to times."
     times: Int[np.ndarray, "steps"]
     labels: tuple[str, ...]
-    "The value of each step, the first of it if it has several."
+    "The value of each step; the first one if a step has several."
     step: Int[np.ndarray, "places"]
-    "The step of each place along the dimension."
+    "The step of each index along the dimension."
     meaning: str
-    "What a time of the timeline is."
+    "The meaning of a time, in words."
 
     @property
     def steps(self) -> int:
@@ -37,58 +37,61 @@ class Axis:
 
     @property
     def number(self) -> bool:
-        """Whether it only counts the members of a list or the samples."""
+        """`True` if the axis only counts the members of a list or the samples."""
         return self.name in _NUMBERS
 
     def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
-        """The step of each member, where the dimension of the axis is at a place of the shape."""
-        one = self.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
-        return np.broadcast_to(one, shape)
+        """Return the step of each member; `place` is the index of the dimension in `shape`."""
+        step = self.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
+        return np.broadcast_to(step, shape)
 
 
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
-    """List the axes of a sweep: parameters of a grid, those along a list or samples, its number.
+    """List the axes of a sweep: the parameters, and the numbers of members of lists or samples.
 
     **Arguments:**
 
     - `dataset`: the result of a sweep.
-    - `most`: how many steps an axis may have. Of more values, neighbours share a step.
+    - `most`: the most steps of an axis. If there are more values, neighbours share a step.
     """
-    found = [
-        _axis(str(name), str(dimension), one.values, most)
+    all_axes = [
+        _axis(str(name), str(dimension), values.values, most)
         for dimension in dataset["status"].dims
-        for name, one in dataset.coords.items()
-        if one.dims == (dimension,)
+        for name, values in dataset.coords.items()
+        if values.dims == (dimension,)
     ]
-    return sorted(found, key=lambda axis: axis.number)
+    return sorted(all_axes, key=lambda axis: axis.number)
 
 
-def pairs(some: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
-    """Pairs of axes that span a picture, across and up; those whose squares are many come first."""
-    found = [
+def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
+    """List at most `most` pairs of axes for pictures, across and up; numbers of samples come last.
+
+    Both axes of a pair have at least two steps. The number of a sample makes no pair with the
+    parameters of the samples.
+    """
+    spanned = [
         (a, b)
-        for i, a in enumerate(some)
-        for b in some[i + 1 :]
-        # The number of a sample says nothing of its own parameters, and one value compares nothing.
+        for i, a in enumerate(all_axes)
+        for b in all_axes[i + 1 :]
         if (a.dimension != b.dimension or not b.number) and min(a.steps, b.steps) > 1
     ]
-    found.sort(key=lambda pair: pair[1].number)
-    return [(a, b) if a.steps >= b.steps else (b, a) for a, b in found[:most]]
+    spanned.sort(key=lambda pair: pair[1].number)
+    return [(a, b) if a.steps >= b.steps else (b, a) for a, b in spanned[:most]]
 
 
 def statistics(
     values: Float[np.ndarray, "*sizes"], known: Bool[np.ndarray, "*sizes"], place: int, axis: Axis
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
-    """Quantiles of the members of each step of an axis.
+    """Compute quantiles of the members of each step of an axis.
 
     **Arguments:**
 
     - `values`: the numbers of all members.
-    - `known`: which of them count.
-    - `place`: which dimension of `values` is that of the axis.
+    - `known`: `True` for the members that count.
+    - `place`: the index of the dimension of the axis in `values`.
     - `axis`: the axis.
 
-    **Returns:** the steps that have members, their `QUANTILES`, and whether each has one only.
+    **Returns:** the steps that have members, their `QUANTILES`, and `True` if no step has several.
     """
     members = pd.Series(values[known]).groupby(axis.along(place, values.shape)[known])
     rows = members.quantile([*QUANTILES.values()]).unstack()
@@ -102,7 +105,7 @@ def means(
     places: tuple[int, int],
     pair: tuple[Axis, Axis],
 ) -> Float[np.ndarray, "up across"]:
-    """The mean of the members of each step of two axes, across and up; NaN where there are none."""
+    """Compute the mean of the members of each pair of steps; NaN if there are none."""
     across, up = pair
     square = up.along(places[1], values.shape) * across.steps
     square = (square + across.along(places[0], values.shape))[known]
@@ -116,12 +119,12 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
         known, at = np.unique(values, return_inverse=True)
         names = known
     else:
-        # In the order of the specification.
+        # Texts keep the order of the specification.
         at, names = pd.factorize(values.astype(str))
         known = np.arange(len(names))
     share = -(-known.size // most)
     first = names[::share]
-    labels = [f"{one:.6g}" if numeric else one for one in first.tolist()]
+    labels = [f"{value:.6g}" if numeric else value for value in first.tolist()]
     timeline, times, meaning = along_values(name, first)
     if share > 1:
         meaning += f"; {share} neighbouring values share a step, at the first of them"

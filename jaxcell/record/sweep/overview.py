@@ -23,12 +23,12 @@ from .axes import QUANTILES, Axis, axes, means, pairs, statistics
 _MAX_STEPS = 1000
 _MAX_PAIRS = 6
 _MAX_VARIABLES = 16
-# A pixel of a heat map takes a byte; this keeps recordings far below 50 MB.
+# All heat maps of a recording together, at a byte per pixel.
 _PICTURE_BYTES = 16_000_000
-# A whole axis plays in so many seconds.
+# The time in which a whole axis plays.
 _SECONDS = 30
 _MAX_BESIDE = 3
-# Few large numbers would leave all others in one colour.
+# A ratio of the largest to the least number from which the scale is geometric.
 _RATIO = 50
 _TICKS_ACROSS, _TICKS_UP = 7, 6
 _MAX_FAILURES = 20
@@ -49,19 +49,19 @@ def log_sweep(
 ) -> None:
     """Write a Rerun recording of the result of a sweep, in which every parameter is a timeline.
 
-    For each variable that is a number: along each parameter its least, median, and greatest value
-    and quartiles among the members that share the value of the parameter, and heat maps of its mean
-    over pairs of parameters; and a text that says what one sees. Values of a parameter past a
-    thousand, or fewer where there are many heat maps, share steps with their neighbours.
+    For each numeric variable it has the least value, the quartiles and the greatest value of the
+    members at each value of a parameter, and heat maps of the mean over pairs of parameters. If a
+    parameter has over a thousand values (fewer with many heat maps), neighbours share a step.
 
     **Arguments:**
 
     - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `dataset`: the result, as `jaxcell.sweep.open_sweep` gives it. Variables with dimensions
-        beside those of the sweep, and those past the sixteenth, are left out and named.
-    - `failures`: what failed, a line each, shown in the text.
+    - `dataset`: the result from `jaxcell.sweep.open_sweep`. Variables with further dimensions, and
+        variables after the sixteenth, are left out; the text names them.
+    - `failures`: a line per failure, shown in the text.
 
-    **Raises:** `ValueError` if the dataset is none of a sweep, or has no variable to show.
+    **Raises:** `ValueError` if the dataset is not the result of a sweep, or has no variable to
+    show.
 
     A sweep of three members:
 
@@ -80,25 +80,25 @@ def log_sweep(
     status = dataset["status"]
     fit = [
         str(name)
-        for name, one in dataset.data_vars.items()
-        if name != "status" and one.dims == status.dims and one.dtype.kind in "biuf"
+        for name, variable in dataset.data_vars.items()
+        if name != "status" and variable.dims == status.dims and variable.dtype.kind in "biuf"
     ]
     shown = fit[:_MAX_VARIABLES]
     if not shown:
         raise ValueError("dataset: expected a variable with a number for each member")
-    found = axes(dataset, _MAX_STEPS)
-    pictures = max(len(pairs(found, _MAX_PAIRS)) * len(shown), 1)
+    all_axes = axes(dataset, _MAX_STEPS)
+    pictures = max(len(pairs(all_axes, _MAX_PAIRS)) * len(shown), 1)
     side = min(_MAX_STEPS, math.isqrt(_PICTURE_BYTES // pictures))
     spanned = pairs(axes(dataset, side), _MAX_PAIRS)
-    longest = max(found, key=lambda axis: (not axis.number, axis.steps))
+    longest = max(all_axes, key=lambda axis: (not axis.number, axis.steps))
     with recording(path, "sweep") as stream:
         for i, pair in enumerate(spanned):
             _log_pair(stream, f"pairs/{i}", *pair)
         tabs = [
-            _log_variable(stream, dataset[name].astype(float).where(status == 1), found, spanned)
+            _log_variable(stream, dataset[name].astype(float).where(status == 1), all_axes, spanned)
             for name in shown
         ]
-        text = _text(dataset, found, shown, failures)
+        text = _text(dataset, all_axes, shown, failures)
         variables = rrb.Tabs(*tabs, name="Variables")
         layout = log_tab(stream, "", "Sweep", variables, text, [])
         speed = max(2.0, float(np.ptp(longest.times)) / _SECONDS)
@@ -108,14 +108,14 @@ def log_sweep(
 def _log_variable(
     stream: rr.RecordingStream,
     variable: xr.DataArray,
-    found: Sequence[Axis],
+    all_axes: Sequence[Axis],
     spanned: Sequence[tuple[Axis, Axis]],
 ) -> rrb.Container:
-    """Log the series of a variable along each parameter, and below its heat maps on one scale."""
+    """Log the curves of a variable along each parameter, and its heat maps on one scale."""
     name, values = str(variable.name), variable.values
     known = np.isfinite(values)
     place = {str(dimension): i for i, dimension in enumerate(variable.dims)}
-    for axis in found:
+    for axis in all_axes:
         steps, rows, alone = statistics(values, known, place[axis.dimension], axis)
         labels = ["value"] if alone else QUANTILES
         for label, row in zip(labels, rows, strict=False):
@@ -153,7 +153,7 @@ def _scale(means: np.ndarray, variable: xr.DataArray) -> Scale:
 
 
 def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> None:
-    """Log what the heat maps of two axes share: ticks, names, and where the sliders are."""
+    """Log the ticks, the names and the sliders of all heat maps of two axes."""
     plot = Plot(stream, path, float(across.steps), float(up.steps))
     ticks = [
         {i + 0.5: axis.labels[i] for i in _ticks(axis.steps, most)}
@@ -171,9 +171,9 @@ def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> 
 
 
 def _ticks(steps: int, most: int) -> range:
-    """Steps at regular places, at most so many."""
-    rounded = (scale * one for scale in (1, 10, 100, 1000) for one in (1, 2, 5))
-    return range(0, steps, next(one for one in rounded if one * most >= steps))
+    """Return regular steps, at most `most` of them."""
+    strides = (scale * digit for scale in (1, 10, 100, 1000) for digit in (1, 2, 5))
+    return range(0, steps, next(stride for stride in strides if stride * most >= steps))
 
 
 def _unit(variable: xr.DataArray) -> str:
@@ -187,27 +187,27 @@ def _meaning(variable: xr.DataArray) -> str:
 
 
 def _text(
-    dataset: xr.Dataset, found: Sequence[Axis], shown: Sequence[str], failures: Sequence[str]
+    dataset: xr.Dataset, all_axes: Sequence[Axis], shown: Sequence[str], failures: Sequence[str]
 ) -> str:
-    """What the recording of a sweep shows."""
+    """Write the text of the recording."""
     status = dataset["status"]
     sizes = " x ".join(f"{status.sizes[name]:,} {name}" for name in status.dims)
     done, failed, undone = (int((status == state).sum()) for state in (1, 2, 0))
     states = [f"{done:,} are done"] if failed or undone else ["All are done"]
     states += [f"**{failed:,} failed**"] * (failed > 0)
     states += [f"**{undone:,} are not computed yet**"] * (undone > 0)
-    timelines = [(f"`{a.timeline}`", a.meaning, a.labels[0], a.labels[-1]) for a in found]
+    timelines = [(f"`{a.timeline}`", a.meaning, a.labels[0], a.labels[-1]) for a in all_axes]
     parts = [
         f"# {dataset.attrs.get('title', 'Sweep')}",
         f"A task was run for **{status.size:,} members** ({sizes}). {', '.join(states)}.",
         f"""## How to look
 
-A tab is a variable. Each parameter is a timeline: choose one at the bottom left.
+Each variable has a tab. Each parameter is a timeline: choose one at the bottom left.
 
 {table(("timeline", "a time is", "from", "to"), timelines)}
 
 - **Above**: median, quartiles, least and greatest value along that parameter.
-- **Below**: means over pairs of parameters; grey where no member is done. The white line is the
+- **Below**: means over pairs of parameters; grey if no member is done. The white line is the
   slider.
 
 One member in detail: `jaxcell sweep view FOLDER --select NAME=VALUE`""",
@@ -216,19 +216,17 @@ One member in detail: `jaxcell sweep view FOLDER --select NAME=VALUE`""",
     ]
     left_out = [f"`{name}`" for name in dataset.data_vars if name not in (*shown, "status")]
     if left_out:
-        reason = "Not shown, for they are more than a number for each member, or too many: "
+        reason = "Not shown, because they have several numbers per member, or are too many: "
         parts.append(f"{reason}{', '.join(left_out)}.")
     if failures:
-        lines = [f"- {one}" for one in failures[:_MAX_FAILURES]]
-        lines += [f"- and {len(failures) - _MAX_FAILURES:,} others"] * (
-            len(failures) > _MAX_FAILURES
-        )
+        lines = [f"- {failure}" for failure in failures[:_MAX_FAILURES]]
+        lines += [f"- and {len(failures) - _MAX_FAILURES:,} more"] * (len(failures) > _MAX_FAILURES)
         parts.append("## Failures\n\n" + "\n".join(lines))
     return "\n\n".join([*parts, made_with(_made(dataset.attrs))])
 
 
 def _ranges(dataset: xr.Dataset, shown: Sequence[str]) -> list[Sequence[str]]:
-    """The least and the greatest value of each variable, and what it means."""
+    """Return the least value, the greatest value and the meaning of each variable."""
     rows: list[Sequence[str]] = []
     for name in shown:
         values = dataset[name].values[dataset["status"].values == 1].astype(float)
@@ -242,12 +240,12 @@ def _ranges(dataset: xr.Dataset, shown: Sequence[str]) -> list[Sequence[str]]:
 
 
 def _made(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """The specification field by field, and what it was run with."""
+    """Return the fields of the specification, and the versions that ran it."""
     made: dict[str, str] = {}
     for field, value in json.loads(attributes.get("spec", "{}")).items():
         inside = value if isinstance(value, dict) else {"": value}
-        for name, one in inside.items():
-            text = json.dumps(one)
+        for name, part in inside.items():
+            text = json.dumps(part)
             text = text if len(text) <= _MAX_LETTERS else f"{text[: _MAX_LETTERS - 4]} ..."
             made[f"{field}.{name}".rstrip(".")] = text
     versions = ("jaxcell_version", "jax_version", "jax_enable_x64", "git_revision")

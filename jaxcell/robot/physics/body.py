@@ -3,7 +3,7 @@ import math
 import numpy as np
 import shapely
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ...space import Workspace
 from ..create.packets import METRES_PER_COUNT
 from .model import AXLE, BUMPER, RADIUS, WHEEL, Physics, robot_model

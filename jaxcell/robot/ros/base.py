@@ -3,7 +3,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ..create.motion import Moved, slowed
 from .halt import speed_publisher, speed_type
 from .node import GREETING, Odometry, RosRobot, moved

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Int, Int8
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ...space import CellSpace
-from ..believer import Believer
+from ..believer import BeliefFollower
 from ..following import Follower
-from ..policy import Chosen
-from ..runner import Filtered
+from ..policy import PolicyFollower
+from ..runner import FilterFollower
 from ..tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ..tasks.patrol_task import PatrolTask
 
@@ -129,9 +129,9 @@ def follower_of(task: AnyTask) -> Follower | None:
     """What tells where a robot may be by what it senses, of a task that has such a thing."""
     match task:
         case FilterTask():
-            return Filtered(task.filter)
+            return FilterFollower(task.filter)
         case PolicyTask():
-            return Chosen(task.policy)
+            return PolicyFollower(task.policy)
         case BeliefTask():
-            return Believer(task.belief)
+            return BeliefFollower(task.belief)
     return None

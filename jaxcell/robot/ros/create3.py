@@ -2,7 +2,7 @@ import math
 import time
 from typing import Any
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ..create.driver import RobotStopped
 from ..create.motion import Moved
 from .halt import goal_cancellers

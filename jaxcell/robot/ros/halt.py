@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 
 
 _ACTIONS = ("drive_distance", "rotate_angle")

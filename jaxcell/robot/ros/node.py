@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ...base.signals import end_by_signals, leave_signals
 from ..create.driver import TICK, RobotStopped
 from ..create.motion import Moved

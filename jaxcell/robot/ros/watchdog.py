@@ -3,7 +3,7 @@
 import sys
 import time
 
-from ...base.extras import import_module
+from ...base.optional_modules import import_module
 from ..create.watchdog import watch
 from .halt import goal_cancellers, speed_publisher
 

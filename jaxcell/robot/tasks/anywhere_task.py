@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.documents import Fields, checked_number, refused
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...space import Workspace
 from ...walls import Errors, Homing, WallFilter
 from ..anywhere import AnywhereSettings

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.documents import Fields, refused
-from ...base.files import replacing
+from ...base.paths import replacing
 from ...space import CellSpace, free_steps
 from ..routing import grid_steps, wave
 from .task import Task, common_fields, robot_fields
@@ -85,7 +85,7 @@ def save_patrols(
     """
     assert cells.workspace is not None
     plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
-    open_, grid = free_steps(plane, 1.0, "swept"), grid_steps(cells.free)
+    open_, grid = free_steps(plane), grid_steps(cells.free)
     way, position = np.nonzero(open_ != grid)
     file = {
         "format": "jaxcell-robot-task",

@@ -40,7 +40,7 @@ from ...base.documents import (
     read_text,
     refused,
 )
-from ...base.files import replacing
+from ...base.paths import replacing
 from .grid_files import format_ascii, format_map_server, parse_ascii, parse_map_server
 
 

@@ -1,6 +1,8 @@
 """What members read beside their specification, identified by its content."""
 
 import hashlib
+import importlib.metadata
+import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -8,12 +10,33 @@ from typing import Any
 
 import yaml
 
-from ..files import find_file
+from ... import __version__
+from ...base.revision import git_revision
 from ..spec import Spec
 from .modules import imported_files, is_users, module_file
 
 
 _MAP_SERVER = (".yaml", ".yml")
+
+
+def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
+    """Describe what the numbers of a sweep depend on beside its specification.
+
+    **Arguments:**
+
+    - `spec`: the specification.
+    - `wide`: whether JAX computes with 64 bits.
+
+    **Returns:** attributes of the result.
+    """
+    revision = git_revision()
+    return {
+        "jaxcell_version": __version__,
+        "jax_version": importlib.metadata.version("jax"),
+        "jax_enable_x64": int(wide),
+        "digests": json.dumps(digests(spec)),
+        **({} if revision is None else {"git_revision": revision}),
+    }
 
 
 def digests(spec: Spec) -> dict[str, str]:
@@ -26,7 +49,7 @@ def digests(spec: Spec) -> dict[str, str]:
     found = {}
     texts = sorted(set(_texts(spec)))
     for text in texts:
-        if (path := find_file(spec, text)) is None or not path.is_file():
+        if (path := spec.find_file(text)) is None or not path.is_file():
             continue
         found[text] = _digest(path)
         if (image := _image(path)) is not None and os.path.isfile(path.parent / image):
@@ -42,12 +65,17 @@ def digests(spec: Spec) -> dict[str, str]:
     return found
 
 
-def changed(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """Which digests of a sweep that was begun are others now, or of a file that is gone."""
+def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+    """Describe what has changed between two results of `made_with`: versions, files, the task."""
+    old, new = (json.loads(made["digests"]) for made in (there, here))
     return [
-        f"{name}: {digest[:12]} there, {here[name][:12] if name in here else 'no such file'} here"
-        for name, digest in there.items()
-        if here.get(name) != digest
+        f"{name}: {there.get(name)} there, {value} here"
+        for name, value in here.items()
+        if name not in ("digests", "git_revision") and there.get(name) != value
+    ] + [
+        f"{name}: {digest[:12]} there, {new[name][:12] if name in new else 'no such file'} here"
+        for name, digest in old.items()
+        if new.get(name) != digest
     ]
 
 
@@ -82,7 +110,7 @@ def _image(path: Path) -> str | None:
 def _source(spec: Spec, module: str) -> Path | None:
     """The file of a module, if there is one."""
     if module.endswith(".py"):
-        return find_file(spec, module)
+        return spec.find_file(module)
     dotted = all(part.isidentifier() for part in module.split("."))
     return module_file(module) if dotted else None
 

@@ -1,275 +1,261 @@
-"""Where the result of a sweep is kept: a Zarr store.
+"""The store of a sweep: a journal, which a run appends to, and the result that is made of it."""
 
-Its files are not written by `xarray.Dataset.to_zarr(region=...)`, which does not wait until values
-are on the disk before it writes states, and takes several milliseconds for a chunk.
-"""
-
-import contextlib
-import importlib.metadata
 import itertools
-import json
+import math
 import os
-import secrets
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from ... import __version__
-from ...base.files import write_durably
-from ...base.revision import git_revision
-from ..boxes import by_chunk, inside
-from ..failures import Failure, read_report, reported, write_report
-from ..files import keep_folder
-from ..pending import Pending
+from ..failures import Failure
 from ..spec import Chunk, Spec
 from ..workers.halving import Parts
-from ..workers.work import Computed, Failed
-from .codecs import decoded, encoded, fill_of, kind_of
-from .digests import changed, digests
-from .frame import (
-    check_fits,
-    frame_of,
-    make_frame,
-    read_attributes,
-    write_attributes,
-)
-from .grow import grow, tidy
-from .lock import locked
-from .states import DAMAGED, DONE, FAILED, States, reading
+from ..workers.work import Computed
+from .contents import JOURNAL, Contents
+from .damage import reading
+from .digests import differences
+from .journal import Journal, Kind, Record
+from .records import Begun, Frame, Members, check_fits, fill_value
 
 
-class SweepStore(States):
-    """The folder of a sweep, for the one process that writes there.
+TO_DO, DONE, FAILED = 0, 1, 2
 
-    - `sweep.zarr` is the result. A file of it holds a variable for a box of members: a chunk of the
-        sweep, or several. About a second after chunks of it have ended it is replaced, that of
-        `status` last; a chunk that is not done there is computed again. Nothing in it depends on
-        the order of chunks or on the time.
-    - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
-    - `failures/` has a file for each chunk of which members failed.
-    - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
+
+class SweepStore:
+    """The folder of a sweep.
+
+    - `sweep.journal` has the specification, and a record for each chunk that ended.
+    - `sweep.zarr` is the result. It is made of the journal when a run ends.
+    - `spec.toml` is a copy of the specification.
+    - `failures.json` has the members that have failed when a run ends.
     - `lock` names the process that writes.
     """
 
-    def __init__(self, folder: Path, spec: Spec, made: Mapping[str, Any]) -> None:
-        super().__init__(folder, spec)
-        self.made = made
-        self._frame: Computed | None = None
-        self._pending = Pending(self)
+    def __init__(self, folder: Path, *, append: bool = False) -> None:
+        """Open a store.
 
-    @classmethod
-    @contextlib.contextmanager
-    def opened(
-        cls,
-        folder: Path,
-        spec: Spec,
-        resume: bool,
-        made: Mapping[str, Any],
-        anyway: bool = False,
-    ) -> Iterator["SweepStore"]:
-        """Make the folder, or open it again, and keep others out of it.
+        **Arguments:**
 
-        A sweep that is there grows if the specification has all its members, and others.
+        - `append`: whether to write. All records are read then; a chunk whose record is damaged is
+            to do, and an incomplete record at the end is removed.
 
-        **Raises:** `FileExistsError` if a sweep is there, and not to be resumed; `ValueError` if it
-        is of another specification, or was made with other versions or other files, unless it is to
-        go on `anyway`; `BlockingIOError` if another process is at work on it.
+        **Raises:** `ValueError` if the folder has no sweep, or a damaged one.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        with locked(folder / "lock"):
-            tidy(folder)
-            kept = folder / "spec.toml"
-            if kept.exists():
-                if not resume:
-                    raise FileExistsError(
-                        f"{folder}: a sweep is there; go on with it (--resume), or name another "
-                        "folder (--out)"
-                    )
-                cls._go_on(folder, spec, made, anyway)
-            else:
-                if (folder / "sweep.zarr").exists():
-                    raise FileExistsError(f"{folder / 'sweep.zarr'}: it is there, but no {kept}")
-                write_durably(kept, spec.text)
-            keep_folder(folder, spec)
-            store = cls(folder, spec, made)
-            store._frame = frame_of(store) if store.metadata else None
-            try:
-                yield store
-            finally:
-                store._pending.close()
+        path = folder / JOURNAL
+        if not path.is_file():
+            shards = [*map(str, (folder / "shards").glob("*-of-*"))]
+            hint = f", but shards, as {min(shards)}: jaxcell sweep merge {folder}" if shards else ""
+            raise ValueError(f"{folder}: expected the folder of a sweep; it has no {JOURNAL}{hint}")
+        self.folder = folder
+        self.zarr = folder / "sweep.zarr"
+        self._journal = Journal(path, append=append)
+        try:
+            with reading(folder):
+                self.contents = Contents.read(self._journal, check=append)
+                if self.contents.begun is None:
+                    raise ValueError("its specification cannot be read")
+                self.spec = self.contents.begun.spec(folder)
+                if self.frame is None and self.contents.damage and (self.states == DONE).any():
+                    raise ValueError("its variables cannot be read")
+        except BaseException:
+            self.close()
+            raise
+        if append:
+            self._journal.cut(self.contents.readable[-1].end)
 
-    @classmethod
-    def _go_on(cls, folder: Path, spec: Spec, made: Mapping[str, Any], anyway: bool) -> None:
-        """Make a sweep that is there one of a specification, if it can be."""
-        there = Spec.load(folder / "spec.toml")
-        changes = there.differences(spec)
-        places = spec.places_in(there) if changes else None
-        if changes and places is None:
-            raise ValueError(
-                f"{spec.path}: not the specification of the sweep in {folder}: {'; '.join(changes)}"
-            )
-        store = cls(folder, there, made)
-        others = store.differences()
-        if others and not anyway:
-            raise ValueError(
-                f"{folder}: begun with others: {'; '.join(others)}; what is there can be computed "
-                "anew in another folder, or the rest with these by --anyway"
-            )
-        if others:
-            write_attributes(store.zarr, {**store.attributes(), **made, **store.went_on(others)})
-        if places is not None:
-            grow(store, spec, places, {**made, **store.went_on()})
+    def close(self) -> None:
+        self._journal.close()
 
-    def attributes(self) -> dict[str, Any]:
-        """Those of the result."""
-        with reading(self.folder):
-            return read_attributes(self.zarr)
+    def __enter__(self) -> "SweepStore":
+        return self
 
-    def differences(self) -> list[str]:
-        """What has changed since the result was made: versions, files, the task."""
-        return differences(self.folder, self.attributes(), self.made) if self.metadata else []
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
-    def went_on(self, others: Sequence[str] = ()) -> dict[str, Any]:
-        """The attribute that says with what a run went on all the same, if one did."""
-        if not self.metadata:
-            return {}
-        notes = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
-        return {"resumed_anyway": json.dumps(notes)} if notes else {}
+    @property
+    def made(self) -> Mapping[str, Any]:
+        """The attributes that say what the numbers depend on beside the specification."""
+        assert self.contents.begun is not None
+        return self.contents.begun.made
 
-    def read(self, name: str, chunk: Chunk) -> np.ndarray:
-        """What is in the files of an array of a chunk, or of a box."""
-        if not (values := self.empty(name, chunk)).size:
-            return values
-        box = self.boxes.around(chunk)
-        with reading(self.folder):
-            content = self.file(name, box).read_bytes()
-            values[...] = decoded(content, self.metadata[name])[inside(chunk, box)]
-        return values
+    @property
+    def frame(self) -> Computed | None:
+        """The variables without members, and the coordinates; `None` before a member is done."""
+        return self.contents.frame
 
-    def empty(self, name: str, chunk: Chunk) -> np.ndarray:
-        """An array for a chunk, or a box, with nothing in it."""
-        metadata = self.metadata[name]
-        shape = (*chunk.shape, *metadata["shape"][len(chunk.shape) :])
-        return np.full(shape, fill_of(metadata), kind_of(metadata))
+    @property
+    def states(self) -> np.ndarray:
+        """The state of each chunk: done if all members are, failed if a member failed."""
+        states = np.full(self.spec.chunk_count, TO_DO, np.int8)
+        for number, record in self.contents.chunks.items():
+            states[number] = record.state
+        return states
 
-    def damaged(self) -> dict[int, list[str]]:
-        """The arrays of each chunk whose files are gone or cannot be read."""
-        members = self.members()
-        some = by_chunk(self.spec, np.logical_or, members == DONE)
-        held = self.boxes.numbers()
-        found = {}
-        for box in self.boxes:
-            if names := self._unreadable(box, members[box.region]):
-                for number in np.flatnonzero(held == box.number).tolist():
-                    if some[number] or names == ["status"]:
-                        found[number] = names
-        return dict(sorted(found.items()))
-
-    def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
-        files = self.files(box)
-        if not self.file("status", box).exists():
-            # It was lost, or a run was killed, which leaves some that are whole half written.
-            return ["status"] * any(map(os.path.exists, files.values()))
-        if (members == DAMAGED).any():
-            return ["status"]
-        if not (members == DONE).any():
+    def differences(self, made: Mapping[str, Any]) -> list[str]:
+        """Describe the changes since the sweep began: of versions, files, and the task."""
+        if self.frame is None:
             return []
-        found = self.gone(box)
-        for name in files.keys() - {*found}:
-            try:
-                self.read(name, box)
-            except (ValueError, OSError):
-                found.append(name)
-        return sorted(found)
+        with reading(self.folder):
+            return differences(self.made, made)
 
-    def forget(self, numbers: Iterable[int]) -> None:
-        """Make chunks ones that are to do; files that cannot be read are removed."""
-        boxes: dict[int, list[Chunk]] = {}
-        for chunk in map(self.spec.chunk, numbers):
-            boxes.setdefault(self.boxes.around(chunk).number, []).append(chunk)
-        self._members = None
-        # The states first: nothing that is done there is ever without its values.
-        for name, chunks in itertools.product(("status", *self.variables), boxes.values()):
-            box = self.boxes.around(chunks[0])
-            path = self.file(name, box)
-            try:
-                if path.exists():
-                    values = self.read(name, box)
-                    for chunk in chunks:
-                        values[inside(chunk, box)] = fill_of(self.metadata[name])
-                    self.put(name, box, values)
-            except ValueError:
-                path.unlink()
+    def read(self, number: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Read the states of the members of a chunk, and the variables.
+
+        **Raises:** `ValueError` if the record is damaged.
+        """
+        states, arrays = self.empty(self.spec.chunk(number).shape)
+        if number in self.contents.chunks:
+            with reading(self.folder):
+                self._members(number).fill(states, arrays)
+        return states, arrays
+
+    def select(self, places: Sequence[np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Read the members at places along each dimension: their states, and the variables."""
+        states, arrays = self.empty(tuple(along.size for along in places))
+        lengths = [*self.spec.lengths.values()]
+        chunks = [along // length for along, length in zip(places, lengths, strict=True)]
+        for index in itertools.product(*map(np.unique, chunks)):
+            number = int(np.ravel_multi_index(index, self.spec.chunk_grid))
+            if number not in self.contents.chunks:
+                continue
+            own = [np.flatnonzero(along == i) for along, i in zip(chunks, index, strict=True)]
+            target = np.ix_(*own)
+            source = np.ix_(
+                *(places[axis][some] - index[axis] * lengths[axis] for axis, some in enumerate(own))
+            )
+            chunk_states, chunk_arrays = self.read(number)
+            states[target] = chunk_states[source]
+            for name, array in arrays.items():
+                array[target] = chunk_arrays[name][source]
+        return states, arrays
+
+    def empty(self, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Make the states and the variables of members that are to do."""
+        variables = {} if self.frame is None else self.frame.variables
+        arrays = {
+            name: np.full(
+                (*shape, *one.values.shape[1:]), fill_value(one.values.dtype), one.values.dtype
+            )
+            for name, one in variables.items()
+        }
+        return np.full(shape, TO_DO, np.int8), arrays
+
+    def failures(self) -> Iterator[Failure]:
+        """The members that failed, in the order of their chunks."""
+        for number, record in sorted(self.contents.chunks.items()):
+            if record.state == FAILED:
+                with reading(self.folder):
+                    failed = self._members(number).failed
+                yield from self._failures(number, failed)
+
+    def has_outcomes(self, number: int) -> bool:
+        """Whether all members of a chunk are done or have failed."""
+        return number in self.contents.chunks and bool((self.read(number)[0] != TO_DO).all())
+
+    def lost_files(self) -> list[str]:
+        """The files of the result that are gone."""
+        names = self.contents.exported or {}
+        return [name for name in names if not os.path.exists(self.zarr / name)]
+
+    def begin(self, made: Mapping[str, Any], spec: Spec) -> None:
+        """Write what the numbers depend on, and the folder of the specification, if changed."""
+        begun = Begun.of(spec, self.folder, made)
+        begun.text = self.spec.text
+        if begun != self.contents.begun:
+            self._append(Kind.SPEC, begun)
+            self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check the result of a job, and make the store for results as the first one.
+        """Check that a result has the variables of the first one, which are written down.
 
-        **Raises:** `ValueError` if it has not the variables of the first one.
+        **Raises:** `ValueError` if it has others.
         """
-        if self._frame is None:
-            self._create(computed)
-            self.look()
-            self._frame = frame_of(self)
-            with reading(self.folder):
-                for number in reported(self.folder):
-                    for failure in read_report(self.folder, number):
-                        self.members()[tuple(failure.index.values())] = FAILED
-            for box in self.boxes:
-                if (self.members()[box.region] == FAILED).any():
-                    self.put("status", box, self.members()[box.region])
-        check_fits(self._frame, computed)
-
-    def put(self, name: str, box: Chunk, values: np.ndarray) -> None:
-        """Write the file of a box, whole: what it held is lost when the new one is on the disk."""
-        if not values.size:
-            return
-        path = self.file(name, box)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_durably(path, encoded(values, self.metadata[name]))
+        if self.frame is None:
+            frame = Frame.of(computed)
+            self._append(Kind.FRAME, frame)
+            self.contents.frame = frame.computed
+        assert self.frame is not None
+        check_fits(self.frame, computed)
 
     def write(self, parts: Parts) -> list[Failure]:
-        """Take what is known of the members of a chunk that are missing, to be written soon.
+        """Write the outcomes of the members of a chunk that were missing.
 
-        **Returns:** those that failed.
+        **Returns:** the members that failed.
         """
-        chunk = parts.chunk
-        failures = [self._failure(chunk, *one) for one in sorted(parts.failed.items())]
-        if failures:
-            write_report(self.folder, chunk.number, failures)
-        if self.metadata:
-            self._pending.add(parts)
-        return failures
+        chunk, own = parts.chunk, self.spec.places(parts.chunk)
+        states, arrays = self.read(chunk.number)
+        missing = states != DONE
+        new_states, new_arrays = self.empty((math.prod(self.spec.lengths.values()),))
+        new_states[list(parts.failed)] = FAILED
+        for places, computed in parts.computed:
+            new_states[places] = DONE
+            for name, array in new_arrays.items():
+                array[places] = computed.variables[name].values
+        states[missing] = new_states[own][missing.ravel()]
+        for name, array in arrays.items():
+            array[missing] = new_arrays[name][own][missing.ravel()]
+        failed = {
+            int(np.searchsorted(own, place)): (one.message, one.trace)
+            for place, one in sorted(parts.failed.items())
+        }
+        self.put(chunk, states, arrays, failed)
+        return [*self._failures(chunk.number, failed)]
 
-    def _failure(self, chunk: Chunk, place: int, failed: Failed) -> Failure:
-        index = self.spec.index(chunk, place)
-        return Failure(chunk.number, index, self.spec.member(index), failed.message, failed.trace)
+    def put(
+        self,
+        chunk: Chunk,
+        states: np.ndarray,
+        arrays: Mapping[str, np.ndarray],
+        failed: Mapping[int, tuple[str, str]],
+    ) -> None:
+        """Append the record of a chunk."""
+        state = FAILED if (states == FAILED).any() else TO_DO
+        state = DONE if (states == DONE).all() else state
+        some = arrays if (states == DONE).any() else {}
+        self._put(chunk.number, state, Members.of(states, some, failed))
 
-    def _create(self, first: Computed) -> None:
-        """Make the result with nothing in it."""
-        temporary = self.folder / f".sweep-{secrets.token_hex(4)}"
-        make_frame(temporary, self.spec, first, self.made)
-        os.replace(temporary, self.zarr)
+    def copy(self, other: "SweepStore", number: int) -> list[Failure]:
+        """Copy a chunk from another store of the same sweep.
 
+        **Returns:** the members that failed.
+        """
+        with reading(other.folder):
+            members = other._members(number)
+        self._put(number, other.contents.chunks[number].state, members)
+        return [*self._failures(number, members.failed)]
 
-def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
-    """What the numbers in a store may depend on beside its specification."""
-    revision = git_revision()
-    return {
-        "jaxcell_version": __version__,
-        "jax_version": importlib.metadata.version("jax"),
-        "jax_enable_x64": int(wide),
-        "digests": json.dumps(digests(spec)),
-        **({} if revision is None else {"git_revision": revision}),
-    }
+    def mark_exported(self, files: Mapping[str, str]) -> None:
+        """Write that the result was made of the journal, and the SHA-256 of each file."""
+        self._append(Kind.EXPORT, files)
+        self._journal.sync()
+        self.contents.exported = files
 
+    def sync(self) -> None:
+        """Wait until all records are on the disk."""
+        self._journal.sync()
 
-def differences(folder: Path, attributes: Mapping[str, Any], made: Mapping[str, Any]) -> list[str]:
-    """What has changed since a result was made, by its attributes."""
-    with reading(folder):
-        return [
-            f"{name}: {attributes.get(name)} there, {here} here"
-            for name, here in made.items()
-            if name not in ("digests", "git_revision") and attributes.get(name) != here
-        ] + changed(json.loads(attributes["digests"]), json.loads(made["digests"]))
+    def _put(self, number: int, state: int, members: Members) -> None:
+        record = self._append(Kind.CHUNK, members, number, state)
+        self.contents.chunks[number] = record
+
+    def _append(self, kind: Kind, content: Any, number: int = 0, state: int = 0) -> Record:
+        self.contents.exported = None
+        return self._journal.append(kind, msgspec.msgpack.encode(content), number, state)
+
+    def _members(self, number: int) -> Members:
+        content = self._journal.content(self.contents.chunks[number])
+        return msgspec.msgpack.decode(content, type=Members)
+
+    def _failures(self, number: int, failed: Mapping[int, tuple[str, str]]) -> Iterator[Failure]:
+        chunk = self.spec.chunk(number)
+        for place, (message, trace) in failed.items():
+            inside = np.unravel_index(place, chunk.shape)
+            starts = (part.start for part in chunk.region)
+            index = {
+                name: start + int(offset)
+                for name, start, offset in zip(self.spec.dimensions, starts, inside, strict=True)
+            }
+            yield Failure(number, index, self.spec.member(index), message, trace)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ...base.files import replacing
+from ...base.paths import replacing
 from ..failures import Failure
 
 

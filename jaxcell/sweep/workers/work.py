@@ -16,9 +16,8 @@ import numpy as np
 from ...study import Study, parameters
 from ...study.loading import load_module
 from ..design import LIST_DIMENSION
-from ..files import find_file, folders
 from ..spec import Chunk, Spec
-from ..studies import studies, study_task
+from ..study_task import studies, study_task
 
 
 if TYPE_CHECKING:
@@ -152,7 +151,7 @@ def prepared(spec: Spec) -> Spec:
 def with_task_found(spec: Spec) -> Spec:
     """A specification whose task, if it is named by its file, is found from any folder."""
     file, colon, name = spec.task.partition(":")
-    path = find_file(spec, file) if colon and file.endswith(".py") else None
+    path = spec.find_file(file) if colon and file.endswith(".py") else None
     return spec if path is None else dataclasses.replace(spec, task=f"{path}:{name}")
 
 
@@ -187,9 +186,9 @@ def _found(spec: Spec, name: str, value: Any) -> Any:
         return [_found(spec, name, one) for one in value]
     if not isinstance(value, str) or Path(value).is_absolute():
         return value
-    if (path := find_file(spec, value)) is not None:
+    if (path := spec.find_file(value)) is not None:
         return str(path)
-    looked = " nor in ".join(map(str, folders(spec)))
+    looked = " nor in ".join(map(str, spec.folders))
     raise ValueError(f"{name}: there is no file {value!r} in {looked}")
 
 
@@ -250,7 +249,7 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
             raise ValueError(
                 f"the task gave {name!r} of kind {array.dtype}; expected numbers or booleans"
             )
-        values = np.ascontiguousarray(array.values)
+        values = np.ascontiguousarray(array.values, array.dtype.newbyteorder("="))
         attributes = json.loads(json.dumps(array.attrs, default=_plain))
         if name in dataset.coords:
             coordinates[name] = Variable((name,), values, attributes)

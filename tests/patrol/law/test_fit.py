@@ -1,7 +1,6 @@
 import functools
 import math
 
-import jax
 import numpy as np
 import pytest
 import scipy.optimize
@@ -27,7 +26,7 @@ LAWS = [
 
 
 def draw(law, size=SAMPLES, seed=0):
-    return np.asarray(law.quantile(np.random.default_rng(seed).random(size)))
+    return law.quantile(np.random.default_rng(seed).random(size))
 
 
 def likelihood(law, samples, censored):
@@ -103,21 +102,19 @@ def test_at_least_as_likely_as_by_nelder_and_mead(censored):
     samples = scipy.stats.lognorm(0.7, scale=20).rvs(200, random_state=0)
     samples = np.round(samples) if censored else samples
     fit = fit_gld(samples, censored=censored)
-    each = jax.jit(lambda law: law.log_probability(samples - 0.5, samples + 0.5).sum())
-    if not censored:
-        each = jax.jit(lambda law: law.log_pdf(samples).sum())
 
     def loss(parameters):
         if parameters[1] <= 0:
             return np.inf
-        return -float(each(Gld(*parameters.tolist())))
+        with np.errstate(divide="ignore"):
+            return -likelihood(Gld(*parameters.tolist()), samples, censored)
 
     # The start of the package gld of R: location and scale by the quartiles, for a grid of shapes.
     starts = []
     quartiles = np.quantile(samples, [0.25, 0.5, 0.75])
     for l3 in (-0.5, -0.1, 0.0, 0.2, 0.8, 1.5):
         for l4 in (-0.5, -0.1, 0.0, 0.2, 0.8):
-            standard = np.asarray(Gld(0.0, 1.0, l3, l4).quantile(np.array([0.25, 0.5, 0.75])))
+            standard = Gld(0.0, 1.0, l3, l4).quantile([0.25, 0.5, 0.75])
             l2 = (standard[2] - standard[0]) / (quartiles[2] - quartiles[0])
             starts.append(np.array([quartiles[1] - standard[1] / l2, l2, l3, l4]))
     start = min(starts, key=loss)
@@ -150,7 +147,7 @@ def test_distance_is_that_of_kolmogorov_and_smirnov(censored):
     samples = draw(SKEWED, 400)
     if not censored:
         fit = fit_gld(samples)
-        peer = scipy.stats.kstest(samples, lambda x: np.asarray(fit.law.cdf(x)))
+        peer = scipy.stats.kstest(samples, fit.law.cdf)
         assert fit.distance == pytest.approx(peer.statistic, abs=1e-12)
         return
     samples = np.round(samples)
@@ -214,8 +211,3 @@ def test_a_search_that_does_not_settle_says_so(monkeypatch):
     with pytest.raises(RuntimeError, match="fit_gld: the residual stayed above the tolerance"):
         fit_gld(samples)
     assert fit_gld(samples, throw=False).certificate.outcome is Outcome.STALLED
-
-
-def test_needs_64_bits():
-    with jax.enable_x64(False), pytest.raises(RuntimeError, match="32 bits"):
-        fit_gld(np.arange(10.0))

@@ -13,10 +13,10 @@ from jaxcell.patrol.map.attack import (
     outside,
     weakest,
 )
+from jaxcell.patrol.map.attacked_cell import vulnerability
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
 from jaxcell.patrol.map.regions import angular_regions, base_station
-from jaxcell.patrol.map.vulnerability import vulnerability
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import charged, random_walk
+from jaxcell.patrol import random_walk
+from jaxcell.patrol.team import charged
 
 
 GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [3, 4]])

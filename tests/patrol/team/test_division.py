@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import divide_graph, part_of_graph, random_walk, walk_in_part
+from jaxcell.patrol import random_walk
+from jaxcell.patrol.team import divide_graph, part_of_graph, walk_in_part
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import random_walk, timed, whole_times
+from jaxcell.patrol import random_walk
+from jaxcell.patrol.team import timed, whole_times
 
 
 GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import random_walk, simulate_idleness
+from jaxcell.patrol import random_walk
+from jaxcell.patrol.team import simulate_idleness
 
 
 def walk_on(graph, weights):

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol import age_of_news, random_walk
+from jaxcell.patrol import random_walk
+from jaxcell.patrol.team import age_of_news
 
 
 GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])

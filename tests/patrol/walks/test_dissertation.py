@@ -7,16 +7,15 @@ import pytest
 
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
 from jaxcell.optimize import minimum_commute, payoffs, stackelberg
-from jaxcell.patrol import (
-    Graph,
+from jaxcell.patrol import Graph, random_walk
+from jaxcell.patrol.files.graph_files import load_graph
+from jaxcell.patrol.perimeter import (
     Movement,
     Perimeter,
     detection_polynomials,
     maximin,
     mean_hitting_times,
-    random_walk,
 )
-from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.walks.game import strategy_game
 
 

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.patrol import Graph, measure
+from jaxcell.patrol import Graph
+from jaxcell.patrol.walks import measure
 from jaxcell.patrol.walks.paths import toward
 
 

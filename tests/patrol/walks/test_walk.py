@@ -4,7 +4,8 @@ from hypothesis import given, strategies as st
 
 from jaxcell.markov import hitting_times
 from jaxcell.optimize.conductance import minimum_commute
-from jaxcell.patrol import Graph, random_walk, walk_hitting_times
+from jaxcell.patrol import Graph, random_walk
+from jaxcell.patrol.walks import walk_hitting_times
 
 
 # The small example of Boyd et al., "Convex optimization of graph Laplacian eigenvalues" (2006).

@@ -1,4 +1,4 @@
-"""The depths at which a file has a current, and which of them are asked for."""
+"""The depths of the levels of a file, and the choice of layers."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -13,22 +13,18 @@ from .dimensions import axis_kind
 
 @dataclasses.dataclass(frozen=True)
 class Layers:
-    """The chosen depths, the surface first.
-
-    **Attributes:**
-
-    - `depth`: in metres, positive down.
-    - `places`: where the levels to be read stand in the file; `None` if it has one level.
-    - `s_levels`: how the levels lie, if they follow the sea bed and each depth is interpolated.
-    - `asked`: whether the depths were asked for.
-    - `note`: how they were had; may be empty.
-    """
+    """The chosen depths, the surface first."""
 
     depth: Float[np.ndarray, " layers"]
+    "In metres, positive down."
     places: Int[np.ndarray, " levels"] | None
+    "The numbers of the levels to read; `None` if the file has one level."
     s_levels: SLevels | None
+    "The levels, if they follow the sea bed and each depth is interpolated."
     asked: bool
+    "Whether depths were chosen by the caller."
     note: str = ""
+    "The origin of the depths, in words; may be empty."
 
 
 def choose_layers(
@@ -37,18 +33,10 @@ def choose_layers(
     dim: str | None,
     depths: float | int | Sequence[float | int] | None,
 ) -> Layers:
-    """Find the depths that are asked for.
+    """Choose the layers for `depths` of [`jaxcell.drift.open_currents`][].
 
-    **Arguments:**
-
-    - `file`: an open file.
-    - `velocity`: the name of u.
-    - `dim`: its dimension of depth, or `None` if it has a single level: that of a coordinate of
-        one value that it names, or the surface.
-    - `depths`: as for [`jaxcell.drift.open_currents`][].
-
-    **Raises:** `ValueError` for a depth that the file does not have, and for levels whose depth is
-    not known.
+    A velocity without a dimension `dim` of depth has a single level, whose depth is in a coordinate
+    of one value, or else the surface.
     """
     wanted = None if depths is None else _depths(file, depths)
     if dim is None:
@@ -68,7 +56,7 @@ def choose_layers(
         places = np.argsort(levels)
         return Layers(levels[places], places, None, False, note)
     places = np.abs(levels - wanted[:, None]).argmin(axis=1)
-    # A centimetre: levels such as 0.494025 m are known by their rounded values.
+    # To the centimetre, because levels such as 0.494025 m are known by their rounded values.
     wrong = np.abs(levels[places] - wanted) > 0.01
     if wrong.any():
         known = ", ".join(f"{value:g}" for value in np.sort(levels))
@@ -77,7 +65,7 @@ def choose_layers(
 
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
-    """The depth of a velocity without a dimension of depth, and what it is from."""
+    """Find the depth of a velocity without a dimension of depth, and its origin in words."""
     for name in file.coordinates(velocity):
         if name not in file.dataset.variables or file.dataset[name].size != 1:
             continue
@@ -116,7 +104,7 @@ def _is_s(file: OceanFile, dim: str) -> bool:
 
 
 def _z_levels(file: OceanFile, dim: str) -> tuple[Float[np.ndarray, " levels"], str]:
-    """The depth of each level in metres, positive down, and what is odd about it."""
+    """Read the depth of each level in metres, positive down, with a note on its sign."""
     if dim not in file.dataset.variables:
         raise file.error(dim, "the depths of the levels are missing")
     levels = file.read(file.dataset[dim]).reshape(-1)
@@ -132,7 +120,7 @@ def _z_levels(file: OceanFile, dim: str) -> tuple[Float[np.ndarray, " levels"], 
         if positive not in ("up", "down"):
             raise file.error(dim, f"expected depths on one side of 0, got {levels}")
         return -levels if positive == "up" else levels, ""
-    # The sea is below its surface, whatever the file calls positive.
+    # The sea is below its surface, even if the attribute `positive` says otherwise.
     note = ""
     if levels.any() and positive == ("down" if levels.min() < 0 else "up"):
         note = f"{dim}: from {levels[0]:g} to {levels[-1]:g} m, though positive is {positive}"

@@ -1,4 +1,4 @@
-"""Which dimension of a variable is time, depth, y and x, and where its longitudes are."""
+"""The axes of a velocity: its dimensions of time, depth, y and x, and its positions."""
 
 import dataclasses
 from typing import Literal, TypeAlias
@@ -16,32 +16,27 @@ _AXES: dict[str, Kind] = {"T": "time", "Z": "depth", "Y": "y", "X": "x"}
 
 @dataclasses.dataclass(frozen=True)
 class Axes:
-    """The dimensions of a velocity.
-
-    **Attributes:**
-
-    - `time`, `depth`: their dimensions, or `None` where the variable has none.
-    - `y`, `x`: the dimensions of the grid, on its staggered points where `staggered`.
-    - `lon`, `lat`: the variables with the positions of the cell centres.
-    """
+    """The dimensions of a velocity."""
 
     time: str | None
     depth: str | None
     y: str
+    "The dimension of the grid, on its staggered points where `staggered`."
     x: str
     lon: str
+    "The variable with the longitudes of the cell centres."
     lat: str
 
     @property
     def staggered(self) -> bool:
-        """Whether the variable stands on the sides of the cells of a C-grid."""
+        """Whether the velocity is on the sides of the cells of a C-grid."""
         return self.rho != (self.y, self.x)
 
     @property
     def between(self) -> int | None:
-        """The axis, -2 for y and -1 for x, along which it stands between the centres, if any.
+        """The axis along which the velocity is between centres, -2 for y and -1 for x, or `None`.
 
-        Sides named eta_u and xi_v are level with the centres.
+        The dimensions eta_u and xi_v are level with the centres.
         """
         return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
 
@@ -52,12 +47,7 @@ class Axes:
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
-    """Find the dimensions of a velocity from what they are called and described as.
-
-    **Raises:** `ValueError` if one of them cannot be determined, if there is no y or x, if no
-    longitudes and latitudes belong to them, for a length that does not fit the cells,
-    or for a grid of a single row or column, whose cells have no size.
-    """
+    """Find the dimensions of a velocity by their names and attributes."""
     _check_structured(file, name)
     found: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():
@@ -82,24 +72,24 @@ def find_axes(file: OceanFile, name: str) -> Axes:
 
 
 def is_rectangular(file: OceanFile, axes: Axes) -> bool:
-    """Whether x is towards the East and y along a meridian: longitude depends on x only."""
+    """Return whether longitude depends on x only, and latitude on y only."""
     return all(
         file.dataset[name].dims == (dim,) for name, dim in ((axes.lon, axes.x), (axes.lat, axes.y))
     )
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
-    """By the name of the dimension, then by what its coordinate variable says of itself."""
+    """Find the kind of a dimension by its name, then by the attributes of its coordinate."""
     conventions = {kind: next(table(kind)) for kind in _AXES.values()}
-    for kind, one in conventions.items():
-        if POINTS.sub("", dim.lower()) in one.names:
+    for kind, convention in conventions.items():
+        if POINTS.sub("", dim.lower()) in convention.names:
             return kind
     if dim not in dataset.variables:
         return None
     attributes = dataset[dim].attrs
     standard_name = str(attributes.get("standard_name", ""))
-    for kind, one in conventions.items():
-        if standard_name in one.standard_names:
+    for kind, convention in conventions.items():
+        if standard_name in convention.standard_names:
             return kind
     if standard_name.startswith("ocean_s_coordinate"):
         return "depth"
@@ -107,7 +97,7 @@ def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
 
 
 def _check_structured(file: OceanFile, velocity: str) -> None:
-    """Refuse cells of any shape, whose longitudes and latitudes are along one dimension."""
+    """Refuse unstructured grids, whose longitudes and latitudes are along one dimension."""
     variables = file.dataset.variables
     for dim in map(str, file.dataset[velocity].dims):
         along = [str(name) for name, variable in variables.items() if variable.dims == (dim,)]
@@ -119,7 +109,7 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
 
 
 def _check_lengths(file: OceanFile, axes: Axes) -> None:
-    """Refuse a variable whose y and x are not as long as those of the cells."""
+    """Refuse a velocity whose lengths along y and x do not fit those of the cells."""
     sizes = file.dataset.sizes
     for axis, dim, rho in zip((-2, -1), (axes.y, axes.x), axes.rho, strict=True):
         if sizes[rho] == 1:
@@ -134,7 +124,7 @@ def _check_lengths(file: OceanFile, axes: Axes) -> None:
 
 
 def unstructured(file: OceanFile, field: str) -> ValueError:
-    """What is said of the grids of FVCOM, SCHISM and others."""
+    """Return the error for the grids of FVCOM, SCHISM and others."""
     dims = ", ".join(map(str, file.dataset[field].dims)) or "a mesh"
     return file.error(
         field,
@@ -148,12 +138,12 @@ def unstructured(file: OceanFile, field: str) -> ValueError:
 def _position(
     file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
 ) -> str:
-    """The variable of longitudes or latitudes on the given dimensions: by name, then by meaning."""
-    one_dimensional = dims[0] if which == "lat" else dims[1]
+    """Find the variable of longitudes or latitudes of cells with the dimensions `(y, x)`."""
+    along = dims[0] if which == "lat" else dims[1]
     candidates = (
         str(name)
         for name, variable in file.dataset.variables.items()
-        if set(variable.dims) == set(dims) or variable.dims == (one_dimensional,)
+        if set(variable.dims) == set(dims) or variable.dims == (along,)
     )
     name = find(file.dataset, which, candidates)
     if name is not None:

@@ -1,4 +1,4 @@
-"""The times of the records of a file, and which of them are asked for."""
+"""The times of the records of a file, and the choice of records."""
 
 import dataclasses
 import datetime
@@ -24,44 +24,32 @@ SECONDS = {
     "h": 3600, "hour": 3600, "hours": 3600,
     "d": 86400, "day": 86400, "days": 86400,
 }  # fmt: skip
-# The years that times are counted from: those whose nanoseconds fit 64 bits, and some to spare.
+# Years whose nanoseconds fit 64 bits, with a margin.
 _YEARS = range(1700, 2201)
-# From 1970, where there is no date; their nanoseconds fit too.
+# The largest time without a date, counted from 1970, whose nanoseconds fit 64 bits.
 _MAX_SECONDS = 9.2e9
 
 
 @dataclasses.dataclass(frozen=True)
 class RecordTimes:
-    """When the records of a file are.
-
-    **Attributes:**
-
-    - `values`: of all records, in order; one after another by the seconds between them.
-    - `start`: of what calendar they are dates, at the beginning of the year of the first record;
-        `None` if it is the common one.
-    - `dated`: whether they have a date; otherwise they are counted from 1970-01-01.
-    - `note`: what is odd about them; may be empty.
-    """
+    """The times of the records of a file."""
 
     values: Shaped[np.ndarray, " records"]
+    "Of all records, in order."
     start: cftime.datetime | None = None
+    """In another calendar than the common one: the beginning of the year of the first record, from
+    which the days of the records are counted."""
     dated: bool = True
+    "Whether they have a date; otherwise they are counted from 1970-01-01."
     note: str = ""
+    "Peculiarities, in words; may be empty."
 
 
 def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
-    """The time of each record.
+    """Read the time of each record along a dimension, or the time of a single record.
 
-    A year of 360 or 365 days is that long: the dates of its records go on from the beginning of
-    the first one's year by as many days as lie between.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `dim`: the dimension of time, or `None` for a single record.
-
-    **Raises:** `ValueError` if no variable gives them, or they are missing, in an unknown unit or
-    calendar, or not in order.
+    In a calendar with years of 360 or 365 days, the days between records are kept: they are counted
+    from the beginning of the year of the first record.
     """
     name = time_variable(file, dim)
     if name is None:
@@ -69,8 +57,8 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
         return RecordTimes(np.zeros(1, "datetime64[ns]"), None, False, note)
     if 0 in file.dataset[name].shape:
         raise file.error(name, "expected a record or more, got none")
-    found = _counted(file, name)
-    times = found.values
+    records = _counted(file, name)
+    times = records.values
     if (odd := np.isnat(times)).any():
         raise file.error(
             name, f"the time of record {int(odd.argmax())} is missing, or not from 1678 to 2261"
@@ -81,19 +69,23 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
         raise file.error(
             name, f"expected times in order, got {times[k + 1]} after {times[k]} (record {k + 1})"
         )
-    return found
+    return records
 
 
 def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
-    """The times of a variable: dates as datetime64, or in another calendar as cftime has them;
-    without a date in seconds.
+    """Read the times of a variable: as datetime64, in another calendar as cftime dates, and without
+    a date in seconds.
     """
     variable = file.dataset[name]
     if variable.dtype.kind in "MO":
         return variable.values.reshape(-1)
     units = str(variable.attrs.get("units", ""))
     if " since " in units:
-        return _decode(file, name)
+        try:
+            plain = xr.Dataset({"decoded": file.dataset[[name]].reset_coords().variables[name]})
+            return xr.decode_cf(plain)["decoded"].values.reshape(-1)
+        except Exception as error:  # the exceptions for damaged files are not documented
+            raise file.error(name, f"times in {units!r} cannot be read: {error}") from error
     if units.lower() not in SECONDS:
         raise file.error(name, f"units: expected a unit of time since a date, got {units!r}")
     seconds = file.read(variable).reshape(-1) * SECONDS[units.lower()]
@@ -103,7 +95,7 @@ def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
 
 
 def _counted(file: OceanFile, name: str) -> RecordTimes:
-    """The times of a variable, each by the time since the first."""
+    """Read the times of a variable as datetime64, with the notes on them."""
     times = read_times(file, name)
     if times.dtype.kind == "M":
         return RecordTimes(_in_nanoseconds(times))
@@ -119,37 +111,29 @@ def _counted(file: OceanFile, name: str) -> RecordTimes:
             name, f"expected dates in the years {_YEARS[0]} to {_YEARS[-1]}, got {first}"
         )
     start = cftime.datetime(first.year, 1, 1, calendar=first.calendar)
-    values = _in_nanoseconds(np.array([_since(start, one) for one in times]))
+    values = _in_nanoseconds(np.array([_since(start, date) for date in times]))
     note = f"{name}: calendar {start.calendar}; its days are counted on from {first.year}-01-01"
     return RecordTimes(values, start, True, note)
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
-    """A date of another calendar, by the days since the beginning of a year."""
+    """Convert a date of another calendar by the days since the beginning of a year."""
     return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
 
 
 def _in_nanoseconds(dates: Any) -> Any:
-    """Dates in 64 bits of nanoseconds, NaT where they are not from 1678 to 2261."""
+    """Convert dates to nanoseconds, with NaT outside the years 1678 to 2261."""
     fits = (dates >= np.datetime64("1678-01-01")) & (dates < np.datetime64("2262-01-01"))
-    found = np.array(dates)
-    found[~fits] = np.datetime64("NaT", "s")
-    return found.astype("datetime64[ns]")[()]
+    dates = np.array(dates)
+    dates[~fits] = np.datetime64("NaT", "s")
+    return dates.astype("datetime64[ns]")[()]
 
 
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
-    """The numbers of the records that are asked for.
+    """Return the numbers of the records for `time` of [`jaxcell.drift.open_currents`][].
 
-    A moment is the nearest record, the later of two that are equally near: so a date alone
-    stands for the mean over its day. It must be within half the usual time between records.
-
-    **Arguments:**
-
-    - `file`: for messages.
-    - `times`: of all records; where they have no date, only indices are accepted.
-    - `when`: as `time` of [`jaxcell.drift.open_currents`][]; a date is one of their calendar.
-
-    **Raises:** `ValueError` for a time that the file does not have.
+    A moment is the nearest record, within half the median time between records; of two equally near
+    records the later, so that a date alone stands for the mean over its day.
     """
     records = np.arange(len(times.values))
     if when is None:
@@ -199,7 +183,7 @@ def _record(file: OceanFile, records: RecordTimes, moment: Any) -> int:
 
 def _moment(file: OceanFile, moment: Any, start: cftime.datetime | None) -> np.datetime64:
     try:
-        if start is not None:  # a day such as 2001-02-30 is one of its calendar only
+        if start is not None:  # days such as 2001-02-30 exist in some calendars only
             parts = [int(part) for part in re.split(r"[-T :]", str(moment).removesuffix("Z"))]
             wanted = _since(start, cftime.datetime(*parts, calendar=start.calendar))
         else:
@@ -224,7 +208,7 @@ def _is_index(value: Any) -> bool:
 
 
 def time_variable(file: OceanFile, dim: str | None) -> str | None:
-    """The coordinate variable of the dimension, or another that gives the time on it."""
+    """Find the coordinate variable of a dimension of time, or another with times on it."""
     variables = file.dataset.variables
     names = next(table("time")).names
     if dim is None:
@@ -236,13 +220,3 @@ def time_variable(file: OceanFile, dim: str | None) -> str | None:
         if variable.dims == (dim,) and (is_time or str(name).lower() in names):
             return str(name)
     raise file.error(dim, "no variable gives the times of this dimension")
-
-
-def _decode(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
-    try:
-        variable = file.dataset[[name]].reset_coords().variables[name]
-        decoded = xr.decode_cf(xr.Dataset({"decoded": variable}))["decoded"].values.reshape(-1)
-    except Exception as error:  # what a damaged file makes the libraries raise is not written
-        units = file.dataset[name].attrs["units"]
-        raise file.error(name, f"times in {units!r} cannot be read: {error}") from error
-    return decoded

@@ -65,7 +65,7 @@ def charged_capture(
         >>> from jaxcell import patrol
         >>> line = patrol.Graph([[0, 1], [1, 2]])
         >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
-        >>> patrol.charged_capture(line, walk, 0, 3, attack_time=4)
+        >>> patrol.walks.charged_capture(line, walk, 0, 3, attack_time=4)
         Traceback (most recent call last):
             ...
         ValueError: every: expected at least 4 steps, to the farthest vertex and back, got 3

@@ -86,7 +86,7 @@ def load_constraints(
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "constraints.json")
         ...     _ = path.write_text('{"constraints": [{"edges": [["b", "c"]], "most": 0.1}]}')
-        ...     (cap,) = patrol.load_constraints(path, graph, "abc")
+        ...     (cap,) = patrol.walks.load_constraints(path, graph, "abc")
         >>> cap.label, cap.coefficients.tolist(), cap.upper
         ('edge b-c', [0.0, 1.0], 0.1)
     """

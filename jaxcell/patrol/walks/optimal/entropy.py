@@ -40,8 +40,9 @@ def maximum_entropy_rate(
     - `stay`: whether the patroller may wait at a vertex.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk], with the entropy rate in nats per
-    step. The residual of its certificate bounds, in nats, how far another chain can be above it.
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in
+    nats per step. The residual of its certificate bounds, in nats, how far another chain can be
+    above it.
 
     **Raises:** `ValueError` for a graph that is not connected, and for a stationary distribution
     that no chain on the graph has; `RuntimeError` if rounding spoils the result.
@@ -50,7 +51,7 @@ def maximum_entropy_rate(
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [0, 2], [0, 3]])
-        >>> best = patrol.maximum_entropy_rate(graph)
+        >>> best = patrol.walks.maximum_entropy_rate(graph)
         >>> round(best.value, 6), best.matrix[0].round(6).tolist()
         (0.549306, [0.0, 0.333333, 0.333333, 0.333333])
     """
@@ -90,8 +91,8 @@ def maximum_return_time_entropy(
 ) -> OptimizedWalk:
     """Find a chain whose return times are hard to predict (Duan, George and Bullo 2020).
 
-    The value is [`return_time_entropy`][jaxcell.patrol.return_time_entropy] up to the horizon. The
-    problem is not convex: the result is a local optimum, the best of several starts.
+    The value is [`return_time_entropy`][jaxcell.patrol.walks.return_time_entropy] up to the
+    horizon. The problem is not convex: the result is a local optimum, the best of several starts.
 
     **Arguments:**
 
@@ -107,17 +108,17 @@ def maximum_return_time_entropy(
     - `tolerance`: tolerance of the residual.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk], with the entropy in nats. The
-    residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
+    The residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is
     more: to first order, no chain is better by a larger share.
 
-    **Raises:** `ValueError` as [`maximum_entropy_rate`][jaxcell.patrol.maximum_entropy_rate].
+    **Raises:** `ValueError` as [`maximum_entropy_rate`][jaxcell.patrol.walks.maximum_entropy_rate].
 
     A patroller that must move cannot be at one vertex for more than half of the time:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
-        >>> patrol.maximum_return_time_entropy(graph, [0.6, 0.2, 0.2])
+        >>> patrol.walks.maximum_return_time_entropy(graph, [0.6, 0.2, 0.2])
         Traceback (most recent call last):
             ...
         ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...
@@ -158,7 +159,7 @@ def return_time_law(
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import patrol
-        >>> patrol.return_time_law(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 3).tolist()
+        >>> patrol.walks.return_time_law(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 3).tolist()
         [[0.5, 0.5], [0.25, 0.25], [0.125, 0.125]]
     """
     check_count("horizon", horizon)
@@ -190,7 +191,7 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
 
         >>> import jax.numpy as jnp
         >>> from jaxcell import patrol
-        >>> round(float(patrol.return_time_entropy(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 20)), 3)
+        >>> round(float(patrol.walks.return_time_entropy(jnp.full((2, 2), 0.5), 20)), 3)
         1.386
     """
     law = return_time_law(P, horizon)

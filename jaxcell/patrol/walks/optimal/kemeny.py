@@ -42,9 +42,9 @@ def minimum_kemeny(
     - `tolerance`: tolerance of the residual.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk]. The residual of its certificate is
-    the Frank-Wolfe gap relative to the value, or to 1 if that is more: no reversible chain is
-    better by a larger share; for other chains this holds to first order.
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk]. The residual of its
+    certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is more: no reversible
+    chain is better by a larger share; for other chains this holds to first order.
 
     **Raises:** `ValueError` for a graph that is not connected, and for a stationary distribution
     that no chain on the graph has; `RuntimeError` if the residual stays above the tolerance.
@@ -53,7 +53,7 @@ def minimum_kemeny(
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
-        >>> patrol.minimum_kemeny(graph, [0.6, 0.2, 0.2])
+        >>> patrol.walks.minimum_kemeny(graph, [0.6, 0.2, 0.2])
         Traceback (most recent call last):
             ...
         ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...

@@ -1,0 +1,55 @@
+"""Values of quantities as text for people."""
+
+import math
+from typing import Any
+
+from .quantities import Quantity
+
+
+_MAX_TEXT = 60
+_UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}
+
+
+def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
+    """Format a value with its unit; format the index of a cell with the pose of the cell."""
+    # Help needs no NumPy.
+    import numpy as np
+
+    if isinstance(value, np.ndarray | list | tuple):
+        # Rows of indices that are shorter than others are filled up with -1.
+        row = [one for one in np.asarray(value).tolist() if about.kind != "index" or one != -1]
+        every = [format_value(one, about, cells) for one in row]
+        lengths = np.cumsum([len(one) + 2 for one in every])
+        shown = max(1, int(np.searchsorted(lengths, _MAX_TEXT, side="right")))
+        rest = [f"and {len(every) - shown:,} more"] if shown < len(every) else []
+        return ", ".join(every[:shown] + rest) or "none"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, str):
+        return value
+    number = float(value)
+    located = about.kind in ("cell", "place", "position")
+    if math.isnan(number) or (located and number < 0):
+        return "none"
+    if about.kind == "place" and cells is not None:
+        x, y, _ = cells.centre(int(number))
+        return f"({float(x):zg}, {float(y):zg})"
+    if located and cells is not None:
+        return configuration(cells, int(number), heading=about.kind == "cell")
+    if not math.isfinite(number):
+        return "never" if about.kind == "time" else f"{number}"
+    if about.kind in ("share", "distribution"):
+        return f"{round(100 * number, 9):z.4g} %"
+    if about.kind == "residual":
+        return f"{number:z.1e}"
+    text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
+    return text + _UNITS.get(about.units, f" {about.units}")
+
+
+def configuration(cells: Any, z: int, heading: bool = True) -> str:
+    """Format a cell or a position: its number and its pose."""
+    if z < 0:
+        return "none"
+    x, y, theta = cells.centre(z)
+    facing = f", {math.degrees(float(theta)):zg}°" if heading else ""
+    return f"{z} ({float(x):zg} m, {float(y):zg} m{facing})"

@@ -1,0 +1,42 @@
+"""Modules that an installation may lack: those of extras, and those that robots do not need."""
+
+import importlib
+import importlib.util
+from types import ModuleType
+
+
+# The feature that needs a module, and how to install the module.
+_NEEDS = {
+    "cv2": "finding crosses needs OpenCV; install it with: pip install 'jaxcell[vision]'",
+    "irobot_create_msgs": "a Create 3 needs ros-$ROS_DISTRO-irobot-create-msgs, by apt",
+    "matplotlib": "plots need matplotlib; install it with: pip install 'jaxcell[plot]'",
+    "mujoco": "the physics engine needs MuJoCo; install it with: pip install 'jaxcell[physics]'",
+    "rclpy": "ROS 2 is not here; where it is: source /opt/ros/$ROS_DISTRO/setup.bash",
+    "rerun": "recordings need Rerun; install it with: pip install 'jaxcell[view]'",
+    "scipy": "beliefs need SciPy; install it with: pip install scipy",
+}
+
+
+def has_module(name: str) -> bool:
+    """Whether a module is installed, without importing it."""
+    try:
+        return importlib.util.find_spec(name) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
+    """Make the error that names the feature that needs a module, and how to install it."""
+    why = "" if reason is None else f" ({reason})"
+    return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
+
+
+def import_module(name: str) -> ModuleType:
+    """Import a module that may be missing.
+
+    **Raises:** `ModuleNotFoundError` that names the feature that needs it and how to install it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise missing_module(name.partition(".")[0], error) from None

@@ -1,0 +1,267 @@
+"""The totals of the periodic groups of many grids and bouncing angles at once, in NumPy.
+
+Headings do not depend on the walls. At every bump the heading grows by the bouncing angle, and
+after `360 / gcd(360, angle)` bumps (in degrees) it is the first one again. So the section of bumps
+falls apart into independent cycles of headings. Each cycle is a ring of layers of walls: the walls
+of one layer lead to those of the next. The map from the first layer to itself has the periodic
+groups of all layers. That map depends on the ways of the headings alone, so cycles of the same ways
+are followed once.
+
+This stands beside `section`, which lists each group, because sweeps over rooms and angles need
+totals only. It takes 0.6 of the time for the rooms of Figure 2.7 (the row `group_study` of the
+benchmarks), and a third of the time for all angles of a room of `experiments/ch2_angle_study.py`.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..mapping import GroupTotals
+from ..mapping.groups import follow, periodic_cells
+from ..space import CELL_BY_CELL, Motion
+from .dynamics import bounce_shift
+from .wall_tables import Walls, walls as walls_of
+
+
+_BLOCK = 1 << 15
+
+
+def grid_groups(
+    free: Bool[np.ndarray, "*rooms rows columns"] | Bool[Array, "*rooms rows columns"],
+    bounce: Float[np.ndarray, "angles"] | float,
+    directions: int,
+    *,
+    motion: Motion = CELL_BY_CELL,
+) -> GroupTotals:
+    """Total the periodic groups of many grids of one shape, each with many bouncing angles.
+
+    The totals are those of [`jaxcell.bounce.group_summary`][] for each grid and angle.
+
+    **Arguments:**
+
+    - `free`: the free squares, at least one of each grid; row 0 is the lowest.
+    - `bounce`: bouncing angles in radians, counter-clockwise; a number, or an axis of them.
+    - `directions`: number of directions.
+    - `motion`: how the robot moves; the side of a square is 1 m.
+
+    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[*rooms, angles]`, or `[*rooms]` for
+    a number.
+
+    **Raises:** `ValueError` for an angle that is not a whole number of directions, a step shorter
+    than a square, and a grid without a free square.
+
+    In an open room of two rows of three squares, a robot that turns right about stays in its row or
+    column:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce
+        >>> rooms = np.ones((1, 2, 3), bool)
+        >>> bounce.grid_groups(rooms, math.pi, directions=4).count.tolist()
+        [5]
+    """
+    free = np.asarray(free)
+    rooms = free.shape[:-2]
+    shift = bounce_shift(bounce, directions)
+    flat = free.reshape(math.prod(rooms), *free.shape[-2:])
+    for room in np.flatnonzero(~flat.any(axis=(1, 2))).tolist()[:1]:
+        raise ValueError(f"free: expected a free square in every grid, got none in number {room}")
+    totals = wall_groups(walls_of(flat, directions, motion=motion), np.atleast_1d(shift))
+    fields = (getattr(totals, field.name) for field in dataclasses.fields(totals))
+    return GroupTotals(*(field.reshape((*rooms, *shift.shape)) for field in fields))
+
+
+def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
+    """Total the periodic groups of grids with known walls.
+
+    **Arguments:**
+
+    - `walls`: the walls of grids.
+    - `shift`: directions that the robot turns by at a bump.
+
+    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[grids, angles]`.
+
+    An open room of two rows of three squares, with turns to the left and right about:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce
+        >>> walls = bounce.walls(np.ones((1, 2, 3), bool), directions=4)
+        >>> bounce.wall_groups(walls, np.array([1, 2])).longest_period.tolist()
+        [[10, 6]]
+    """
+    directions, grids = walls.way.size, len(walls.count)
+    totals = np.zeros((6, grids, shift.size), np.int64)
+    orders = directions // np.gcd(shift, directions)
+    for order in np.unique(orders).tolist():
+        angles = np.flatnonzero(orders == order)
+        # A heading of every cycle, and the headings that it leads to.
+        first = np.arange(directions // order)
+        bumps = np.arange(order) * shift[angles, None, None]
+        ways = walls.way[(first[:, None] + bumps) % directions]
+        cycles, which = np.unique(ways.reshape(-1, order), axis=0, return_inverse=True)
+        fields = _measured(walls, cycles)[:, :, which.reshape(ways.shape[:2])]
+        for total, field, collect in zip(totals, fields, _COLLECT, strict=True):
+            total[:, angles] = collect(field, axis=2)
+    return GroupTotals(*totals)
+
+
+_COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.max, np.sum, np.max)
+
+
+def _measured(
+    walls: Walls, cycles: Int[np.ndarray, "cycles order"]
+) -> Int[np.ndarray, "6 grids cycles"]:
+    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] for cycles of headings."""
+    grids = len(walls.count)
+    tables = _Tables.of(walls)
+    fields = np.empty((6, grids * len(cycles)), np.int64)
+    # As many cycles at a time as make a layer that fits a cache.
+    block = max(1, _BLOCK // walls.slots)
+    for begin in range(0, fields.shape[1], block):
+        part = np.arange(begin, min(begin + block, fields.shape[1]))
+        grid, cycle = np.divmod(part, len(cycles))
+        fields[:, part] = _measure(tables, grid, cycles[cycle])
+    return fields.reshape(6, grids, len(cycles))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Tables:
+    """The walls of several grids, with a row for each grid and way, or grid and two ways."""
+
+    ways: int
+    next: Int[np.ndarray, "turns slots"]
+    length: Int[np.ndarray, "turns slots"]
+    behind: Int[np.ndarray, "layers slots"]
+
+    @classmethod
+    def of(cls, walls: Walls) -> "_Tables":
+        # NumPy converts indices to 64 bits each time unless they have 64 already.
+        tables = walls.next.astype(np.int64), walls.length, walls.behind
+        return cls(walls.behind.shape[1], *(x.reshape(-1, walls.slots) for x in tables))
+
+
+def _measure(
+    tables: _Tables, grid: Int[np.ndarray, "cycles"], ways: Int[np.ndarray, "cycles order"]
+) -> Int[np.ndarray, "6 cycles"]:
+    """Compute the fields of `GroupTotals` for cycles of headings, each in one grid.
+
+    A place is a cycle and a slot of a layer, as one number.
+    """
+    cycles, slots = len(ways), tables.behind.shape[1]
+    layer = (grid[:, None] * tables.ways + ways).T
+    turn = layer * tables.ways + np.roll(ways, -1, axis=1).T
+    base = (np.arange(cycles) * slots)[:, None]
+    live = (tables.behind[layer[0]] >= 0).ravel()
+    image, mappings = _once_around(tables, turn)
+    periodic = live & periodic_cells(image)
+
+    # As in `jaxcell.mapping.section`: `into` is the number of cells of a group on the last run to a
+    # periodic place, its own included.
+    at = np.flatnonzero(periodic)
+    groups: list[tuple[np.ndarray, np.ndarray]] = []
+    cells = np.zeros(live.size)
+    for here, there in zip(layer, turn, strict=True):
+        to = (tables.next[there] + base).ravel()
+        into = 1 + tables.length[there].ravel()[at]
+        cells += (tables.behind[here] + 1).ravel()
+        cells = np.bincount(to, cells, live.size)
+        at = to[at]
+        groups.append((at, into))
+    at, into = groups[-1]
+
+    lead = np.zeros(live.size, np.int64)
+    lead[at] = 1 - into
+    none = np.zeros(live.size, bool)
+    around, transient = _pull(tables, layer, turn, groups, lead, none)
+    # A place whose first return is periodic may have come to its group before that return.
+    weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
+    leader, lead = follow(image, periodic, weight)
+    lead[at] = 1 - into
+    _, later = _pull(tables, layer, turn, groups, lead, live & ~periodic)
+
+    period = np.bincount(leader[at], mappings[at], live.size + 1)[:-1].astype(np.int64)
+    leads = (period > 0).reshape(cycles, slots)
+    period = period.reshape(cycles, slots)
+    basin = np.bincount(leader, cells, live.size + 1)[:-1].reshape(cycles, slots)
+    return np.stack(
+        [
+            leads.sum(axis=1),
+            np.maximum(transient, later),
+            np.where(leads, period, np.iinfo(np.int64).max).min(axis=1),
+            period.max(axis=1),
+            period.sum(axis=1),
+            basin.max(axis=1).astype(np.int64),
+        ]
+    )
+
+
+def _once_around(
+    tables: _Tables, turn: Int[np.ndarray, "order cycles"]
+) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
+    """Follow each place of the first layer around its cycle.
+
+    **Returns:** the place of the first layer to which it leads, and the mappings to it.
+    """
+    slots = tables.behind.shape[1]
+    cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
+    mappings = np.zeros(slot.size, np.int64)
+    merged = []
+    following, length = tables.next.ravel(), tables.length.ravel()
+    for bumps, there in enumerate(turn, 1):
+        run = there[cycle] * slots + slot
+        slot = following[run]
+        mappings += 1 + length[run]
+        # Orbits that have met stay together, and most meet soon.
+        if bumps in (4, 8, 16, 32, 64, 128):
+            place, which = np.unique(cycle * slots + slot, return_inverse=True)
+            merged.append((which, mappings))
+            cycle, slot = np.divmod(place, slots)
+            mappings = np.zeros(slot.size, np.int64)
+    image = cycle * slots + slot
+    for which, before in reversed(merged):
+        image, mappings = image[which], before + mappings[which]
+    return image, mappings
+
+
+def _pull(
+    tables: _Tables,
+    layer: Int[np.ndarray, "order cycles"],
+    turn: Int[np.ndarray, "order cycles"],
+    groups: list[tuple[np.ndarray, np.ndarray]],
+    lead: Int[np.ndarray, "places"],
+    wanted: Bool[np.ndarray, "places"],
+) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
+    """Go backwards through the layers, from the mappings from the first layer to its groups.
+
+    **Arguments:**
+
+    - `wanted`: a mask of places of the first layer. Layers that lead to none of these places are
+        left out, unless the mask is empty.
+
+    **Returns:** the mappings from places of the first layer, one round before; and the longest
+    transient of each cycle, among the layers that were not left out.
+    """
+    cycles, slots = layer.shape[1], tables.behind.shape[1]
+    base = (np.arange(cycles) * slots)[:, None]
+    longest = np.zeros(cycles, np.int64)
+    all_layers = not wanted.any()
+    for j in reversed(range(len(layer))):
+        to = tables.next[turn[j]] + base
+        if not all_layers:
+            wanted = wanted[to.ravel()]
+            if not wanted.any():
+                break
+        lead = lead[to]
+        lead += tables.length[turn[j]]
+        np.maximum(lead, 0, out=lead)
+        lead += 1
+        lead = lead.ravel()
+        at, into = groups[j - 1]
+        lead[at] = 1 - into
+        behind = tables.behind[layer[j]]
+        steps = np.where(behind < 0, 0, lead.reshape(cycles, slots) + behind)
+        np.maximum(longest, steps.max(axis=1), out=longest)
+    return lead, longest

@@ -1,0 +1,131 @@
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Int
+
+from ...automata import Filter, subset_construction
+from ...base.quantities import Result, derived, quantity
+from ...mapping import SimpleMap
+
+
+def localization_filter(
+    simple_map: SimpleMap, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
+) -> Filter:
+    """The filter that localizes a robot by its bumps and its clock (Alam 2018, section 2.4).
+
+    The I-state graph of the map becomes a nondeterministic automaton that may start in any cell,
+    that automaton a deterministic one by subset construction, and its states get colours: one for
+    each knowledge cycle.
+
+    **Arguments:**
+
+    - `simple_map`: image and observation of every cell.
+    - `open_world`: whether the robot may be somewhere else, so that an observation that cannot
+        occur on the map leads to a trap state (Definition 2.4.6), and is not an error (Definition
+        2.4.5).
+    - `metadata`: kept with the filter, and saved with it.
+
+    **Returns:** [`jaxcell.automata.Filter`][].
+
+    The laboratory of the dissertation, with the number of states and the uncertainties of its
+    Tables 2.1 and 2.2:
+
+        >>> import math
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.lab()
+        >>> bounces = bounce.bounce_map(cells, math.radians(45), motion=bounce.ENDPOINT)
+        >>> filter = bounce.localization_filter(bounces)
+        >>> len(filter.transition), sorted(cycle.uncertainty for cycle in filter.cycles)
+        (129, [1, 3, 4])
+    """
+    automaton = subset_construction(np.asarray(simple_map.image), np.asarray(simple_map.bumped))
+    return Filter.of(automaton, open_world=open_world, metadata=metadata or {})
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Localization(Result):
+    """A run of a robot from an unknown cell until its filter is in a knowledge cycle."""
+
+    observations: Annotated[
+        Int[np.ndarray, "steps"],
+        quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
+    ]
+    path: Annotated[
+        Int[np.ndarray, "steps+1"], quantity("time", "cell that the robot is in", kind="index")
+    ]
+    states: Annotated[
+        Int[np.ndarray, "steps+1"], quantity("time", "state of the filter", kind="index")
+    ]
+    candidates: Annotated[
+        Int[np.ndarray, "candidates"],
+        quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
+    ]
+
+    @derived("", "cell at the start", kind="index")
+    def start(self) -> int:
+        return int(self.path[0])
+
+    @derived("", "what it observed, 1 for a bump")
+    def word(self) -> str:
+        return "".join(map(str, self.observations.tolist()))
+
+    @derived("", "steps", kind="count")
+    def steps(self) -> int:
+        return int((self.observations == 0).sum())
+
+    @derived("", "bumps", kind="count")
+    def bumps(self) -> int:
+        return int((self.observations == 1).sum())
+
+    @derived("", "cell at the end", kind="index")
+    def end(self) -> int:
+        return int(self.path[-1])
+
+    @derived("", "whether the truth is among the candidates", kind="flag")
+    def truth_is_a_candidate(self) -> bool:
+        return bool(np.isin(self.path[-1], self.candidates))
+
+
+def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
+    """Drive a simulated robot from a cell until the filter enters a knowledge cycle.
+
+    **Arguments:**
+
+    - `simple_map`: image and observation of every cell.
+    - `filter`: a localization filter, of this map or (open world) of another.
+    - `start`: the cell of the robot, which the filter does not know.
+
+    **Returns:** [`Localization`][]. With an open-world filter of another map the run may end in the
+    trap instead, with no candidates.
+
+    **Raises:** `ValueError` if the cell does not exist.
+
+    A corridor of three squares looks the same from its other end, so two configurations remain:
+
+        >>> import math
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
+        >>> bounces = bounce.bounce_map(cells, math.pi)
+        >>> run = bounce.localize(bounces, bounce.localization_filter(bounces), start=0)
+        >>> run.observations.tolist(), run.candidates.tolist()
+        ([0, 0], [2, 3])
+    """
+    image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
+    if not 0 <= start < image.size:
+        raise ValueError(f"start: cell {start} does not exist; cells are 0 to {image.size - 1}")
+    cell, state = int(start), filter.start()
+    path, observations, states = [cell], [], [state.index]
+    while not (state.localized or state.refuted):
+        observation = int(bumped[cell])
+        state, cell = state.observe(observation), int(image[cell])
+        path.append(cell)
+        observations.append(observation)
+        states.append(state.index)
+    return Localization(
+        np.array(observations, np.int8),
+        np.array(path, np.int32),
+        np.array(states, np.int32),
+        state.cells,
+    )

@@ -1,0 +1,389 @@
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...automata import Decisions, Homing, Policy, adaptive_choice, homing_sequence
+from ...automata.adaptive import Aim, levels
+from ...base.quantities import Checks, derived, quantity
+from ...space import CELL_BY_CELL, CellSpace, Motion
+from ..dynamics import bounce_shift
+from ..plans.roadmap import Roadmap
+from .localize import Localization
+from .off_centre import Shares, policy_shares
+from .result import RunOnMap, States
+
+
+Goal: TypeAlias = Literal["cell", "position", "class"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LocalizationPolicy(States):
+    """The choice of angles at bumps that localizes a robot, with its numbers.
+
+    State 0 is the start; the others are sets of cells in which the robot may bump. The
+    configurations of state `s` are `member[offset[s]:offset[s + 1]]`; after `bump_steps[i]` steps
+    the robot bumps again in state `bump_state[i]`, for `i` from `bump_offset[s]` to
+    `bump_offset[s + 1]`, and where these are the same it is localized.
+    """
+
+    title: ClassVar[str] = "Localization of a bouncing robot that chooses its angles"
+    tables: ClassVar[Mapping[str, str]] = {"bounce": "angles"}
+
+    cells: CellSpace
+    motion: Motion
+    bounces: Annotated[
+        Float[np.ndarray, "angles"],
+        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
+    ]
+    goal: Goal
+    aim: Aim
+    policy: Policy
+    roadmap: Roadmap
+    "Where the robot bumps, and where it can go from there."
+    least: Annotated[float, quantity("", "bumps that no policy does with less than")]
+    "At worst, or in the mean over the starts: what `aim` makes small."
+    optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
+    searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
+    wall_class: Int[np.ndarray, "walls"]
+    "What no choice of angles tells apart, for the cells where the robot bumps."
+    bumps_needed: Annotated[
+        Int[np.ndarray, "directions positions"],
+        quantity("direction position", "bumps until it is localized, by its start", kind="count"),
+    ]
+    end_state: Annotated[
+        Int[np.ndarray, "directions positions"],
+        quantity("direction position", "state where it is localized, by its start", kind="index"),
+    ]
+    fixed: Homing
+    """One sequence of angles for all starts, whatever is observed; without the first bump. With the
+    goal `"position"` one place is left after some bump of it, which need not be the last."""
+
+    @property
+    def automaton(self) -> Policy:
+        return self.policy
+
+    @property
+    def answered(self) -> bool:
+        if self.goal == "class":
+            return True
+        ends = [self.policy.cells(state) for state in self.policy.ends.tolist()]
+        if self.goal == "position":
+            ends = [np.unique(one % self.cells.positions) for one in ends]
+        return all(one.size == 1 for one in ends)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        found = []
+        if not self.answered:
+            what = "place" if self.goal == "position" else "cell"
+            found.append(
+                f"No choice of these angles brings every robot down to one {what}: they leave up "
+                f"to {self.largest_uncertainty:,} cells that cannot be told apart."
+            )
+        if not self.optimal:
+            how = "at worst" if self.aim == "worst" else "in the mean"
+            needs = self.worst_bumps if self.aim == "worst" else self.mean_bumps
+            found.append(
+                f"The search ended at its limit after {self.searched:,} sets of cells: this policy "
+                f"needs {needs:.4g} bumps {how}, and none needs less than {self.least:.4g}."
+            )
+        if self.goal == "position" and self.answered and (places := self._fixed_places) > 1:
+            found.append(
+                f"A robot that turns by the one sequence for all starts has to stop as soon as one "
+                f"place is left: at the end of the sequence up to {places} are possible again."
+            )
+        return tuple(found)
+
+    @property
+    def _fixed_places(self) -> int:
+        """The most places left at the end of the one sequence, whatever is observed on it."""
+        wall, observed = self.roadmap.wall, self.roadmap.length
+        for number in self.fixed.inputs.tolist():
+            turned = self.roadmap.turned[number, wall]
+            both = np.stack([observed, self.roadmap.length[turned]])
+            observed = np.unique(both, axis=1, return_inverse=True)[1].ravel()
+            wall = self.roadmap.wall[turned]
+        ends = np.stack([observed, self.roadmap.wall_cell[wall] % self.cells.positions])
+        return int(np.bincount(np.unique(ends, axis=1)[0]).max())
+
+    @derived("", "bumps at worst", "1", kind="count")
+    def worst_bumps(self) -> int:
+        return int(self.bumps_needed.max())
+
+    @derived("", "bumps in the mean over all starts", "1")
+    def mean_bumps(self) -> float:
+        return float(self.bumps_needed.mean())
+
+    @derived("", "classes of cells that can be told apart", "1", kind="count")
+    def classes(self) -> int:
+        return len(set(zip(self.roadmap.length.tolist(), self.cell_class.tolist(), strict=True)))
+
+    @derived("", "cells left possible in the end, at worst", "1", kind="count")
+    def largest_uncertainty(self) -> int:
+        return int(self.policy.uncertainty[self.policy.ends].max())
+
+    @derived("", "starts from which one cell is left", kind="share")
+    def localized_to_one(self) -> float:
+        return float((self.policy.uncertainty[self.end_state] == 1).mean())
+
+    @derived("", "states of the policy", "1", kind="count")
+    def policy_states(self) -> int:
+        return self.policy.turn.size
+
+    @derived("", "bumps of one sequence for all starts", "1", kind="count")
+    def fixed_bumps(self) -> int:
+        return 1 + self.fixed.inputs.size
+
+    @derived("", "bumps that no such sequence does with less than", "1", kind="count")
+    def fixed_least(self) -> int:
+        return 1 + self.fixed.least
+
+    @derived("fixed_bump", "turns of that sequence", "degree", listed=True)
+    def fixed_turns_deg(self) -> Float[np.ndarray, "bumps"]:
+        return np.rad2deg(self.bounces[self.fixed.inputs]).round(9)
+
+    @derived("bounce", "bouncing angle", "degree")
+    def bounce_deg(self) -> Float[np.ndarray, "angles"]:
+        return np.rad2deg(self.bounces).round(9)
+
+    @derived("bounce", "states that turn by it", kind="count")
+    def bounce_states(self) -> Int[np.ndarray, "angles"]:
+        turns = self.policy.turn
+        return np.bincount(turns[turns >= 0], minlength=self.bounces.size)
+
+    @derived("state", "number of the angle to turn by, -1 for none", kind="index")
+    def turn(self) -> Int[np.ndarray, "states"]:
+        return self.policy.turn
+
+    @derived("state", "colour: 1 until it is localized", kind="count")
+    def color(self) -> Int[np.ndarray, "states"]:
+        return self.policy.color
+
+    @derived("state_bound", "where a state begins in bump_steps", kind="count")
+    def bump_offset(self) -> Int[np.ndarray, "bounds"]:
+        return self.policy.first
+
+    @derived("next_bump", "steps until the next bump", kind="count")
+    def bump_steps(self) -> Int[np.ndarray, "bumps"]:
+        return self.policy.steps
+
+    @derived("next_bump", "state at that bump", kind="index")
+    def bump_state(self) -> Int[np.ndarray, "bumps"]:
+        return self.policy.target
+
+    @property
+    def cell_class(self) -> Int[np.ndarray, "cells"]:
+        """The class of the wall that each cell runs to."""
+        return self.wall_class[self.roadmap.wall]
+
+    def drive(self, start: int) -> Localization:
+        """Drive a simulated robot by the policy until it is localized.
+
+        **Arguments:**
+
+        - `start`: the cell of the robot, which the policy is not told.
+
+        **Returns:** [`jaxcell.bounce.Localization`][], whose states are those of the last bump.
+
+        **Raises:** `ValueError` if the cell does not exist.
+        """
+        roadmap = self.roadmap
+        cell, state = roadmap.check_cell(start, "start"), self.policy.start()
+        path, observations, states = [cell], [], [0]
+        while not state.localized:
+            wall = roadmap.wall[cell]
+            line = roadmap.line(cell, int(roadmap.wall_cell[wall])).tolist()
+            for _ in line:
+                state = state.observe(0)
+            state = state.observe(1)
+            cell = int(roadmap.wall_cell[wall])
+            if state.turn is not None:
+                cell = int(roadmap.turned[state.turn, wall])
+            path += [*line, cell]
+            observations += [0] * len(line) + [1]
+            states += [states[-1]] * len(line) + [state.index]
+        return Localization(
+            np.array(observations, np.int8),
+            np.array(path, np.int32),
+            np.array(states, np.int32),
+            state.cells,
+        )
+
+    def checks(self) -> Checks:
+        apart = self.roadmap.wall_cell.size
+        ends = [self.policy.cells(state) for state in self.policy.ends.tolist()]
+        mixed = sum(np.unique(self.cell_class[one]).size > 1 for one in ends)
+        return {
+            "ends_that_can_be_told_apart": (mixed if self.goal != "position" else 0, 0),
+            "members_that_are_no_walls": (
+                int(np.count_nonzero(self.roadmap.length[self.member[self.offset[1] :]])),
+                0,
+            ),
+            "least_above_what_is_needed": (
+                max(0.0, self.least - max(self.worst_bumps, self.mean_bumps)),
+                1e-9 * apart,
+            ),
+        }
+
+
+def localization_policy(
+    cells: CellSpace,
+    bounces: Float[np.ndarray, "angles"] | Array | Sequence[float],
+    goal: Goal = "cell",
+    *,
+    aim: Aim = "worst",
+    motion: Motion = CELL_BY_CELL,
+    limit: int = 5_000_000,
+    metadata: Mapping[str, Any] | None = None,
+) -> LocalizationPolicy:
+    """The choice among angles at each bump that localizes a robot in the fewest bumps.
+
+    A robot that knows neither its place nor its heading counts the steps to its first bump. From
+    then on it turns at each bump by the angle that the policy has for what it observed so far, and
+    the steps to the next bump leave of the cells where it may be those that are so far from a wall.
+    Runs are straight, so that two cells never become one (all cells of a line are at different
+    distances from its wall), and what a set of cells needs depends on nothing but the set: the
+    policies are the choices of an AND-OR graph of sets.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `bounces`: the angles to choose from, in radians, counter-clockwise.
+    - `goal`: what to find out: the `"cell"`, the `"position"` whatever the heading, or as much as
+        these angles can tell, the `"class"` of cells that no choice of them tells apart. Where a
+        cell, or a position, cannot be found out, the policy stops at the class too.
+    - `aim`: whether the bumps until then are to be few at `"worst"`, or in the `"mean"` over all
+        starts.
+    - `motion`: how the robot moves.
+    - `limit`: how many cells the searched sets may have together. Beyond it the policy is the best
+        that was found, at least as good as the greedy one, and `least` is what is proved of all.
+    - `metadata`: kept with the policy, and saved with it.
+
+    **Returns:** [`LocalizationPolicy`][].
+
+    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.plan`][].
+
+    In the laboratory of the dissertation a robot that turns by 45 degrees only ends in one of up to
+    four cells. One that may also turn by 135 degrees is always localized:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.lab()
+        >>> angles, motion = np.radians([45, 135]), bounce.ENDPOINT
+        >>> policy = bounce.localization_policy(cells, angles, motion=motion)
+        >>> policy.largest_uncertainty, policy.worst_bumps, policy.optimal, policy.fixed_bumps
+        (1, 11, True, 12)
+    """
+    roadmap = Roadmap.of(cells, bounces, motion=motion)
+    images, lengths = roadmap.wall[roadmap.turned], roadmap.length[roadmap.turned]
+    roots = [roadmap.wall[roadmap.length == t] for t in range(int(roadmap.length.max()) + 1)]
+    place = roadmap.wall_cell % cells.positions if goal == "position" else None
+    found = adaptive_choice(images, lengths, roots, place=place, aim=aim, limit=limit)
+    policy = _policy(cells, roadmap, found, metadata or {})
+    bumps, ends = _all_runs(roadmap, policy, images, lengths)
+    shape = cells.directions, cells.positions
+    return LocalizationPolicy(
+        cells=cells,
+        motion=motion,
+        bounces=roadmap.bounces,
+        goal=goal,
+        aim=aim,
+        policy=policy,
+        roadmap=roadmap,
+        least=1.0 + (max(found.lower) if aim == "worst" else sum(found.lower) / cells.size),
+        optimal=found.optimal,
+        searched=found.searched,
+        wall_class=levels(images, lengths)[-1],
+        bumps_needed=bumps.reshape(shape),
+        end_state=ends.reshape(shape),
+        fixed=homing_sequence(images, lengths, roots, place=place),
+    )
+
+
+def _policy(
+    cells: CellSpace, roadmap: Roadmap, found: Decisions, metadata: Mapping[str, Any]
+) -> Policy:
+    """The policy of sets of walls, after a start where the robot may be in any cell."""
+    after = [dict(enumerate(found.roots)), *found.after]
+    members = [np.arange(cells.size), *(roadmap.wall_cell[list(one)] for one in found.sets)]
+    return Policy(
+        turn=np.array([-1, *found.choice], np.int32),
+        first=np.cumsum([0, *map(len, after)], dtype=np.int32),
+        steps=np.array([steps for one in after for steps in one], np.int32),
+        target=np.array([1 + number for one in after for number in one.values()], np.int32),
+        offsets=np.cumsum([0, *map(len, members)], dtype=np.int32),
+        members=np.concatenate(members).astype(np.int32),
+        metadata=metadata,
+    )
+
+
+def _all_runs(
+    roadmap: Roadmap,
+    policy: Policy,
+    images: Int[np.ndarray, "angles walls"],
+    lengths: Int[np.ndarray, "angles walls"],
+) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
+    """The bumps from every cell until the policy ends, and the state in which it does."""
+    # The next bump by state and steps: bumps are listed in the order of this key.
+    width = int(roadmap.length.max()) + 1
+    owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
+    keys = owner * width + policy.steps
+    wall, steps = roadmap.wall.copy(), roadmap.length
+    state, bumps = np.zeros(roadmap.size, np.int64), np.zeros(roadmap.size, np.int32)
+    left = np.arange(roadmap.size)
+    while left.size:
+        state[left] = policy.target[np.searchsorted(keys, state[left] * width + steps)]
+        bumps[left] += 1
+        left = left[policy.turn[state[left]] >= 0]
+        turn = policy.turn[state[left]]
+        steps = lengths[turn, wall[left]]
+        wall[left] = images[turn, wall[left]]
+    return bumps, state.astype(np.int32)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
+    """A policy of a map, and a robot that it localizes."""
+
+    tables: ClassVar[Mapping[str, str]] = {"bounce": "angles", "candidate": "candidates"}
+
+    run: Localization
+
+    @classmethod
+    def of(cls, policy: LocalizationPolicy, start: int) -> "AdaptivelyLocalized":
+        """Drive a simulated robot from a cell until a policy has localized it.
+
+        **Raises:** `ValueError` if the cell does not exist.
+        """
+        fields = {one.name: getattr(policy, one.name) for one in dataclasses.fields(policy)}
+        return cls(**fields, run=policy.drive(start))
+
+    @functools.cached_property
+    def off_centre(self) -> Shares:
+        shifts = bounce_shift(self.bounces, self.cells.directions)
+        return policy_shares(self.policy, self.cells, shifts, self.motion)
+
+    @functools.cached_property
+    def beliefs(self) -> list[Int[np.ndarray, "_"]]:
+        roadmap = self.roadmap
+        cells = np.arange(roadmap.size, dtype=np.int32)
+        found = [cells]
+        for observation, state in zip(self.run.observations, self.run.states[1:], strict=True):
+            cells = cells[(roadmap.length[cells] == 0) == observation]
+            turn = self.policy.turn[state]
+            if observation == 0:
+                cells = roadmap.order[roadmap.place[cells] + 1]
+            elif turn >= 0:
+                cells = roadmap.turned[turn, roadmap.wall[cells]]
+            cells = np.sort(cells)
+            found.append(cells)
+        return found
+
+    @derived("time", "number of the angle that the robot has just turned by", kind="index")
+    def turned_by(self) -> Int[np.ndarray, "times"]:
+        turn = self.policy.turn[self.run.states]
+        return np.where(np.append(0, self.run.observations) == 1, turn, -1).astype(np.int32)

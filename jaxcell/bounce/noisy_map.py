@@ -1,0 +1,136 @@
+"""A robot that turns imprecisely at a wall (Alam 2018, section 3.3.3)."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..base.precision import require_x64
+from ..mapping import Chain
+from ..space import CELL_BY_CELL, CellSpace, Motion
+from .dynamics import Moves, bounce_shift, moves as moves_of
+
+
+def noisy_bounce_map(
+    cells: CellSpace,
+    bounce: float,
+    error: float,
+    reliability: float,
+    *,
+    motion: Motion = CELL_BY_CELL,
+) -> Chain:
+    """The generalized map of a robot that turns imprecisely at a wall (Alam 2018, section 3.3.3).
+
+    It moves as in [`jaxcell.bounce.bounce_map`][]. At a wall it turns by the bouncing angle with
+    probability `reliability`; else by another angle that differs from it by at most `error`, all
+    whole directions with equal probability (Alg. 3.3).
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `bounce`: bouncing angle in radians, counter-clockwise.
+    - `error`: the largest error in radians, a whole number of directions.
+    - `reliability`: the probability of a turn without error, above 0 and at most 1.
+    - `motion`: how the robot moves.
+
+    **Returns:** [`jaxcell.mapping.Chain`][], which nothing leaves.
+
+    **Raises:** `ValueError` for angles that are not whole numbers of directions, an error so large
+    that it reaches one direction twice, a reliability out of range, or one below 1 where the error
+    is 0; else as [`jaxcell.bounce.bounce_map`][]. `RuntimeError` where JAX is set to 32 bits.
+
+    The image of cell 1, at the East end of a corridor of two squares. Of ten turns, eight are right
+    about, and one each to the North and the South:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 2), bool), directions=4)
+        >>> chain = bounce.noisy_bounce_map(cells, math.pi, error=math.pi / 2, reliability=0.8)
+        >>> chain.to_scipy().toarray()[1].round(6).tolist()
+        [0.0, 0.0, 0.0, 0.1, 0.0, 0.8, 0.0, 0.1]
+    """
+    require_x64("noisy_bounce_map")
+    turns, probability = noisy_turns(bounce, error, reliability, cells.directions)
+    return noisy_chain(moves_of(cells, motion=motion), turns, probability)
+
+
+def noisy_turns(
+    bounce: float, error: float, reliability: float, directions: int
+) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
+    """The turns at a wall, in directions, the one without error first, and their probabilities.
+
+    **Arguments:**
+
+    - `bounce`, `error`, `reliability`: as for [`noisy_bounce_map`][].
+    - `directions`: number of directions in a full turn.
+
+    **Returns:** the turns, and the probability of each.
+
+    **Raises:** as [`noisy_bounce_map`][].
+
+    Mostly to the left, one in ten times a direction farther, and one in ten times one less:
+
+        >>> import math
+        >>> from jaxcell import bounce
+        >>> turns, chance = bounce.noisy_turns(math.pi / 2, math.pi / 4, 0.8, directions=8)
+        >>> turns.tolist(), chance.round(6).tolist()
+        ([2, 3, 1], [0.8, 0.1, 0.1])
+    """
+    shift = int(bounce_shift(bounce, directions))
+    spacing = 360 / directions
+    bins = error * directions / (2 * math.pi)
+    if not (math.isfinite(bins) and bins >= 0 and abs(bins - round(bins)) < 1e-6):
+        raise ValueError(
+            f"error: {math.degrees(error):g} deg is not a whole number of the {directions} "
+            f"directions, which are {spacing:g} deg apart"
+        )
+    bins = round(bins)
+    if 2 * bins + 1 > directions:
+        raise ValueError(
+            f"error: +-{math.degrees(error):g} deg are {2 * bins + 1} turns, more than the "
+            f"{directions} directions; expected at most {spacing * ((directions - 1) // 2):g} deg"
+        )
+    if not 0 < reliability <= 1:
+        raise ValueError(f"reliability: expected more than 0 and at most 1, got {reliability:g}")
+    if bins == 0 and reliability < 1:
+        raise ValueError(
+            f"reliability: {reliability:g} leaves a chance of an error, but the error is 0 deg; "
+            "expected 1, or a larger error"
+        )
+    errors = [0, *(sign * k for k in range(1, bins + 1) for sign in (1, -1))]
+    share = (1 - reliability) / max(1, 2 * bins)
+    return (
+        np.array([(shift + e) % directions for e in errors], np.int32),
+        np.array([reliability, *[share] * (2 * bins)]),
+    )
+
+
+def noisy_chain(
+    moves: Moves, turns: Int[np.ndarray, "branches"], probability: Float[np.ndarray, "branches"]
+) -> Chain:
+    """The chain of moves with these turns at a wall, the first of which is that without error."""
+    return Chain(*_slots(moves, turns, probability))
+
+
+@jax.jit
+def _slots(
+    moves: Moves, turns: Int[Array, "branches"], probability: Float[Array, "branches"]
+) -> tuple[Int[Array, "branches cells"], Float[Array, "branches cells"]]:
+    directions, positions = moves.way.shape[0], moves.target.shape[1]
+    direction = jnp.arange(directions, dtype=jnp.int32)[:, None]
+    position = jnp.arange(positions, dtype=jnp.int32)[None]
+    target = moves.target[moves.way]
+    bumped = target == position
+
+    def slot(turn, share, first):  # type: ignore[no-untyped-def]
+        turned = (direction + turn) % directions * positions + position
+        # On a run only the first slot is used; the others stay on the cell itself.
+        ahead = direction * positions + jnp.where(first, target, position)
+        image = jnp.where(bumped, turned, ahead)
+        return image.ravel(), jnp.where(bumped, share, first.astype(share.dtype)).ravel()
+
+    first = jnp.arange(turns.shape[0]) == 0
+    return jax.vmap(slot)(turns, probability, first)

@@ -1,0 +1,289 @@
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ...base.quantities import Checks, Result, derived, quantity
+from ...space import CELL_BY_CELL, CellSpace, Motion
+from ..dynamics import bounce_shift, motion_violations, moves
+from .roadmap import Method, Roadmap
+from .routes import Routes, costs, solve
+
+
+_SENSE = "counter-clockwise"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plan(Result):
+    """What a robot does to get from one cell to another (Alam 2018, Alg. 3.1)."""
+
+    title: ClassVar[str] = "Plan of a bouncing robot"
+    tables: ClassVar[Mapping[str, str]] = {"leg": "legs"}
+
+    cells: CellSpace
+    roadmap: Roadmap
+    "The costs and the angles that the plan is for."
+    start: Annotated[int, quantity("", "start", kind="cell")]
+    goal: Annotated[int, quantity("", "goal", kind="cell")]
+    cost: Annotated[int | float, quantity("", "cost of the plan, -1 if there is no path")]
+    actions: Annotated[
+        Float[np.ndarray, "steps"],
+        quantity(
+            "move",
+            "0 for a step, the angle to turn by at a bump",
+            "rad",
+            sense=_SENSE,
+            source="Alam 2018, section 3.4.1",
+        ),
+    ]
+    "The action string."
+    visited: Annotated[
+        Int[np.ndarray, "steps+1"],
+        quantity("time", "cells that the robot visits", kind="cell", listed=True),
+    ]
+    "The start alone if there is no path."
+    reaching: Bool[np.ndarray, "cells"]
+    "The cells from which the goal can be reached, itself among them."
+
+    @property
+    def answered(self) -> bool:
+        return self.found
+
+    @property
+    def turns(self) -> Float[np.ndarray, "bumps"]:
+        """The angles of the action string."""
+        return self.actions[self.actions != 0]
+
+    @derived("", "whether there is a path", kind="flag")
+    def found(self) -> bool:
+        return self.cost >= 0
+
+    @derived("", "steps forward", kind="count")
+    def steps(self) -> int:
+        return int((self.actions == 0).sum())
+
+    @derived("", "bumps", kind="count")
+    def bumps(self) -> int:
+        return self.turns.size
+
+    @derived("", "different angles that are used", kind="count")
+    def angles_used(self) -> int:
+        return np.unique(self.turns).size
+
+    @derived("", "bumps with another angle than the bump before", kind="count")
+    def changes(self) -> int:
+        return int(np.count_nonzero(np.diff(self.turns)))
+
+    @derived("", "cells that can reach the goal", kind="count")
+    def cells_that_reach_the_goal(self) -> int:
+        return int(self.reaching.sum())
+
+    @derived("move", "actions", "degree", listed=True)
+    def actions_deg(self) -> Float[np.ndarray, "steps"]:
+        return np.rad2deg(self.actions).round(9)
+
+    @derived("time", "mappings since the start", "mappings", kind="coordinate")
+    def time(self) -> Int[np.ndarray, "times"]:
+        return np.arange(self.visited.size, dtype=np.int32)
+
+    @derived("time", "place of the robot", "m")
+    def robot_x(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.visited)[0]
+
+    @derived("time", "place of the robot", "m")
+    def robot_y(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.visited)[1]
+
+    @derived("time", "heading", "rad", sense=_SENSE)
+    def robot_theta(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.visited)[2]
+
+    @derived("direction position", "whether the goal can be reached from the cell", kind="flag")
+    def reaches(self) -> Bool[np.ndarray, "directions positions"]:
+        return self.reaching.reshape(self.cells.directions, self.cells.positions)
+
+    @derived("leg", "in cell", kind="cell")
+    def leg_cell(self) -> Int[np.ndarray, "legs"]:
+        return self.visited[self._legs]
+
+    @derived("leg", "turn at each bump, 0 for steps", "degree")
+    def leg_turn_deg(self) -> Float[np.ndarray, "legs"]:
+        return self.actions_deg[self._legs]
+
+    @derived("leg", "steps or bumps", kind="count")
+    def leg_length(self) -> Int[np.ndarray, "legs"]:
+        return np.diff(self._legs, append=self.actions.size)
+
+    @property
+    def _legs(self) -> Int[np.ndarray, "legs"]:
+        """Where the action differs from that before."""
+        return np.flatnonzero(np.diff(self.actions, prepend=np.nan))
+
+    def checks(self) -> Checks:
+        turn = np.rint(self.actions * self.cells.directions / (2 * np.pi)).astype(int)
+        bumped = self.actions != 0
+        wrong = motion_violations(self.cells, self.visited[:, None], bumped[:, None], turn)
+        found: dict[str, tuple[float | int, float | int]] = {
+            "actions_that_lead_elsewhere": (int(wrong.sum()), 0)
+        }
+        if not self.found:
+            return found
+        ends = int(self.visited[0] != self.start) + int(self.visited[-1] != self.goal)
+        found["ends_missed"] = (ends, 0)
+        lost = np.count_nonzero(~self.reaching[self.visited])
+        found["cells_that_do_not_reach"] = (int(lost), 0)
+        if self.roadmap.method == "exact":
+            keep, change = self.roadmap.keep, self.roadmap.change
+            sums = keep * (self.actions.size - self.changes) + change * self.changes
+            error = abs(self.cost - float(sums))
+            found["cost_minus_that_of_actions"] = (error, 1e-9 * max(1.0, self.cost))
+        return found
+
+
+def plan(
+    cells: CellSpace,
+    bounces: Float[np.ndarray, "angles"] | Array | Sequence[float],
+    start: int,
+    goal: int,
+    keep: int | float = 1,
+    change: int | float = 100,
+    *,
+    motion: Motion = CELL_BY_CELL,
+    method: Method = "exact",
+) -> Plan:
+    """A cheapest plan from one cell to another (Alam 2018, Alg. 3.1).
+
+    At each bump the robot may turn by any of the angles. A step forward costs `keep`, as does a
+    bump with the same angle as the bump before; a bump with another angle costs `change`. The first
+    bump of a plan changes nothing, and costs `keep` by whatever angle: in the dissertation a path
+    may start in the graph of any angle.
+
+    The dissertation searches one graph for each angle. Within it a turn by that angle costs `keep`
+    and any other `change`, whatever the bump before was. `method="layered"` does so, and takes the
+    cheapest of all graphs. It differs from three bumps on: turns by A, B, A cost `2 keep + change`
+    there and `keep + 2 change` here; turns by A, A, B, B cost `2 keep + 2 change` there and `3 keep
+    + change` here. (Were the graphs joined into one at their cells, as in the pseudo-code, an edge
+    could not know what the bump before it was.)
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `bounces`: the angles to choose from, in radians, counter-clockwise.
+    - `start`, `goal`: cells.
+    - `keep`, `change`: the costs. Plans of whole costs cost whole numbers.
+    - `motion`: how the robot moves.
+    - `method`: `"exact"`, or `"layered"` as the dissertation does.
+
+    **Returns:** [`jaxcell.bounce.Plan`][]. If there is no path, its cost is -1.
+
+    **Raises:** `ValueError` for a cell that does not exist; for no angles, one that is not a whole
+    number of directions, one that turns the robot to the same direction as another or not at all;
+    for costs that are not finite and above 0, or a change that costs less than none; `MemoryError`
+    where the roadmap would not fit the free memory; and as [`jaxcell.bounce.moves`][].
+
+    A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; to turn takes one
+    bump:
+
+        >>> import math
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
+        >>> found = bounce.plan(cells, [math.pi], start=0, goal=4)
+        >>> found.cost, found.visited.tolist()
+        (4, [0, 1, 2, 5, 4])
+    """
+    roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
+    start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
+    return read_plan(cells, roadmap, solve(roadmap, roadmap.entry_of[[goal]]), start, goal)
+
+
+def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, goal: int) -> Plan:
+    """The plan from a cell to a goal.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `roadmap`: its roadmap.
+    - `routes`: the routes to the entry of the goal.
+    - `start`, `goal`: cells.
+    """
+    cost = costs(roadmap, routes.cost, np.array([goal]))[:, 0]
+    path, actions = [np.array([start], np.int32)], [np.empty(0)]
+    if cost[start] >= 0:
+        cell, wall = start, roadmap.wall[start]
+        layer = routes.layer[0, wall]
+        while not roadmap.runs_through(cell, goal):
+            if len(path) > 2 * roadmap.turned.size:
+                raise ValueError("the plans do not lead to the goal; their store was altered")
+            run = roadmap.line(cell, roadmap.wall_cell[wall].item())
+            turn = routes.turn[0, layer, wall].item()
+            cell = roadmap.turned[turn, wall].item()
+            path += [run, np.array([cell])]
+            actions += [np.zeros(run.size), roadmap.bounces[[turn]]]
+            wall = roadmap.wall[cell]
+            layer = turn if roadmap.method == "exact" else layer
+        run = roadmap.line(cell, goal)
+        path.append(run)
+        actions.append(np.zeros(run.size))
+    return Plan(
+        cells=cells,
+        roadmap=roadmap,
+        start=start,
+        goal=goal,
+        cost=cost[start].item(),
+        visited=np.concatenate(path).astype(np.int32),
+        actions=np.concatenate(actions),
+        reaching=cost >= 0,
+    )
+
+
+def replay(
+    cells: CellSpace,
+    start: int,
+    actions: Float[np.ndarray, "steps"] | Sequence[float],
+    *,
+    motion: Motion = CELL_BY_CELL,
+) -> Int[np.ndarray, "visited"]:
+    """Run an action string in the bounce dynamics.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `start`: the cell of the robot.
+    - `actions`: 0 for a step forward, an angle in radians for a bump.
+    - `motion`: how the robot moves.
+
+    **Returns:** the cells that the robot visits.
+
+    **Raises:** `ValueError` if the start does not exist, and for an action that is not possible
+    where the robot is, which it names.
+
+    To the end of a corridor of three squares, right about, and one step back:
+
+        >>> import math
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
+        >>> bounce.replay(cells, 0, [0.0, 0.0, math.pi, 0.0]).tolist()
+        [0, 1, 2, 5, 4]
+    """
+    if not 0 <= start < cells.size:
+        raise ValueError(f"start: cell {start} does not exist; cells are 0 to {cells.size - 1}")
+    possible = moves(cells, motion=motion)
+    target = np.asarray(possible.target)[np.asarray(possible.way)]
+    direction, position = divmod(start, cells.positions)
+    path = [start]
+    for i, action in enumerate(actions):
+        ahead = target[direction, position].item()
+        if (action != 0) != (ahead == position):
+            wrong = "cannot go forward" if action == 0 else "does not bump, so it cannot turn"
+            raise ValueError(f"actions[{i}]: in cell {path[-1]} the robot {wrong}")
+        try:
+            direction = (
+                direction + bounce_shift(action, cells.directions).item()
+            ) % cells.directions
+        except ValueError as error:
+            raise ValueError(f"actions[{i}]: {error}") from None
+        position = ahead
+        path.append(direction * cells.positions + position)
+    return np.array(path, np.int32)

@@ -1,0 +1,77 @@
+import dataclasses
+from typing import Annotated, ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.quantities import Checks, derived, quantity
+from ..plans.plan import Plan
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SlippedPlan(Plan):
+    """A plan, how probably a robot that slips arrives by it, and the policy that surely does."""
+
+    title: ClassVar[str] = "Plan of a bouncing robot that slips"
+
+    fine_cells: Annotated[int, quantity("", "fine cells", kind="count")]
+    plan_runs: Annotated[
+        int, quantity("", "simulated runs of the plan, without cells", kind="count")
+    ]
+    plan_as_foretold: Annotated[
+        float,
+        quantity("", "probability that the robot senses all that the plan foretells", kind="share"),
+    ]
+    plan_arrives: Annotated[
+        float, quantity("", "probability that it then is at the goal", kind="share")
+    ]
+    plan_arrives_from: Annotated[
+        float, quantity("", "least value of that at 99 % confidence", kind="share")
+    ]
+    plan_arrives_to: Annotated[
+        float, quantity("", "largest value of that at 99 % confidence", kind="share")
+    ]
+    policy_surely_arrives: Annotated[
+        bool,
+        quantity("", "whether the best policy surely arrives, given the fine cell", kind="flag"),
+    ]
+    policy_mean_steps: Annotated[
+        float, quantity("", "mean observations, among fine cells, until it arrives", kind="time")
+    ]
+    policy_arrival: Annotated[
+        Float[np.ndarray, "observations"],
+        quantity(
+            "observation",
+            "probability, among fine cells, that the policy has arrived",
+            kind="share",
+        ),
+    ]
+    simulated_runs: Annotated[int, quantity("", "runs of the emulated robot", kind="count")]
+    simulated_plan_arrives: Annotated[
+        float, quantity("", "share of them in which the plan arrives", kind="share")
+    ]
+    simulated_policy_arrives: Annotated[
+        float,
+        quantity("", "share in which the policy does, by what the robot senses", kind="share"),
+    ]
+    simulated_policy_steps: Annotated[
+        float, quantity("", "mean observations of those", kind="time")
+    ]
+
+    @property
+    def answered(self) -> bool:
+        return self.found or self.policy_surely_arrives
+
+    @derived("", "probability, among fine cells, that it arrives as soon as the plan", kind="share")
+    def policy_arrives_as_soon(self) -> float:
+        return float(self.policy_arrival[min(self.actions.size, self.policy_arrival.size - 1)])
+
+    def checks(self) -> Checks:
+        # What arrives was foretold before.
+        more = max(0.0, self.plan_arrives - self.plan_as_foretold)
+        falls = max(0.0, float(-np.diff(self.policy_arrival).min(initial=0)))
+        return {
+            **super().checks(),
+            "plan_arrives_unforetold": (more, 1e-12),
+            "arrivals_taken_back": (falls, 1e-12),
+        }

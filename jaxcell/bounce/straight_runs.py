@@ -1,0 +1,133 @@
+"""The straight runs of a robot between its bumps, whatever the bouncing angle."""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Int, Int32
+
+from ..space import CellSpace
+from ..space.steps import Steps
+
+
+# Squares that are followed to their walls at once.
+_AT_ONCE = 2**20
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Runs:
+    """The ends of all straight runs on some grids of one shape.
+
+    A *wall* of a way is a free square where the robot bumps in that way. Walls are listed way by
+    way, and within a way by their squares; the squares of one grid come after those of another.
+    """
+
+    steps: Steps
+    begin: Int[np.ndarray, "_"]
+    "The first wall of each way, and the number of walls at the end."
+    square: Int[np.ndarray, "walls"]
+    behind: Int[np.ndarray, "walls"]
+    "Number of squares from which the robot runs into each wall, without the square of the wall."
+    bump: Int[np.ndarray, "bumps"]
+    "The squares that are walls of any way."
+    place: Int[np.ndarray, "walls"]
+    "The index in `bump` of the square of each wall."
+    ahead: Int32[np.ndarray, "ways bumps"]
+    "The wall ahead of each square of `bump` in each way, counted from the first wall of the way."
+    length: Int32[np.ndarray, "ways bumps"]
+    "Steps to that wall."
+
+    @classmethod
+    def of(cls, steps: Steps) -> "Runs":
+        """Find the runs from what single steps do."""
+        walls = [_walls(steps, way) for way in range(len(steps.offset))]
+        squares, behind, order, along = zip(*walls, strict=True)
+        begin = np.cumsum([0, *map(len, squares)])
+        square = np.concatenate(squares)
+        # A square may be a wall of many ways. The wall ahead of it depends on the next way only.
+        bump, place = np.unique(square, return_inverse=True)
+        ahead, length = np.empty((2, len(walls), bump.size), np.int32)
+        places: dict[tuple[int, ...], Int[np.ndarray, bumps]] = {}
+        for way, offset in enumerate(map(tuple, steps.offset.tolist())):
+            if offset not in places:
+                places[offset] = steps.places(way, bump)
+            # From a free square the next wall along the line is on the same run.
+            following = np.searchsorted(along[way], places[offset])
+            ahead[way] = order[way][following]
+            length[way] = along[way][following] - places[offset]
+        return cls(steps, begin, square, np.concatenate(behind), bump, place, ahead, length)
+
+    def of_way(self, way: int) -> slice:
+        """Select the walls of a way."""
+        return slice(self.begin[way], self.begin[way + 1])
+
+    def of_directions(
+        self, chosen: Bool[np.ndarray, "directions"]
+    ) -> tuple[
+        Int32[np.ndarray, "directions"], Int32[np.ndarray, "slots"], Int[np.ndarray, "slots"]
+    ]:
+        """List the walls of chosen directions, by direction.
+
+        **Returns:** the first slot of each direction; the direction and the wall of each slot.
+        """
+        way = self.steps.way
+        count = np.where(chosen, np.diff(self.begin)[way], 0)
+        first = np.cumsum(count) - count
+        direction = np.repeat(np.arange(way.size, dtype=np.int32), count)
+        wall = np.arange(direction.size) + (self.begin[way] - first)[direction]
+        return first.astype(np.int32), direction, wall
+
+    @property
+    def way(self) -> Int[np.ndarray, "walls"]:
+        """The way of each wall."""
+        return np.repeat(np.arange(self.begin.size - 1), np.diff(self.begin))
+
+    def followed(
+        self, way: int
+    ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
+        """List the free squares run by run, about a million at a time.
+
+        **Returns:** the squares, the walls that they run to, counted from the first wall of the
+        way, and the steps to these walls.
+        """
+        square, hop = self.square[self.of_way(way)], self.steps.hop(way)
+        count = self.behind[self.of_way(way)] + 1
+        end = np.cumsum(count)
+        cuts = np.unique(np.searchsorted(end, np.arange(0, end[-1], _AT_ONCE)))
+        for part in np.split(np.arange(count.size), cuts[1:]):
+            wall = np.repeat(part, count[part])
+            left = end[wall] - 1 - np.arange(end[part[0]] - count[part[0]], end[part[-1]])
+            yield square[wall] - left * hop, wall, left
+
+    def of_cells(
+        self, cells: CellSpace
+    ) -> tuple[Int32[np.ndarray, "ways positions"], Int32[np.ndarray, "ways positions"]]:
+        """Find the run of each position in each way.
+
+        **Returns:** the wall at its end, counted from the first wall of the way, and the steps to
+        it.
+        """
+        ends, lengths = np.empty((2, self.begin.size - 1, cells.positions), np.int32)
+        position = cells.position_of_square.ravel()
+        for way, (end, length) in enumerate(zip(ends, lengths, strict=True)):
+            for square, wall, left in self.followed(way):
+                end[position[square]], length[position[square]] = wall, left
+        return ends, lengths
+
+
+def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Find the walls of one way.
+
+    **Returns:** their squares; the number of squares behind each; the walls in the order in which
+    they come along the lines of the way; and their places on these lines, in this order.
+    """
+    possible = steps.possible(way)
+    square = np.flatnonzero(steps.free & ~possible)
+    begins = np.flatnonzero(steps.starts(way, possible))
+    begin, along = steps.places(way, np.stack([begins, square]))
+    order = np.argsort(along)
+    along = along[order]
+    # As many runs begin as end, and the next run begins after the end of the one before.
+    behind = np.empty_like(along)
+    behind[order] = along - np.sort(begin)
+    return square, behind, order, along

@@ -1,0 +1,111 @@
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Int, Int32
+
+from ..mapping.section import bucket
+from ..space import CELL_BY_CELL, Motion
+from ..space.steps import Steps
+from .straight_runs import Runs
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Walls:
+    """The wall that follows each wall, in grids of one shape and whatever the bouncing angle.
+
+    Directions whose steps do the same share a *way* (see [`jaxcell.bounce.Moves`][]), and a wall of
+    a way is a free square where a step of that way bumps. At a wall of way `v` the robot turns. If
+    it goes on in way `w`, it next bumps at a wall of `w`. The walls of a way are numbered by slots.
+    Every way and grid has the same number of slots, and the last slot is never in use.
+    """
+
+    way: Int[np.ndarray, "directions"]
+    "The way of each direction."
+    count: Int32[np.ndarray, "grids ways"]
+    "Number of walls of each way."
+    behind: Int32[np.ndarray, "grids ways slots"]
+    "Number of squares from which the robot runs into a wall, without its own; -1 for no wall."
+    next: Int32[np.ndarray, "grids ways ways slots"]
+    "`next[:, v, w]` is the slot of the wall of way `w` after each wall of way `v`."
+    length: Int32[np.ndarray, "grids ways ways slots"]
+    "Steps that the robot makes between these walls, -1 for no wall."
+
+    @classmethod
+    def of(cls, steps: Steps) -> "Walls":
+        """Tabulate the walls of some grids. The tables grow with the square of the ways."""
+        runs, ways, grids = Runs.of(steps), len(steps.offset), len(steps.free)
+        way, grid = runs.way, runs.square // steps.free[0].size
+        count = np.bincount(way * grids + grid, minlength=ways * grids).reshape(ways, grids)
+        first = np.cumsum(count, axis=1) - count
+        slots = bucket(int(count.max(initial=0)) + 1)
+        slot = np.arange(way.size) - runs.begin[way] - first[way, grid]
+        behind = np.full((grids, ways, slots), -1, np.int32)
+        behind[grid, way, slot] = runs.behind
+        after = np.full((grids, ways, ways, slots), slots - 1, np.int32)
+        length = np.full(after.shape, -1, np.int32)
+        at = (grid * ways + way) * ways * slots + slot
+        before = first[:, runs.bump // steps.free[0].size]
+        for w in range(ways):
+            after.reshape(-1)[at + w * slots] = (runs.ahead[w] - before[w])[runs.place]
+            length.reshape(-1)[at + w * slots] = runs.length[w, runs.place]
+        return cls(steps.way, count.T.astype(np.int32), behind, after, length)
+
+    @property
+    def slots(self) -> int:
+        """Number of slots of a way."""
+        return self.behind.shape[-1]
+
+    def machine(
+        self, shifts: Sequence[int], grid: int = 0
+    ) -> tuple[
+        Int[np.ndarray, "shifts walls"], Int[np.ndarray, "shifts walls"], Int[np.ndarray, "walls"]
+    ]:
+        """Make the walls of all directions of one grid the states of a machine.
+
+        **Arguments:**
+
+        - `shifts`: the numbers of directions that the robot may turn by at a bump.
+        - `grid`: the number of the grid.
+
+        **Returns:** the next wall after each turn, the steps to it, and the squares behind each.
+        """
+        count = self.count[grid, self.way]
+        first = np.cumsum([0, *count])
+        images, lengths = np.empty((2, len(shifts), first[-1]), np.int64)
+        for i, shift in enumerate(shifts):
+            for d, way in enumerate(self.way.tolist()):
+                after = (d + shift) % self.way.size
+                here = grid, way, self.way[after], slice(count[d])
+                images[i, first[d] : first[d + 1]] = first[after] + self.next[here]
+                lengths[i, first[d] : first[d + 1]] = self.length[here]
+        behind = [self.behind[grid, way, :size] for way, size in zip(self.way, count, strict=True)]
+        return images, lengths, np.concatenate(behind)
+
+
+def walls(
+    free: Bool[np.ndarray, "grids rows columns"],
+    directions: int,
+    *,
+    motion: Motion = CELL_BY_CELL,
+) -> Walls:
+    """Tabulate the walls of grids whose blocked squares are the obstacles.
+
+    **Arguments:**
+
+    - `free`: the free squares of each grid; row 0 is the lowest.
+    - `directions`: number of directions.
+    - `motion`: how the robot moves; the side of a square is 1 m.
+
+    **Returns:** [`Walls`][].
+
+    An open room of two rows of three squares; two of them lie at the East wall and three at the
+    North wall:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce
+        >>> walls = bounce.walls(np.ones((1, 2, 3), bool), directions=4)
+        >>> walls.count.tolist()
+        [[2, 3, 2, 3]]
+    """
+    return Walls.of(Steps.on_grids(free, directions, motion))

@@ -1,0 +1,149 @@
+"""A component of the velocity, read record by record at the centres of the cells."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .axes.dimensions import Axes
+from .flags import Flag, read_flags
+from .grid import OceanGrid
+from .masks import Mask, part, read_mask
+from .netcdf import OceanFile
+from .roms import to_centres
+
+
+FASTEST_CURRENT = 10.0
+"""In m/s; faster currents are taken for an undeclared fill value or unit."""
+
+_METRES_PER_SECOND = {
+    "m/s": 1.0, "m s-1": 1.0, "m.s-1": 1.0, "m s^-1": 1.0, "ms-1": 1.0, "m/sec": 1.0,
+    "meter second-1": 1.0, "meters second-1": 1.0, "metre second-1": 1.0, "meter/sec": 1.0,
+    "meter/second": 1.0, "meters/second": 1.0, "meters/sec": 1.0,
+    "cm/s": 0.01, "cm s-1": 0.01, "cm.s-1": 0.01, "centimeter second-1": 0.01,
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Component:
+    """A component of the velocity on a block of cells."""
+
+    file: OceanFile
+    name: str
+    axes: Axes
+    places: Int[np.ndarray, " levels"] | None
+    "The numbers of the levels to read, or `None` if there is only one."
+    rows: Int[np.ndarray, " y"]
+    columns: Int[np.ndarray, " x"]
+    """Of the values to read. Values on the sides of cells, which are averaged, extend beyond the
+    block by a cell where the file does."""
+    inner: Int[np.ndarray, " block"]
+    "The block among the centres that are computed."
+    mask: Mask | None
+    "Where a value is a current; `None` if the file has no mask, and all values count."
+    factor: float
+    "Metres per second in a unit of the file."
+    flags: list[Flag]
+    "The variables that mark bad values."
+
+    def at(
+        self, record: int
+    ) -> tuple[
+        Float[np.ndarray, "levels y x"],
+        Bool[np.ndarray, "levels y x"],
+        Float[np.ndarray, "levels y x"],
+    ]:
+        """Read the velocity at the centres of the cells, at a record.
+
+        **Returns:** the velocity in m/s; whether any of the two sides is open; and the velocity
+        without the mask.
+        """
+        axes = self.axes
+        block: dict[str, object] = {axes.y: self.rows, axes.x: self.columns}
+        if axes.time is not None:
+            block[axes.time] = record
+        if axes.depth is not None:
+            block[axes.depth] = self.places
+        dims = (axes.depth or "", axes.y, axes.x)
+        values = self.file.read(part(self.file, self.name, block), dims)
+        for flag in self.flags:
+            values = np.where(flag.at(self.file, block, dims), np.nan, values)
+        values = unmasked = values * self.factor
+        open_sides = np.isfinite(values)
+        if self.mask is not None:
+            open_sides = np.broadcast_to(self.mask.water, values.shape)
+            values = np.where(open_sides, values, np.nan)
+        self._check_speed(values, record)
+        if (axis := axes.between) is None:
+            return values, open_sides, unmasked
+        centres = to_centres(values, open_sides, axis)
+        beside = to_centres(open_sides.astype(float), open_sides, axis) > 0
+        unmasked = to_centres(unmasked, np.isfinite(unmasked), axis)
+        inner = self.inner
+        return centres.take(inner, axis), beside.take(inner, axis), unmasked.take(inner, axis)
+
+    def _check_speed(self, values: Float[np.ndarray, "levels y x"], record: int) -> None:
+        fast = np.abs(values) > FASTEST_CURRENT
+        if fast.any():
+            level, row, column = np.argwhere(fast)[0]
+            place = 0 if self.places is None else self.places[level]
+            raise self.file.error(
+                self.name,
+                f"expected currents up to {FASTEST_CURRENT:g} m/s, got "
+                f"{values[level, row, column]:g} at record {record}, level {place}, row "
+                f"{self.rows[row]}, column {self.columns[column]}; a fill value or unit that is "
+                "not declared?",
+            )
+
+
+def component(
+    file: OceanFile,
+    name: str,
+    axes: Axes,
+    grid: OceanGrid,
+    places: Int[np.ndarray, " levels"] | None,
+) -> Component:
+    """Prepare the reading of a velocity on a block of cells."""
+    factor = metres_per_second(file, name)
+    dims, rho = (axes.y, axes.x), axes.rho
+    cells = [grid.rows, grid.columns]
+    inner = np.arange(0)
+    if (between := axes.between) is not None:
+        length = file.dataset.sizes[rho[between]]
+        first, last = int(cells[between][0]), int(cells[between][-1])
+        outer = np.arange(max(first - 1, 0), min(last + 2, length))
+        inner = cells[between] - outer[0]
+        if grid.wraps and between == -1 and first == 0 and last + 1 < length:
+            # The western side of the first column is the eastern one of the last.
+            outer, inner = np.append(last, outer), inner + 1
+        cells[between] = outer
+    mask = read_mask(file, rho, cells[0], cells[1], places, axes.depth)
+    if between is not None:
+        cells[between] = cells[between][:-1]
+        of_sides = read_mask(file, dims, cells[0], cells[1], places, axes.depth)
+        if of_sides is None and mask is not None:
+            before = np.arange(len(cells[between]))
+            wet = mask.water.take(before, between) & mask.water.take(before + 1, between)
+            of_sides = dataclasses.replace(mask, water=wet)
+        mask = of_sides
+    flags = read_flags(file, name)
+    return Component(file, name, axes, places, cells[0], cells[1], inner, mask, factor, flags)
+
+
+def metres_per_second(file: OceanFile, name: str) -> float:
+    """Return the metres per second in the unit of a velocity, or raise for an unknown unit."""
+    units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
+    if units.lower() not in _METRES_PER_SECOND:
+        raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
+    return _METRES_PER_SECOND[units.lower()]
+
+
+def read_cells(
+    file: OceanFile, name: str, axes: Axes, grid: OceanGrid, record: int | None = None
+) -> Float[np.ndarray, "y x"]:
+    """Read a variable without levels at the centres, at a record if it changes in time."""
+    y, x = axes.rho
+    block: dict[str, object] = {y: grid.rows, x: grid.columns}
+    if axes.time in file.dataset[name].dims:
+        block[str(axes.time)] = record
+    return file.read(part(file, name, block), (y, x))

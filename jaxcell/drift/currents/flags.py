@@ -1,0 +1,83 @@
+"""Bad and missing values: quality flags, and the gaps of a radar."""
+
+import dataclasses
+import re
+
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+
+from .conventions import table
+from .masks import flag_meanings, part
+from .netcdf import OceanFile
+
+
+LEAST_PRESENT = 0.8
+"""A cell with a velocity at this share of the records is water, and the gaps are interpolated."""
+
+_BAD, _GOOD = {"bad", "fail", "failed", "suspect", "questionable", "missing"}, {"good", "pass"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Flag:
+    """A variable that marks bad values of a velocity."""
+
+    name: str
+    bad: dict[float, str]
+    "Its values for bad data, with their meanings; empty if it gives no meanings."
+
+    def at(
+        self, file: OceanFile, block: dict[str, object], dims: tuple[str, str, str]
+    ) -> Bool[np.ndarray, "#levels #y #x"]:
+        """Mark the bad values in a block of the velocity."""
+        own = {dim: place for dim, place in block.items() if dim in file.dataset[self.name].dims}
+        return np.isin(file.read(part(file, self.name, own), dims), list(self.bad))
+
+    @property
+    def note(self) -> str:
+        """The values that are left out, or the reason why none are."""
+        if not self.bad:
+            return f"{self.name}: its values have no flag_meanings, and are not heeded"
+        words = ", ".join(f"{value:g} ({meaning})" for value, meaning in self.bad.items())
+        return f"{self.name}: values with {words} are left out"
+
+
+def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
+    """Find the flags of a velocity: those that it names, and those with conventional names.
+
+    `flag_meanings`, a word for each value, tells the bad values.
+    """
+    variables = file.dataset.variables
+    attributes = variables[velocity].attrs
+    named = re.split(r"[\s,]+", str(attributes.get("ancillary_variables", "")).strip())
+    known = {str(name).lower(): str(name) for name in variables}
+    usual = (name.format(velocity.lower()) for row in table("flag") for name in row.names)
+    names = [known[name] for name in (*map(str.lower, named), *usual) if name in known]
+    flags = []
+    for name in dict.fromkeys(names):
+        about = variables[name].attrs
+        meanings = flag_meanings(about)
+        if not set(variables[name].dims) <= set(variables[velocity].dims):
+            continue
+        words = {value: set(re.findall("[a-z]+", text.lower())) for value, text in meanings.items()}
+        bad = {v: meanings[v] for v, w in words.items() if w & _BAD and not w & _GOOD}
+        mute = not meanings and "flag" in " ".join([str(about.get("standard_name", "")), *about])
+        if bad or mute:
+            flags.append(Flag(name, bad))
+    return flags
+
+
+def fill_gaps(
+    values: Float[np.ndarray, "records *cells"],
+    present: Bool[np.ndarray, "records *cells"],
+    times: Shaped[np.ndarray, " records"],
+    cells: Bool[np.ndarray, "*cells"],
+) -> None:
+    """Interpolate in time the values of some cells that are not present, in place.
+
+    The first and the last value of a cell extend to the ends.
+    """
+    seconds = (times - times[0]) / np.timedelta64(1, "s")
+    for cell in zip(*np.nonzero(cells), strict=True):
+        at = (slice(None), *cell)
+        known = present[at]
+        values[at] = np.interp(seconds, seconds[known], values[at][known])

@@ -1,0 +1,343 @@
+import dataclasses
+import heapq
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Bool, Int
+from scipy.sparse import csgraph
+
+from ..mapping import Chain, ChainSequence, PersistentGroups
+from ..mapping.classes import reaching
+from ..optimize import greedy_cover, minimum_cover
+from .behaviour import LongTermBehaviour
+from .water import Water
+
+
+# The largest table of views, in bytes, and the entries of it that are computed at once.
+_MAX_TABLE, _CHUNK = 2**32, 2**24
+_ROUNDING = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Deployment:
+    """Cells to drop drifters in, from which every cell may be visited in the long run."""
+
+    cells: Int[np.ndarray, "drifters"]
+    "One cell of each persistent group, then cells of each transient group."
+    group: Int[np.ndarray, "drifters"]
+    "The persistent group of the cell, -1 if it is transient."
+    transient_group: Int[np.ndarray, "drifters"]
+    "The transient group of the cell, -1 if it is persistent."
+    gained: Int[np.ndarray, "drifters"]
+    "The number of cells of its group that may be visited from the cell, and from none before it."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CoverageCurve:
+    """The number of cells that may be visited, by the number of drifters."""
+
+    cells: Int[np.ndarray, "drifters"]
+    "The cells to drop the first, second, ... drifter in."
+    covered: Int[np.ndarray, "drifters"]
+    "The number of cells that may be visited by the first drifter, the first two, ..."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class VisibleDeployment:
+    """Cells to drop drifters in whose cameras together see the whole sea bed."""
+
+    cover: Int[np.ndarray, "views"]
+    "Cells from which all cells are seen, in the order in which they were chosen."
+    cells: Int[np.ndarray, "drifters"]
+    "The cells of the cover, with only the first one in each persistent group."
+    least: int | None = None
+    "A lower bound on the size of a cover; `None` for a greedy cover."
+
+
+def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
+    """Choose where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
+
+    In a persistent group any cell leads to all others; the smallest is taken, where the source
+    draws a cell. The cells of a transient group are visited from the longest absorption time to the
+    shortest, ties in order of cells, and each is taken unless a taken cell leads to it within the
+    group. The source would visit the cell first that leads to most others; in a map without
+    disturbances, where many times are equal, tied cells lead to equally many.
+
+    The cells need not be the fewest: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
+
+    **Arguments:**
+
+    - `behaviour`: from [`jaxcell.drift.long_term_behaviour`][].
+
+    **Returns:** [`Deployment`][jaxcell.drift.Deployment].
+
+    Two cells for the persistent groups, and one that leads to all of the others:
+
+        >>> from jaxcell import drift, examples
+        >>> chain = examples.stream()
+        >>> chosen = drift.deployment_cells(drift.long_term_behaviour(chain, duration=3600))
+        >>> chosen.cells.tolist(), chosen.group.tolist(), chosen.transient_group.tolist()
+        ([2, 3, 0], [0, 1, -1], [-1, -1, 0])
+    """
+    begins, parts = behaviour.begins, np.asarray(behaviour.transient.group)
+    groups = begins.groups
+    group, part = np.asarray(groups.group), parts[: behaviour.chain.cells]
+    # Times are compared to seven digits, so that rounding does not decide between equal times.
+    digits, power = np.frexp(np.asarray(begins.absorption.value))
+    time = np.ldexp(np.round(digits, 7), power)
+    transient = np.flatnonzero(group < 0)
+    order = transient[np.lexsort((transient, -time[transient], part[transient]))]
+    within = _within(behaviour.chain.to_scipy(), parts)
+    same = parts.reshape(-1, part.size) == part
+    taken, left, first = np.zeros(0, np.int64), np.arange(order.size), np.zeros(0, np.int64)
+    while left.size:
+        # Take every cell to which no earlier one of `left` leads. In a steady map one round is
+        # enough, because a cell leads to less than a cell that leads to it.
+        first = _first_ancestor(within, order, left, same)
+        taken = np.union1d(taken, left[first[left] == left])
+        first = _first_ancestor(within, order, taken, same)
+        left = left[first[left] > left]
+    persistent = np.flatnonzero(group >= 0)
+    _, smallest = np.unique(group[persistent], return_index=True)
+    cells = np.concatenate([persistent[smallest], order[taken]])
+    gained = np.concatenate(
+        [np.asarray(groups.size), np.bincount(first, minlength=order.size)[taken]]
+    )
+    number = np.asarray(begins.transient.group)
+    return Deployment(cells.astype(np.int32), group[cells], number[cells], gained.astype(np.int32))
+
+
+def _within(
+    matrix: scipy.sparse.csr_array, part: Int[np.ndarray, "states"]
+) -> scipy.sparse.coo_array:
+    """Select the edges between states of one part, with the cost 0."""
+    edges = matrix.tocoo()
+    kept = (part[edges.row] == part[edges.col]) & (part[edges.row] >= 0)
+    places = (edges.row[kept], edges.col[kept])
+    return scipy.sparse.coo_array((np.zeros(places[0].size), places), shape=matrix.shape)
+
+
+def _first_ancestor(
+    within: scipy.sparse.coo_array,
+    order: Int[np.ndarray, "transients"],
+    sources: Int[np.ndarray, "sources"],
+    same: Bool[np.ndarray, "phases cells"],
+) -> Int[np.ndarray, "transients"]:
+    """Find the place in `order` of the first source that leads to each cell within its part.
+
+    It is a shortest path from an additional node: the edge to a source costs its place in `order`,
+    and edges within a part cost nothing. A cell is reached at any phase at which it is of the
+    `same` part as at phase 0. A number beyond all places means that no source leads to the cell.
+    """
+    states = within.shape[0]
+    rows = np.concatenate([within.row, np.full(sources.size, states)])
+    columns = np.concatenate([within.col, order[sources]])
+    graph = scipy.sparse.csr_array(
+        (np.concatenate([within.data, sources + 1.0]), (rows, columns)),
+        shape=(states + 1, states + 1),
+    )
+    away = csgraph.dijkstra(graph, indices=states)[:-1]
+    away = np.minimum(away, order.size + 1).astype(np.int64).reshape(same.shape) - 1
+    return np.where(same, away, order.size).min(axis=0)[order]
+
+
+def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
+    """Find the fewest cells from which all cells may be visited.
+
+    They are one cell of each strongly connected component to which no other component leads: such a
+    component needs a drifter of its own, and all others are reached from them.
+
+    A persistent group gets no drifter if a transient cell leads to it, although a drifter from
+    there may end in another group; to be sure of each group, use
+    [`deployment_cells`][jaxcell.drift.deployment_cells].
+
+    **Arguments:**
+
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
+
+    **Returns:** the smallest cell of each of those components, in order.
+
+    From cell 0 a drifter may come anywhere:
+
+        >>> from jaxcell import drift, examples
+        >>> chain = examples.stream()
+        >>> drift.minimum_deployment(chain).tolist()
+        [0]
+    """
+    label, matrix = _components(chain)
+    return np.sort(_smallest(label)[_sources(matrix)]).astype(np.int32)
+
+
+def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
+    """Compute how the number of cells that may be visited grows with the number of drifters.
+
+    Every drifter is dropped in the cell of
+    [`minimum_deployment`][jaxcell.drift.minimum_deployment] that adds most cells. Any number of
+    drifters reaches at least the part `1 - 1/e` of the largest possible number (Nemhauser, Wolsey
+    and Fisher 1978). It takes seconds for 10,000 cells.
+
+    **Arguments:**
+
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of chains,
+        for drifters that are dropped at phase 0 and cells that may be visited at any.
+
+    **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
+
+    Two separate cells, the second of which leads to a third:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> chain = mapping.Chain.from_scipy(np.array([[1.0, 0, 0], [0, 0, 1], [0, 0, 1]]))
+        >>> curve = drift.coverage_curve(chain)
+        >>> curve.cells.tolist(), curve.covered.tolist()
+        ([1, 0], [2, 3])
+    """
+    label, matrix = _components(chain)
+    smallest = _smallest(label)
+    covered = np.zeros(chain.cells, bool)
+    cell = np.arange(label.size) % chain.cells
+    inside = scipy.sparse.csr_array(
+        (np.ones(label.size, bool), (label, cell)), shape=(matrix.shape[0], chain.cells)
+    )
+
+    def added(component: int) -> Int[np.ndarray, "new"]:
+        reached = csgraph.breadth_first_order(matrix, component, return_predecessors=False)
+        cells = np.unique(inside[reached].indices)
+        return cells[~covered[cells]]
+
+    # Gains only shrink, so a gain is computed again only if it is the largest of the old ones.
+    queue = [
+        (-added(source).size, int(smallest[source]), source)
+        for source in _sources(matrix).tolist()
+        if smallest[source] < chain.cells
+    ]
+    heapq.heapify(queue)
+    cells, gained = [], []
+    while queue:
+        _, first, source = heapq.heappop(queue)
+        new = added(source)
+        entry = (-new.size, first, source)
+        if queue and queue[0] < entry:
+            heapq.heappush(queue, entry)
+            continue
+        if not new.size:
+            break
+        covered[new] = True
+        cells.append(first)
+        gained.append(new.size)
+    return CoverageCurve(np.array(cells, np.int32), np.cumsum(gained).astype(np.int32))
+
+
+def visible_deployment(
+    water: Water,
+    reach: float | int,
+    groups: PersistentGroups,
+    *,
+    seconds: float | int | None = None,
+) -> VisibleDeployment:
+    """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
+
+    A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
+    it lies wholly within the disc. Distances are those at the cell of the camera. From the first of
+    several cells of the cover in one persistent group, a drifter will visit the others in the long
+    run, and they are left out.
+
+    **Arguments:**
+
+    - `water`: the cells, whose sea bed is to be seen.
+    - `reach`: radius of the disc, in metres.
+    - `groups`: persistent groups of a chain on those cells.
+    - `seconds`: the time limit of [`jaxcell.optimize.minimum_cover`][]; by default the cover is
+        greedy, [`jaxcell.optimize.greedy_cover`][].
+
+    **Returns:** [`VisibleDeployment`][jaxcell.drift.VisibleDeployment].
+
+    **Raises:** `ValueError` if a camera does not see its own cell, for groups of other cells, or if
+    the table of views would take more than 4 GiB.
+
+    The surface of the bundled sea, with cameras that see 3 km:
+
+        >>> from jaxcell import drift, examples, mapping
+        >>> water, flow = examples.gyres()
+        >>> groups = mapping.persistent_groups(drift.drift_map(water, flow, drift.DriftStep()))
+        >>> chosen = drift.visible_deployment(water, 3000, groups)
+        >>> len(chosen.cover), len(chosen.cells)
+        (47, 37)
+    """
+    group = np.asarray(groups.group)
+    if group.shape != (water.cells,):
+        raise ValueError(f"groups: expected those of {water.cells} cells, got {group.shape}")
+    check_reach(water, reach)
+    sees = _visible(water, reach)
+    if seconds is None:
+        cover, least = greedy_cover(sees).chosen, None
+    else:
+        smallest = minimum_cover(sees, time_limit=float(seconds), throw=False)
+        cover, least = smallest.chosen, smallest.bound
+    label = group[cover]
+    _, first = np.unique(label, return_index=True)
+    kept = label < 0
+    kept[first] = True
+    return VisibleDeployment(cover, cover[kept], least)
+
+
+def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
+    """Refuse cameras that do not see their own cell, and too many views."""
+    if water.cells**2 > _MAX_TABLE:
+        raise ValueError(
+            f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "
+            "65536 cells"
+        )
+    corner = np.hypot(*water.sides) / 2
+    if not reach * (1 + _ROUNDING) >= corner.max():
+        cell = int(np.argmax(corner))
+        raise ValueError(
+            f"{name}: expected {corner[cell]:g} m or more, the distance to the corners of cell "
+            f"{cell}, got {reach:g}"
+        )
+
+
+def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"]:
+    """Mark the cells that lie wholly within the disc around each cell."""
+    dx, dy = water.sides[..., None]
+    sees = np.zeros((water.cells, water.cells), bool)
+    rows = max(1, _CHUNK // water.cells)
+    for start in range(0, water.cells, rows):
+        part = slice(start, start + rows)
+        right = np.abs(water.column - water.column[part, None])
+        if water.wraps:
+            right = np.minimum(right, water.number.shape[1] - right)
+        up = np.abs(water.row - water.row[part, None]) + 0.5
+        sees[part] = np.hypot((right + 0.5) * dx[part], up * dy[part]) <= reach * (1 + _ROUNDING)
+    return sees
+
+
+def _components(
+    chain: Chain | ChainSequence,
+) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
+    """Find the component of each cell at each phase, and the edges between components."""
+    matrix = chain.to_scipy()
+    if isinstance(chain, ChainSequence):
+        # Edges of states that no drifter from phase 0 reaches are removed.
+        begins = np.arange(matrix.shape[0]) < chain.cells
+        met = reaching(matrix.T.tocsr(), begins).astype(float)
+        matrix = (scipy.sparse.diags_array(met) @ matrix).tocsr()
+        matrix.eliminate_zeros()
+    count, label = csgraph.connected_components(matrix, connection="strong")
+    source, target = np.repeat(label, np.diff(matrix.indptr)), label[matrix.indices]
+    between = source != target
+    return label, scipy.sparse.csr_array(
+        (np.ones(between.sum()), (source[between], target[between])), shape=(count, count)
+    )
+
+
+def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
+    """Find the components to which no other leads."""
+    return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)
+
+
+def _smallest(label: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "components"]:
+    """Find the smallest cell of each component."""
+    smallest = np.full(label.max() + 1, label.size)
+    smallest[label[::-1]] = np.arange(label.size)[::-1]
+    return smallest

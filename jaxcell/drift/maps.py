@@ -1,0 +1,279 @@
+import dataclasses
+import math
+
+import jax
+import numpy as np
+import scipy.sparse
+import scipy.special
+from jaxtyping import Array, Float, Int
+
+from ..base import memory
+from ..base.precision import require_x64
+from ..mapping import Chain, ChainSequence
+from ..mapping.generalized import slots_of
+from .advection import carried
+from .flow import Flow
+from .step import DriftStep
+from .water import NEIGHBORS, Water, square
+
+
+# The standard deviations that diffusion reaches, and the largest standard deviation in cells.
+_TAILS, _MAX_SPREAD = 3.5, 10
+# Points that drift in one call, unless the samples along one side of the cells are more.
+_POINTS = 65_536
+# No cell at all, where -1 is the sink.
+_NONE = -2
+
+
+def flow_map(
+    water: Water, flow: Flow, step: DriftStep, *, start: float | int = 0.0
+) -> Float[Array, "axes cells"]:
+    """Compute the displacement of the centre of every cell (Alam 2018, section 5.4.2).
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `flow`: the flow of the same layer.
+    - `step`: the duration and the integration method; its other rules have no effect.
+    - `start`: the time at the beginning, in seconds as in `Flow.time`.
+
+    **Returns:** the displacements along the axes x and y of the grid, in cells.
+
+    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][].
+
+    In the time to cross a cell, cells drift by one on average:
+
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
+        >>> shift = drift.flow_map(water, flow, drift.DriftStep())
+        >>> shift.shape, round(float(((shift**2).sum(axis=0) ** 0.5).mean()), 6)
+        ((2, 538), 1.0)
+    """
+    duration = step.seconds(water, flow)
+    x, y = np.stack([water.column, water.row]).astype(np.float64)
+    ends = carried(flow, x, y, duration, start, step.method, step.substeps)
+    return jax.device_put(np.stack([ends[0] - x, ends[1] - y]))
+
+
+def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int = 0.0) -> Chain:
+    """Map every cell (Alam 2018, section 5.4.3 and lines 2 to 8 of Alg. 5.1).
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `flow`: the flow of the same layer.
+    - `step`: the duration of a step and its rules.
+    - `start`: the time at the beginning, in seconds as in `Flow.time`.
+
+    **Returns:** the chain over the cells.
+
+    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], or for a diffusivity that is
+    too large or whose spread is not sampled; `RuntimeError` if JAX is set to 32 bits; `MemoryError`
+    if the map exceeds the free memory.
+
+    The surface of the bundled sea; most cells have an image and two disturbances:
+
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
+        >>> chain = drift.drift_map(water, flow, drift.DriftStep())
+        >>> matrix = chain.to_scipy()
+        >>> matrix.shape, round(float(matrix.max()), 2), round(float(matrix.sum(axis=1).min()), 6)
+        ((538, 538), 0.8, 1.0)
+    """
+    require_x64("drift_map")
+    duration = step.seconds(water, flow)
+    if flow.diffusivity and step.spread != "sampled":
+        raise ValueError(f"diffusivity: expected spread 'sampled' with it, got {step.spread!r}")
+    deviation = diffused_cells(water, flow, duration)
+    if (widest := float(deviation.max())) > _MAX_SPREAD:
+        raise ValueError(
+            f"diffusivity: {flow.diffusivity:g} m²/s spreads drifters over {widest:.3g} cells in "
+            f"a step of {duration:g} s; expected {_MAX_SPREAD:g} at most"
+        )
+    samples, exits = step.samples, step.edge == "exit"
+    branches = {"turned": 3, "all": 9, "sampled": min(9, samples**2)}[step.spread]
+    if flow.diffusivity:
+        branches = (2 * math.ceil(_TAILS * widest) + 3) ** 2
+    memory.check(
+        (40 * (branches + 1) + 100 * samples) * water.cells,
+        f"a drift map of {water.cells:,} cells of water",
+        "read less of the currents",
+    )
+
+    def ends(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Carry one point of all cells for each offset from the centre, in parts of a cell."""
+        x, y = water.column + right[:, None], water.row + up[:, None]
+        return carried(flow, x, y, duration, start, step.method, step.substeps)
+
+    if step.spread == "sampled":
+        places = (np.arange(samples) + 0.5) / samples - 0.5
+        right, up = (offset.ravel() for offset in np.meshgrid(places, places))
+        chunk = max(samples, _POINTS // water.cells)
+        matrix: scipy.sparse.csr_array | int = 0
+        for k in range(0, up.size, chunk):
+            x, y = ends(right[k : k + chunk], up[k : k + chunk])
+            if flow.diffusivity:
+                for point in zip(x, y, strict=True):
+                    matrix = matrix + _diffused(water, *point, deviation, exits)
+            else:
+                landed = water.landing(x, y, exits=exits)
+                matrix = matrix + _transitions(landed, np.ones(landed.shape))
+        image, probability = slots_of(matrix / samples**2)
+    else:
+        x, y = (place[0] for place in ends(np.zeros(1), np.zeros(1)))
+        if step.spread == "turned":
+            image = water.landing(*_turned(water, x, y), exits=exits)
+        else:
+            image = _around(water, x, y, exits=exits)
+        probability = _set_probabilities(image, float(step.rho))
+    if not exits:
+        image, probability = _with_uniform_boundary(water, image, probability)
+    # The probability of the sink is what a cell lacks of 1.
+    gone = image < 0
+    image = np.where(gone, np.arange(water.cells), image)
+    return Chain(image.astype(np.int32), np.where(gone, 0.0, probability))
+
+
+def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequence:
+    """Map every cell at each phase of a periodic flow.
+
+    **Arguments:**
+
+    - `water`, `flow`: as for [`drift_map`][]; a periodic flow is made by [`Flow.repeated`][].
+    - `step`: a step whose duration divides the period or is a multiple of it, as
+        [`Flow.fitted`][] gives it. The substeps are doubled until they are as many as the records
+        in a step.
+
+    **Returns:** the chains of the phases, one after the other; or the one chain of a flow that is
+    not periodic, or of a step of whole periods.
+
+    **Raises:** `ValueError` for a duration that does not fit the period, or as [`drift_map`][].
+
+    Five hours of the bundled sea, repeated:
+
+        >>> from jaxcell import bundled, drift
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=(0, 4), depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents).repeated()
+        >>> tide = drift.drift_maps(water, flow, drift.METHODS["drifters"].lasting(9000.0))
+        >>> tide.shape
+        (2, 538)
+    """
+    if flow.period is None:
+        return drift_map(water, flow, step)
+    duration = step.seconds(water, flow)
+    if not np.isclose(flow.fitted(duration), duration, rtol=1e-9):
+        raise ValueError(
+            f"duration: expected a whole part or multiple of the period, {float(flow.period):g} s, "
+            f"such as {flow.fitted(duration):g} s, got {duration:g} s"
+        )
+    records = duration / float(np.diff(np.asarray(flow.time)).min())
+    # Few different numbers of substeps, so that few programs are compiled.
+    finer = 2 ** max(0, math.ceil(math.log2(records / step.substeps) - 1e-9))
+    step = dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
+    starts = np.asarray(flow.time)[0] + np.arange(flow.phases(duration)) * duration
+    chains = [drift_map(water, flow, step, start=start) for start in starts.tolist()]
+    return chains[0] if len(chains) == 1 else ChainSequence.of(chains)
+
+
+def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:
+    """Compute the standard deviation of the diffusion from each cell, in cells along x and y."""
+    return math.sqrt(2 * flow.diffusivity * abs(duration)) / water.sides
+
+
+def _diffused(
+    water: Water,
+    x: Float[np.ndarray, "cells"],
+    y: Float[np.ndarray, "cells"],
+    deviation: Float[np.ndarray, "axes cells"],
+    exits: bool,
+) -> scipy.sparse.csr_array:
+    """Spread one point per cell by the normal law, integrated over the squares around it."""
+    reach = math.ceil(_TAILS * float(deviation.max()))
+    steps = np.arange(-reach, reach + 1)[:, None]
+    sides = np.append(steps, [[reach + 1]], 0) - 0.5
+    row, column = square(x, y)
+    across, along = (
+        np.diff(scipy.special.ndtr((sides + centre - place) / width), axis=0)
+        for centre, place, width in zip((column, row), (x, y), deviation, strict=True)
+    )
+    across, along = across / across.sum(axis=0), along / along.sum(axis=0)
+    right, up = (offset.ravel()[:, None] for offset in np.meshgrid(steps, steps))
+    image = water.landing(column + right + 0.0, row + up + 0.0, exits=exits)
+    return _transitions(image, (along[:, None] * across).reshape(image.shape))
+
+
+def _transitions(
+    image: Int[np.ndarray, "branches cells"], share: Float[np.ndarray, "branches cells"]
+) -> scipy.sparse.csr_array:
+    """Make a transition matrix from shares of each cell in its images; -1 is the sink."""
+    stays, cells = image >= 0, image.shape[1]
+    origin = np.broadcast_to(np.arange(cells), image.shape)[stays]
+    return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=(cells, cells))
+
+
+def _turned(
+    water: Water, x: Float[np.ndarray, "cells"], y: Float[np.ndarray, "cells"]
+) -> tuple[Float[np.ndarray, "3 cells"], Float[np.ndarray, "3 cells"]]:
+    """Turn the drifts by 0, 45 and -45 degrees, and return their end points."""
+    dx, dy = water.sides
+    right, up = (x - water.column) * dx, (y - water.row) * dy
+    angle = np.radians([[0], [45], [-45]])
+    cos, sin = np.cos(angle), np.sin(angle)
+    return (
+        water.column + (right * cos - up * sin) / dx,
+        water.row + (right * sin + up * cos) / dy,
+    )
+
+
+def _around(
+    water: Water, x: Float[np.ndarray, "cells"], y: Float[np.ndarray, "cells"], *, exits: bool
+) -> Int[np.ndarray, "9 cells"]:
+    """Find the image of each cell and its neighbours, with the sink if the edge is open."""
+    image = water.landing(x[None], y[None], exits=exits)
+    # An image off the grid has neighbours too.
+    row, column = square(x, y)
+    row = np.where(image[0] >= 0, water.row[image[0]], row)
+    column = np.where(image[0] >= 0, water.column[image[0]], column)
+    around = []
+    for up, right in NEIGHBORS:
+        cell, inside = water.at(row + up, column + right)
+        other = (cell < 0) | (water.piece[cell] != water.piece)
+        around.append(np.where(inside, np.where(other, _NONE, cell), -1 if exits else _NONE))
+    return np.concatenate([image, np.stack(around)])
+
+
+def _set_probabilities(
+    targets: Int[np.ndarray, "branches cells"], rho: float
+) -> Float[np.ndarray, "branches cells"]:
+    """Give each element of a set its probability, the image first; 0 for repeated elements."""
+    counts = np.ones(targets.shape, bool)
+    for branch in range(1, len(targets)):
+        new = (targets[branch] != targets[:branch]).all(axis=0)
+        counts[branch] = (targets[branch] != _NONE) & new
+    others = counts[1:].sum(axis=0)
+    probability = np.where(counts, (1 - rho) / np.maximum(others, 1), 0)
+    probability[0] = np.where(others > 0, rho, 1)
+    return probability
+
+
+def _with_uniform_boundary(
+    water: Water,
+    image: Int[np.ndarray, "branches cells"],
+    probability: Float[np.ndarray, "branches cells"],
+) -> tuple[Int[np.ndarray, "slots cells"], Float[np.ndarray, "slots cells"]]:
+    """Map the cells at a coast or an edge uniformly to their neighbours and themselves."""
+    cells = np.flatnonzero(water.boundary)
+    near = water.neighbor[:, cells]
+    slots = max(len(image), 1 + int((near >= 0).sum(axis=0).max(initial=0)))
+    more = ((0, slots - len(image)), (0, 0))
+    image = np.pad(image, more, constant_values=_NONE)
+    probability = np.pad(probability, more)
+    # Existing neighbours come first, in their order.
+    near = np.sort(np.where(near < 0, np.iinfo(np.int32).max, near), axis=0)
+    near = np.concatenate([cells[None], near])[:slots]
+    exists = near < water.cells
+    image[:, cells] = _NONE
+    probability[:, cells] = 0
+    image[: len(near), cells] = np.where(exists, near, _NONE)
+    probability[: len(near), cells] = exists / exists.sum(axis=0)
+    return image, probability

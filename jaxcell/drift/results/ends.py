@@ -1,0 +1,235 @@
+"""The ends of drifters and the times to reach them, for any layers of water with chains."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...base.certificate import Outcome
+from ...base.quantities import PROBABILITY, Checks, Result, derived
+from ...markov import Absorption, absorption_probabilities
+from ..behaviour import LongTermBehaviour
+from ..water import Water
+
+
+ALMOST_FOREVER = 10_000
+"""The expected number of steps above which drifters take almost forever to end."""
+LARGEST_TABLE = 2**28
+"""The largest number of bytes for the probabilities of all groups of a layer."""
+
+
+class Ends(Result):
+    """Totals over one layer or more: groups, transient cells, and times to the end."""
+
+    @property
+    def _layers(self) -> "tuple[LayerEnds, ...]":
+        raise NotImplementedError
+
+    @functools.cached_property
+    def _hours(self) -> Float[np.ndarray, "transient"]:
+        """The absorption times of the transient cells."""
+        return np.concatenate(
+            [np.asarray(layer.begins.hours)[layer.transient] for layer in self._layers]
+        )
+
+    @derived("", "cells of water", kind="count")
+    def cells(self) -> int:
+        return sum(layer.water.cells for layer in self._layers)
+
+    @derived("", "persistent groups", kind="count")
+    def persistent_groups(self) -> int:
+        return sum(layer.behaviour.groups.count for layer in self._layers)
+
+    @derived("", "cells of persistent groups", kind="count")
+    def persistent_cells(self) -> int:
+        return self.cells - self._hours.size
+
+    @derived("", "transient groups", kind="count")
+    def transient_groups(self) -> int:
+        return sum(layer.begins.transient.count for layer in self._layers)
+
+    @derived("", "transient cells with one end", kind="count")
+    def single_domicile_cells(self) -> int:
+        parts = [layer.begins.transient for layer in self._layers]
+        return sum(int(np.asarray(part.size)[part.single].sum()) for part in parts)
+
+    @derived("", "transient cells with several ends", kind="count")
+    def multiple_domicile_cells(self) -> int:
+        return self._hours.size - self.single_domicile_cells
+
+    @derived("", "time to a group or off the map, transient cells, mean", "h", kind="time")
+    def mean_hours(self) -> float:
+        return float(self._hours.mean()) if self._hours.size else 0.0
+
+    @derived("", "time to a group or off the map, transient cells, median", "h", kind="time")
+    def median_hours(self) -> float:
+        return float(np.median(self._hours)) if self._hours.size else 0.0
+
+    @derived("", "time to a group or off the map, transient cells, longest", "h", kind="time")
+    def longest_hours(self) -> float:
+        return float(self._hours.max(initial=0.0))
+
+    @derived("", "whether these times are certified", kind="flag")
+    def times_certified(self) -> bool:
+        solves = [layer.behaviour.absorption.certificate for layer in self._layers]
+        return all(solve.outcome is Outcome.CONVERGED for solve in solves)
+
+    @derived("", "cells that take almost forever", kind="count")
+    def almost_for_ever_cells(self) -> int:
+        return sum(int(layer.almost_forever.sum()) for layer in self._layers)
+
+    @derived("", "probability of leaving the map, mean", kind="share", padding="NaN: not known")
+    def mean_leaving(self) -> float:
+        return float(np.concatenate([layer.leaving for layer in self._layers]).mean())
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LayerEnds(Ends):
+    """The ends of drifters of one layer."""
+
+    brief: ClassVar[tuple[str, ...]] = ("cells", "persistent_groups")
+    tables: ClassVar[Mapping[str, str]] = {"group_index": "groups", "transient": "transients"}
+
+    water: Water
+    behaviour: LongTermBehaviour
+
+    @property
+    def _layers(self) -> "tuple[LayerEnds, ...]":
+        return (self,)
+
+    @functools.cached_property
+    def group(self) -> Int[np.ndarray, "cells"]:
+        """The persistent group of each cell, -1 if it is transient."""
+        return np.asarray(self.begins.groups.group)
+
+    @property
+    def begins(self) -> LongTermBehaviour:
+        """The behaviour of drifters that are released at the first record."""
+        return self.behaviour.begins
+
+    @property
+    def transient(self) -> Bool[np.ndarray, "cells"]:
+        """Whether each cell is in no persistent group."""
+        return self.group < 0
+
+    @functools.cached_property
+    def ends(self) -> Absorption | None:
+        """The probabilities of ending in each group, at each phase of a periodic current.
+
+        `None` if they would take more than 256 MiB, or are not accurate enough: where transient
+        cells almost trap drifters, 64-bit numbers may not be enough.
+        """
+        behaviour = self.behaviour
+        if 8 * behaviour.groups.count * behaviour.unrolled.cells > LARGEST_TABLE:
+            return None
+        ends = absorption_probabilities(behaviour.unrolled, behaviour.groups, throw=False)
+        return ends if ends.certificate.outcome is Outcome.CONVERGED else None
+
+    @functools.cached_property
+    def leaving(self) -> Float[np.ndarray, "cells"]:
+        """The probability of ending off the map from each cell; NaN if not known.
+
+        It is known without `ends` where no drifter can leave (0) or every drifter must (1).
+        """
+        sure = self.begins.sure_to_leave
+        if not np.isnan(sure).any() or self.ends is None:
+            return sure
+        return np.asarray(self.ends.leaving)[: self.water.cells]
+
+    @property
+    def almost_forever(self) -> Bool[np.ndarray, "cells"]:
+        """The transient cells whose expected time to the end exceeds `ALMOST_FOREVER` steps."""
+        return ~(np.asarray(self.begins.absorption.value) <= ALMOST_FOREVER)
+
+    @derived("", "depth", "m")
+    def depth(self) -> float:
+        return self.water.depth
+
+    @derived("group_index", "cells", kind="count")
+    def groups_cells(self) -> Int[np.ndarray, "groups"]:
+        return np.asarray(self.begins.groups.size)
+
+    @derived("group_index", "other cells that lead there for sure", kind="count")
+    def groups_single_domicile_cells(self) -> Int[np.ndarray, "groups"]:
+        basin = np.asarray(self.begins.basin)
+        return np.bincount(basin[(basin >= 0) & self.transient], minlength=self.persistent_groups)
+
+    @derived("group_index", "longitude", "degrees_east")
+    def groups_lon(self) -> Float[np.ndarray, "groups"]:
+        return self.water.lon[self._first]
+
+    @derived("group_index", "latitude", "degrees_north")
+    def groups_lat(self) -> Float[np.ndarray, "groups"]:
+        return self.water.lat[self._first]
+
+    @property
+    def _first(self) -> tuple[Int[np.ndarray, "groups"], Int[np.ndarray, "groups"]]:
+        """The row and column of the smallest cell of each persistent group."""
+        persistent = np.flatnonzero(~self.transient)
+        _, first = np.unique(self.group[persistent], return_index=True)
+        return self.water.row[persistent[first]], self.water.column[persistent[first]]
+
+    @derived("transient", "groups that it may end in, -1 for off the map")
+    def transients_domiciles(self) -> np.ndarray:
+        homes = self.begins.transient.domiciles
+        return np.fromiter(homes, object, len(homes))
+
+    @derived("transient", "cells", kind="count")
+    def transients_cells(self) -> Int[np.ndarray, "transients"]:
+        return np.asarray(self.begins.transient.size)
+
+    @derived("transient", "time to the end, mean", "h", kind="time")
+    def transients_mean_hours(self) -> Float[np.ndarray, "transients"]:
+        return np.array([hours.mean() for hours in self._hours_of_parts])
+
+    @derived("transient", "time to the end, longest", "h", kind="time")
+    def transients_longest_hours(self) -> Float[np.ndarray, "transients"]:
+        return np.array([hours.max() for hours in self._hours_of_parts])
+
+    @functools.cached_property
+    def _hours_of_parts(self) -> list[Float[np.ndarray, "cells"]]:
+        """The absorption times of the cells of each transient group."""
+        part = np.asarray(self.begins.transient.group)[self.transient]
+        order, counts = np.argsort(part, kind="stable"), self.transients_cells
+        return np.split(self._hours[order], np.cumsum(counts)[:-1]) if counts.size else []
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        if not self.almost_for_ever_cells:
+            return ()
+        return (
+            f"At {self.depth:g} m: from {self.almost_for_ever_cells:,} transient cells it "
+            "takes almost forever; what holds drifters there is as good as a persistent group.",
+        )
+
+    def checks(self) -> Checks:
+        """Relations between the chain, its groups, and the ends of drifters.
+
+        The residual of times has no limit, because no solve is accurate where cells almost trap
+        drifters.
+        """
+        P = self.behaviour.chain.to_scipy()
+        entries, total = P.tocoo(), np.asarray(P.sum(axis=1)).ravel()
+        # In a periodic current these are over the cells at each phase.
+        group = np.asarray(self.behaviour.groups.group)
+        transient = group < 0
+        out = (group[entries.row] >= 0) & (group[entries.row] != group[entries.col])
+        gone = ~transient & (total < 1 - PROBABILITY)
+        hours, step = np.asarray(self.behaviour.hours), self.behaviour.duration / 3600
+        with np.errstate(invalid="ignore"):
+            late = np.abs(step + P @ hours - hours)[transient] / np.maximum(hours[transient], step)
+        sums = mean = np.zeros(0)
+        if self.ends is not None:
+            chance = np.asarray(self.ends.value).T
+            sums = np.abs(chance.sum(axis=1) + np.asarray(self.ends.leaving) - 1)
+            mean = np.abs(P @ chance - chance)[transient]
+        return {
+            "rows_sum_to_more_than_1": (max(0.0, float(total.max() - 1)), PROBABILITY),
+            "steps_out_of_persistent_groups": (int(out.sum() + gone.sum()), 0),
+            "absorption_time_residual": (float(late[np.isfinite(late)].max(initial=0.0)), np.inf),
+            "ends_sum_to_1": (float(sums.max(initial=0.0)), PROBABILITY),
+            "ends_residual": (float(mean.max(initial=0.0)), PROBABILITY),
+        }

@@ -1,1 +1,0 @@
-"""Whether maps can be trusted: drifters without cells, and coherent structures."""

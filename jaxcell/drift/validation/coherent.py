@@ -1,0 +1,190 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.ndimage
+from jaxtyping import Bool, Float, Int
+
+from ..advection import carried
+from ..flow import Flow
+from ..step import DriftStep
+from ..water import Water
+from .drifters import nearest_square
+
+
+def ftle(
+    water: Water,
+    flow: Flow,
+    duration: float | int,
+    *,
+    start: float | int = 0.0,
+    method: str = "rk4",
+    steps: int = 20,
+) -> Float[np.ndarray, "cells"]:
+    """Compute the finite-time Lyapunov exponent, the rate at which water from a cell separates.
+
+    It is `log(s) / |duration|`, where `s` is the largest factor by which the drift stretches a
+    short line, the root of the largest eigenvalue of the Cauchy-Green tensor (Haller 2015). The
+    gradient of the drift is taken between the middles of the four sides of the cell, so that cells
+    at a coast need no neighbour. Lengths are in metres, by the sides of the cells where the drift
+    begins and ends.
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `flow`: the flow of the same layer.
+    - `duration`: in seconds. Ridges of the exponent repel the water if it is positive, and attract
+        it if it is negative, backward in time.
+    - `start`, `method`, `steps`: as for [`jaxcell.drift.advect`][].
+
+    **Returns:** the exponents, per second.
+
+    **Raises:** `ValueError` for a duration or steps out of range, or a flow of other water.
+
+    A flow along x that gets a hundredth of a cell a second faster with every column stretches what
+    it carries by a tenth in ten seconds, in one step of Euler's method:
+
+        >>> import jax.numpy as jnp, numpy as np
+        >>> from jaxcell import drift
+        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
+        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> along = jnp.tile(jnp.arange(-2.0, 3.0) / 100, (3, 1))
+        >>> flow = drift.Flow(jnp.stack([along, jnp.zeros((3, 5))])[None], jnp.zeros(1))
+        >>> exponent = drift.ftle(water, flow, 10.0, method="euler", steps=1)
+        >>> exponent[1:4].round(6).tolist(), round(np.log(1.1).item() / 10, 6)
+        ([0.009531, 0.009531, 0.009531], 0.009531)
+    """
+    duration = DriftStep(duration, method=method, substeps=steps).seconds(water, flow)
+    sides = np.stack([water.dx, water.dy])
+    x, y = np.stack([water.column, water.row]).astype(np.float64)
+    middles = (0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5)
+    ends = [
+        carried(flow, x + right, y + up, duration, start, method, steps) for right, up in middles
+    ]
+    return np.asarray(_exponent(sides, x, y, *ends, wraps=water.wraps)) / abs(duration)
+
+
+@functools.partial(jax.jit, static_argnames="wraps")
+def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[no-untyped-def]
+    """Compute the logarithm of the largest singular value of the gradient of the drift."""
+
+    def sides_at(x, y):  # type: ignore[no-untyped-def]
+        row, column = nearest_square(sides.shape[1:], wraps, x, y)
+        return sides[:, row, column]
+
+    began = sides_at(x, y)
+    ended = sides_at((east[0] + west[0]) / 2, (east[1] + west[1]) / 2)
+    a, c = ((east[k] - west[k]) * ended[k] / began[0] for k in (0, 1))
+    b, d = ((north[k] - south[k]) * ended[k] / began[1] for k in (0, 1))
+    # The singular values of [[a, b], [c, d]] are half the sum and half the difference of these two.
+    return jnp.log((jnp.hypot(a + d, b - c) + jnp.hypot(a - d, b + c)) / 2)
+
+
+def ridges(
+    water: Water,
+    values: Float[np.ndarray, "cells"],
+    *,
+    share: float | int = 0.25,
+) -> Bool[np.ndarray, "cells"]:
+    """Find the cells on a ridge of some values, such as [`ftle`][].
+
+    A cell is on a ridge if its value is among the highest of all, and not below those of its two
+    neighbours in the direction, of the four on a grid, in which the values are curved down most.
+    Cells at a coast or the edge of the grid are on no ridge.
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `values`: of every cell.
+    - `share`: the share of the cells, those with the highest values, that may be on a ridge.
+
+    **Returns:** a mask over the cells.
+
+    **Raises:** `ValueError` for a share that is not above 0 and at most 1.
+
+    The middle of five columns is the highest; at the edges there is no ridge:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
+        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> drift.ridges(water, np.tile([0.0, 1.0, 2.0, 1.0, 0.0], 3)).nonzero()[0].tolist()
+        [7]
+    """
+    if not 0 < share <= 1:
+        raise ValueError(f"share: expected more than 0 and at most 1, got {share}")
+    # West and East, South and North, and the two diagonals, by their places in Water.neighbor.
+    lines = ((3, 4), (1, 6), (0, 7), (2, 5))
+    side = water.sides
+    length = np.stack([side[0], side[1], np.hypot(*side), np.hypot(*side)])
+    beside = np.where(water.neighbor >= 0, values[water.neighbor], np.nan)
+    bend = np.stack([beside[a] + beside[b] - 2 * values for a, b in lines]) / length**2
+    across = np.where(water.boundary, 0, bend).argmin(axis=0)
+    first, second = np.array(lines)[across].T
+    every = np.arange(water.cells)
+    highest = np.maximum(beside[first, every], beside[second, every])
+    crest = ~water.boundary & (bend[across, every] < 0) & (values >= highest)
+    return crest & (values >= np.quantile(values, 1 - share))
+
+
+@dataclasses.dataclass(frozen=True)
+class Agreement:
+    """The agreement of the borders of groups with ridges."""
+
+    near: float
+    "The share of the border cells that are near a ridge."
+    expected: float
+    "The share of all cells that are near a ridge, as expected of borders by chance."
+
+    @property
+    def ratio(self) -> float:
+        """The ratio of the two shares."""
+        return self.near / self.expected if self.expected else np.nan
+
+
+def agreement(
+    water: Water,
+    label: Int[np.ndarray, "cells"],
+    ridge: Bool[np.ndarray, "cells"],
+    *,
+    within: int = 1,
+) -> Agreement:
+    """Measure the agreement of the borders of groups with ridges.
+
+    A border cell has a cell of another group beside it in its row or column.
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `label`: the group of each cell, of any kind, such as `LongTermBehaviour.basin`.
+    - `ridge`: the cells on ridges.
+    - `within`: the distance in rows and columns up to which a ridge is near.
+
+    **Returns:** [`Agreement`][], two shares from 0 to 1.
+
+    **Raises:** `ValueError` if there are no borders.
+
+    The border between columns 2 and 3, beside a ridge in column 2:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
+        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> label, ridge = np.tile(np.int32([0, 0, 0, 1, 1]), 3), np.tile(np.arange(5) == 2, 3)
+        >>> drift.agreement(water, label, ridge, within=0).near
+        0.5
+        >>> round(drift.agreement(water, label, ridge).ratio, 3)
+        1.667
+    """
+    beside = water.neighbor[[1, 3, 4, 6]]
+    border = ((beside >= 0) & (label[beside] != label)).any(axis=0)
+    if not border.any():
+        raise ValueError("label: expected two groups side by side or more, got no border")
+    grid, beyond = water.on_grid(ridge, False), within if water.wraps else 0
+    if within:  # scipy repeats 0 iterations until nothing changes
+        grid = np.pad(grid, ((0, 0), (beyond, beyond)), mode="wrap")
+        grid = scipy.ndimage.binary_dilation(grid, np.ones((3, 3), bool), iterations=within)
+    near = grid[water.row, water.column + beyond]
+    return Agreement(float(near[border].mean()), float(near.mean()))

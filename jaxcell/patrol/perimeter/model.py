@@ -1,0 +1,372 @@
+import dataclasses
+import enum
+import functools
+import heapq
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...base.certificate import Certificate
+from ...base.precision import require_x64
+from ...mapping import Chain
+from ...markov import hitting_times
+from ...optimize.checked import check_count
+
+
+# The accuracy of a probability of detection.
+_TOLERANCE = 1e-12
+# Narrower intervals of p have equal bounds.
+_NARROWEST = 2.0**-44
+
+
+class Movement(enum.Enum):
+    """The rule by which robots of a perimeter move; one coin per cycle decides for all robots.
+
+    The members have the initials that the source uses:
+
+        >>> from jaxcell import patrol
+        >>> [movement.name for movement in patrol.perimeter.Movement]
+        ['BMP', 'DNCP', 'DCP']
+    """
+
+    BMP = "bidirectional: one segment clockwise with probability p, else one counter-clockwise"
+    DNCP = "directional: one segment ahead with probability p, else one back, which is now ahead"
+    DCP = "directional: one segment ahead with probability p, else turn in place, which takes time"
+
+
+@dataclasses.dataclass(frozen=True)
+class Perimeter:
+    """Robots on a cycle of segments, at equal distances, that move in step (Agmon et al. 2008).
+
+    An attack begins while the robots head clockwise and are about to decide. Because they move in
+    step, the segments between one robot and the next determine the state: segment `i` is `i` ahead
+    of a robot and `distance - i` behind the next. Segment 0 holds a robot: the adversary enters as
+    the robot leaves, and is detected when a robot is next in the segment. A robot that turns in
+    place remains in its segment.
+
+    Two robots on a cycle of eight segments:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> perimeter.distance, perimeter.images.tolist()
+        (4, [[3, 0, 1, 2], [1, 2, 3, 0]])
+    """
+
+    segments: int
+    "Number of segments of the cycle."
+    robots: int
+    "Number of robots, a divisor of `segments`."
+    movement: Movement
+    turn: int = 1
+    "Number of cycles that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
+
+    def __post_init__(self) -> None:
+        """**Raises:** `ValueError` if the numbers do not make a perimeter."""
+        for name in ("segments", "robots", "turn"):
+            check_count(name, getattr(self, name))
+        if self.segments % self.robots:
+            raise ValueError(
+                f"robots: expected a divisor of the {self.segments} segments, got {self.robots}"
+            )
+        if self.movement is not Movement.DCP and self.turn != 1:
+            raise ValueError(
+                f"turn: expected 1 for {self.movement.name}, where turns take no time, got "
+                f"{self.turn}"
+            )
+
+    @property
+    def distance(self) -> int:
+        """Number of segments from one robot to the next."""
+        return self.segments // self.robots
+
+    @property
+    def images(self) -> Int[np.ndarray, "2 states"]:
+        """The state after one cycle, for heads (row 0, with probability p) and for tails (row 1).
+
+        State `phase * distance + i` belongs to a robot that is `i` segments behind segment `i`. In
+        phase 0 it heads towards the segment and in phase 1 away from it; in phase `2 * r + h` it
+        waits `r` cycles for phase `h`, on either side of the coin.
+        """
+        distance, i = self.distance, np.arange(self.distance, dtype=np.int32)
+        moved = (i - 1) % distance, (i + 1) % distance
+        if self.movement is Movement.BMP:
+            return np.stack(moved)
+        free = self.movement is Movement.DNCP
+        heads, tails = [], []
+        for phase in range(2 if free else 2 * self.turn):
+            wait, heading = divmod(phase, 2)
+            other = 1 - heading
+            if wait:
+                heads.append((phase - 2) * distance + i)
+                tails.append(heads[-1])
+            else:
+                heads.append(heading * distance + moved[heading])
+                turned = other * distance + moved[other]
+                tails.append(turned if free else (2 * (self.turn - 1) + other) * distance + i)
+        return np.stack([np.concatenate(heads), np.concatenate(tails)])
+
+    def chain(self, p: float) -> Chain:
+        """Make the Markov chain of the states of [`Perimeter.images`][].
+
+        **Arguments:**
+
+        - `p`: the probability of heads.
+
+        **Raises:** `ValueError` if `p` is outside of [0, 1].
+        """
+        _check_probability(p)
+        images = self.images
+        coin = np.array([[p], [1 - p]], np.float64)
+        return Chain(images, np.broadcast_to(coin, images.shape))
+
+
+def detection_polynomials(
+    perimeter: Perimeter, time: int
+) -> Float[np.ndarray, "segments coefficients"]:
+    """Compute the probability of penetration detection, a polynomial of p for each segment.
+
+    The coefficients are those of the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 - p)**(time
+    - k)`. Each is a probability: `c[k]` is the probability of detection if `k` of `time` coins show
+    heads. Powers of p would cancel in rounding; these do not. `scipy.interpolate.BPoly(c.T[:,
+    None], [0, 1])` evaluates and differentiates them.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `time`: number of cycles that a penetration takes.
+
+    **Returns:** the coefficients for the segments 0 to `distance - 1`.
+
+    **Raises:** `ValueError` if the time is less than one cycle.
+
+    Robots four segments apart; segments 1 and 3 mirror each other:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> patrol.perimeter.detection_polynomials(perimeter, 3)[[1, 3]].round(3).tolist()
+        [[1.0, 0.333, 1.0, 1.0], [1.0, 1.0, 0.333, 1.0]]
+    """
+    check_count("time", time)
+    heads, tails = perimeter.images
+    there = np.arange(heads.size) % perimeter.distance == 0
+    detected = there[:, None].astype(np.float64)
+    for step in range(1, time + 1):
+        # A share k / step of the sequences of coins with k heads begins with heads.
+        first = np.arange(step + 1) / step
+        later = first * np.pad(detected[heads], ((0, 0), (1, 0)))
+        later += (1 - first) * np.pad(detected[tails], ((0, 0), (0, 1)))
+        detected = np.where(there[:, None], 1.0, later)
+    return later[: perimeter.distance]
+
+
+@dataclasses.dataclass(frozen=True)
+class Maximin:
+    """The probability p of heads that maximises detection in the weakest segment."""
+
+    p: float
+    value: float
+    "The probability of detection in the weakest segment."
+    segment: int
+    "The weakest segment, as a row of the polynomials."
+    certificate: Certificate
+
+
+def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
+    """Find the p in [0, 1] that maximises the minimum of several polynomials.
+
+    The method is branch and bound: a polynomial never exceeds its largest Bernstein coefficient,
+    and its coefficients on a part of an interval approach its values as the part narrows.
+
+    **Arguments:**
+
+    - `polynomials`: in Bernstein form, such as [`detection_polynomials`][]; all but the first row,
+        if the adversary cannot enter where a robot is.
+
+    **Returns:** [`Maximin`][]. If several p are best, it is one of them; with `BMP`, p and 1 - p
+    are equally good. The residual of its certificate bounds the distance of the value from the
+    maximum, and its iterations are the intervals that were halved.
+
+    **Raises:** `ValueError` if there are no polynomials, or their numbers are not finite.
+
+    Two robots on eight segments, against penetrations of three cycles:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> best = patrol.perimeter.maximin(patrol.perimeter.detection_polynomials(perimeter, 3))
+        >>> round(best.p, 3), round(best.value, 6)
+        (0.5, 0.5)
+    """
+    if polynomials.size == 0 or not np.isfinite(polynomials).all():
+        raise ValueError(f"polynomials: expected finite numbers, got {polynomials.tolist()}")
+    best = max((float(polynomials[:, end].min()), p) for end, p in ((0, 0.0), (-1, 1.0)))
+    # The intervals by falling bounds; p breaks ties, so that no coefficients are compared.
+    queue = [(-_bound(polynomials), 0.0, 1.0, polynomials)]
+    iterations = 0
+    while -queue[0][0] - best[0] > _TOLERANCE and queue[0][2] - queue[0][1] > _NARROWEST:
+        _, low, high, whole = heapq.heappop(queue)
+        middle = (low + high) / 2
+        left, right = _halves(whole)
+        best = max(best, (float(right[:, 0].min()), middle))
+        heapq.heappush(queue, (-_bound(left), low, middle, left))
+        heapq.heappush(queue, (-_bound(right), middle, high, right))
+        iterations += 1
+    value, p = best
+    degree = polynomials.shape[1] - 1
+    at_p = polynomials
+    for _ in range(degree):
+        at_p = (1 - p) * at_p[:, :-1] + p * at_p[:, 1:]
+    gap = max(0.0, -queue[0][0] - value)
+    return Maximin(p, value, int(at_p[:, 0].argmin()), Certificate(iterations, gap, 2 * _TOLERANCE))
+
+
+def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
+    """Compute the probability law of the first cycle after which a robot is in a segment.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `p`: the probability of heads.
+    - `steps`: the last cycle of the law.
+
+    **Returns:** for the segments 0 to `distance - 1`, the probability of each cycle from 1 to
+    `steps`.
+
+    **Raises:** `ValueError` if `p` is outside of [0, 1] or `steps` is less than 1.
+
+    Robots that toss a fair coin, two segments apart:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.perimeter.Perimeter(4, 2, patrol.perimeter.Movement.BMP)
+        >>> patrol.perimeter.hitting_law(perimeter, 0.5, 3).tolist()
+        [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
+    """
+    require_x64("hitting_law")
+    _check_probability(p)
+    check_count("steps", steps)
+    return _law(perimeter, float(p), steps)
+
+
+@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
+def _law(
+    perimeter: Perimeter, p: float | Float[Array, ""], steps: int
+) -> Float[Array, "segments steps"]:
+    heads, tails = jnp.asarray(perimeter.images)
+    there = jnp.arange(heads.size) % perimeter.distance == 0
+
+    def step(now, _):  # type: ignore[no-untyped-def]
+        later = p * now[heads] + (1 - p) * now[tails]
+        return jnp.where(there, 0.0, later), later[: perimeter.distance]
+
+    return jax.lax.scan(step, there.astype(float), None, length=steps)[1].T
+
+
+def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
+    """Compute the expected number of cycles until a robot is in a segment.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `p`: the probability of heads.
+
+    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if a robot may never come.
+
+    **Raises:** `ValueError` if `p` is outside of [0, 1]; `RuntimeError` if the solve stalls.
+
+    Robots that toss a fair coin, four segments apart; segment `i` takes `i (4 - i)` cycles:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> patrol.perimeter.mean_hitting_times(perimeter, 0.5).round(6).tolist()
+        [4.0, 3.0, 4.0, 3.0]
+    """
+    chain = perimeter.chain(p)
+    there = np.arange(chain.cells) % perimeter.distance == 0
+    time = np.asarray(hitting_times(chain, there).value)
+    # Segment 0 waits for a robot to return, which takes at least one cycle.
+    step = chain.to_scipy()[[0]]
+    back = 1 + step.data @ time[step.indices]
+    return jax.device_put(np.concatenate([[back], time[1 : perimeter.distance]]))
+
+
+def simulate(
+    perimeter: Perimeter,
+    p: float,
+    segment: Int[np.ndarray, "runs"],
+    steps: int,
+    key: jax.Array,
+) -> Float[Array, "runs"]:
+    """Simulate the robots until one is in a given segment.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `p`: the probability of heads.
+    - `segment`: the segment that each run waits for, from 0 to `distance - 1`.
+    - `steps`: number of cycles after which a run is given up.
+    - `key`: random key of `jax.random`.
+
+    **Returns:** the number of cycles of each run, `inf` if the run was given up.
+
+    **Raises:** `ValueError` for a `p` outside of [0, 1], no steps, or an unknown segment.
+
+    Without chance, a robot that heads clockwise is in segment `i` after `i` cycles:
+
+        >>> import jax, numpy as np
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
+        >>> segments = np.array([1, 2, 3], np.int32)
+        >>> patrol.perimeter.simulate(perimeter, 1.0, segments, 9, jax.random.key(0)).tolist()
+        [1.0, 2.0, 3.0]
+    """
+    _check_probability(p)
+    check_count("steps", steps)
+    wrong = segment[(segment < 0) | (segment >= perimeter.distance)]
+    if wrong.size:
+        raise ValueError(f"segment: expected 0 to {perimeter.distance - 1}, got {wrong[0]}")
+    return _walk(perimeter, float(p), np.asarray(segment, np.int32), steps, key)
+
+
+@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
+def _walk(
+    perimeter: Perimeter,
+    p: float | Float[Array, ""],
+    segment: Int[Array, "runs"],
+    steps: int,
+    key: jax.Array,
+) -> Float[Array, "runs"]:
+    heads, tails = jnp.asarray(perimeter.images)
+
+    def step(carry, cycle):  # type: ignore[no-untyped-def]
+        state, time = carry
+        coin = jax.random.bernoulli(jax.random.fold_in(key, cycle), p, state.shape)
+        state = jnp.where(coin, heads[state], tails[state])
+        here = state % perimeter.distance == 0
+        first = jnp.minimum(time, cycle.astype(time.dtype))
+        return (state, jnp.where(here, first, time)), None
+
+    never = jnp.full(segment.shape, jnp.inf)
+    (_, time), _ = jax.lax.scan(step, (segment, never), jnp.arange(1, steps + 1))
+    return time
+
+
+def _bound(coefficients: Float[np.ndarray, "segments coefficients"]) -> float:
+    """Return an upper bound on [0, 1] of the minimum of the polynomials."""
+    return float(coefficients.max(axis=1).min())
+
+
+def _halves(
+    whole: Float[np.ndarray, "segments coefficients"],
+) -> tuple[Float[np.ndarray, "segments coefficients"], Float[np.ndarray, "segments coefficients"]]:
+    """Split Bernstein coefficients into those on the two halves of an interval (de Casteljau)."""
+    left, right = np.empty_like(whole), np.empty_like(whole)
+    for k in range(whole.shape[1]):
+        left[:, k], right[:, -1 - k] = whole[:, 0], whole[:, -1]
+        whole = (whole[:, :-1] + whole[:, 1:]) / 2
+    return left, right
+
+
+def _check_probability(p: float) -> None:
+    if not 0 <= p <= 1:
+        raise ValueError(f"p: expected a probability, got {p}")

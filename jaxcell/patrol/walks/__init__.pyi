@@ -1,0 +1,24 @@
+from .arrival import walk_capture_probabilities as walk_capture_probabilities
+from .game import StrategyGame as StrategyGame, strategy_game as strategy_game
+from .graph_patrol import GraphPatrol as GraphPatrol
+from .measures import Measures as Measures, measure as measure
+from .optimal.capture import MaximinCapture as MaximinCapture, maximin_capture as maximin_capture
+from .optimal.charged_capture import charged_capture as charged_capture
+from .optimal.constraints import (
+    MetConstraints as MetConstraints,
+    load_constraints as load_constraints,
+)
+from .optimal.descent import OptimizedWalk as OptimizedWalk
+from .optimal.entropy import (
+    maximum_entropy_rate as maximum_entropy_rate,
+    maximum_return_time_entropy as maximum_return_time_entropy,
+    return_time_entropy as return_time_entropy,
+    return_time_law as return_time_law,
+)
+from .optimal.kemeny import minimum_kemeny as minimum_kemeny
+from .paths import toward as toward
+from .walk import (
+    edge_shares as edge_shares,
+    random_walk as random_walk,
+    walk_hitting_times as walk_hitting_times,
+)

@@ -1,0 +1,85 @@
+"""Deployment cells in files that other programs read."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...base.paths import replacing
+from ...drift import SeaDrift
+
+
+def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
+    """Write the deployment cells as CSV with a head, one drifter a line, or as GeoJSON (RFC 7946).
+
+    The columns, or properties of the points, are `number`, from 1; `lon` and `lat` in degrees;
+    `cell`; `purpose`, which is `reach` for a cell of the deployment and `view` for one from where
+    the sea bed is seen; `group`, its persistent group, and `transient_group`, of which one is
+    empty; and `gained`, the cells that are reached first from there.
+
+    **Arguments:**
+
+    - `drift`: what was found.
+    - `path`: the file to write or replace, whose name ends in `.csv` or `.geojson`.
+
+    **Raises:** `ValueError` if the name ends in something else; `FileNotFoundError` if the folder
+    does not exist.
+
+    The surface of the bundled sea at its first record:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import bundled, drift, record
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> found = drift.SeaDrift.of(currents)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "deployment.csv")
+        ...     record.save_deployment(found, path)
+        ...     path.read_text().splitlines()[0]
+        'number,lon,lat,cell,purpose,group,transient_group,gained'
+    """
+    write = {".csv": _csv, ".geojson": _geojson}.get(Path(path).suffix)
+    if write is None:
+        raise ValueError(f"{path}: expected a name that ends in .csv or .geojson")
+    with replacing(path) as temporary:
+        temporary.write_text(write(_rows(drift)), encoding="utf-8", newline="")
+
+
+def _csv(rows: pd.DataFrame) -> str:
+    return str(rows.to_csv(index=False, lineterminator="\r\n"))
+
+
+def _geojson(rows: pd.DataFrame) -> str:
+    features = []
+    for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
+        point = {"type": "Point", "coordinates": [row.pop("lon"), row.pop("lat")]}
+        features.append({"type": "Feature", "geometry": point, "properties": row})
+    collection: dict[str, Any] = {"type": "FeatureCollection", "features": features}
+    return json.dumps(collection, indent=1) + "\n"
+
+
+def _rows(drift: SeaDrift) -> pd.DataFrame:
+    found, begins = drift.deployment, drift.layers[0].begins
+    views = np.zeros(0, np.int32) if drift.views is None else drift.views.cells
+    cells = np.concatenate([found.cells, views])
+    lon, lat, _ = np.array(drift.places(cells)).reshape(-1, 3).T
+    group, transient = np.asarray(begins.groups.group), np.asarray(begins.transient.group)
+    columns = {
+        "number": np.arange(cells.size) + 1,
+        # A decimetre is more than enough; a zero has no sign.
+        "lon": lon.round(6) + 0.0,
+        "lat": lat.round(6) + 0.0,
+        "cell": cells,
+        "purpose": ["reach"] * found.cells.size + ["view"] * views.size,
+        "group": _known(group[cells]),
+        "transient_group": _known(transient[cells]),
+        "gained": _known(np.append(found.gained, np.full(views.size, -1))),
+    }
+    return pd.DataFrame(columns)
+
+
+def _known(numbers: np.ndarray) -> pd.Series:
+    """Numbers of which -1 stands for none."""
+    return pd.Series(numbers, dtype="Int64").where(numbers >= 0)

@@ -1,0 +1,114 @@
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+
+from ..base.limits import Collision
+from .cells import TOLERANCE, CellSpace
+from .segments import crossed_squares, meets_wall
+
+
+@dataclasses.dataclass(frozen=True)
+class Rule:
+    """A rule of collision: the part of a step that has to stay in the closed free space.
+
+    A new rule is one more of these in `RULES`, and its name in `Collision`.
+    """
+
+    squares: Callable[[float, float, tuple[int, int]], tuple[tuple, tuple]]
+    "The squares that have to be free, as [`crossed_squares`][] lists them."
+    blocked: Callable[..., tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]]
+    "The centres near walls and their blocked directions, with the arguments of `_swept`."
+    part: Callable[[Float[np.ndarray, "paths points 2"]], Any]
+    "The part of each path, as geometries."
+
+
+def _swept(
+    cells: CellSpace,
+    centres: Float[np.ndarray, "positions 2"],
+    steps: Float[np.ndarray, "directions 2"],
+    near: Int[np.ndarray, "pairs"],
+    wall: Int[np.ndarray, "pairs"],
+) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
+    """Test whole steps. `near` and `wall` are the pairs of a centre and a wall in its reach."""
+    return meets_wall(cells.walls, centres, steps, near, wall)
+
+
+def _endpoint(
+    cells: CellSpace,
+    centres: Float[np.ndarray, "positions 2"],
+    steps: Float[np.ndarray, "directions 2"],
+    near: Int[np.ndarray, "pairs"],
+    wall: Int[np.ndarray, "pairs"],
+) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
+    assert cells.workspace is not None
+    near = np.unique(near)
+    closed = cells.workspace.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
+    shapely.prepare(closed)
+    ends = (centres[near][:, None] + steps) * cells.cell + np.array(cells.origin)
+    return near, ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])
+
+
+RULES: dict[Collision, Rule] = {
+    "swept": Rule(crossed_squares, _swept, shapely.linestrings),
+    "endpoint": Rule(
+        lambda dx, dy, offset: ((offset,), ()),
+        _endpoint,
+        lambda paths: shapely.points(paths[:, -1]),
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """How a robot moves: the length of a step, and the rule by which walls block a step.
+
+    **Raises:** `ValueError` for an unknown rule.
+
+    Steps of half a metre of which only the end has to be free, as in the dissertation:
+
+        >>> from jaxcell import space
+        >>> space.Motion(step=0.5, collision="endpoint").in_cells(0.25)
+        2.0
+    """
+
+    step: float | None = None
+    "Length of a step in metres, at least a cell; `None` is one cell."
+    collision: Collision = "swept"
+    """`"swept"` keeps the whole step in the closed free space (it may graze a corner, but not slip
+    between two obstacles that meet in a point); `"endpoint"` only its end, as the dissertation
+    does. The end must lie in a free cell in either case."""
+
+    def __post_init__(self) -> None:
+        if self.collision not in RULES:
+            names = " or ".join(map(repr, RULES))
+            raise ValueError(f"collision: expected {names}, got {self.collision!r}")
+
+    @property
+    def rule(self) -> Rule:
+        """The rule of collision."""
+        return RULES[self.collision]
+
+    def in_cells(self, cell: float) -> float:
+        """Compute the length of a step in cells.
+
+        **Arguments:**
+
+        - `cell`: side of a cell in metres.
+
+        **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
+        """
+        length = 1.0 if self.step is None else self.step / cell
+        if not (math.isfinite(length) and length >= 1 - 1e-9):
+            raise ValueError(f"step: expected at least one cell, {cell:g} m, got {self.step} m")
+        return length
+
+
+CELL_BY_CELL = Motion()
+"Steps of one cell, all of which has to be free."
+ENDPOINT = Motion(collision="endpoint")
+"Steps of one cell, of which only the end has to be free, as in Alam 2018."

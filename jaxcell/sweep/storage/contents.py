@@ -1,0 +1,73 @@
+"""The contents of a journal: the last readable record of each kind and chunk."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import msgspec
+
+from ..workers.work import Computed
+from .journal import Journal, Kind, Record
+from .records import Begun, Frame
+
+
+JOURNAL = "sweep.journal"
+
+
+@dataclasses.dataclass
+class Contents:
+    """What a journal holds."""
+
+    begun: Begun | None = None
+    frame: Computed | None = None
+    chunks: dict[int, Record] = dataclasses.field(default_factory=dict)
+    exported: Mapping[str, str] | None = None
+    "The SHA-256 of each file of the result; `None` if the result has to be made."
+    readable: list[Record] = dataclasses.field(default_factory=list)
+    damage: dict[str, Record | None] = dataclasses.field(default_factory=dict)
+    "The damaged records, by descriptions; `None` if the header is damaged."
+
+    @classmethod
+    def read(cls, journal: Journal, *, check: bool) -> "Contents":
+        """Read a journal.
+
+        **Arguments:**
+
+        - `journal`: the journal.
+        - `check`: whether to read the records of chunks too, and not only their headers.
+
+        **Raises:** `msgspec.DecodeError` for a record that another program has written.
+        """
+        read = cls()
+        for record in journal.records():
+            if isinstance(record, int):
+                read.damage[f"{JOURNAL}, byte {record}"] = None
+                continue
+            try:
+                skipped = record.kind == Kind.CHUNK and not check
+                content = b"" if skipped else journal.content(record)
+            except ValueError:
+                read._add_damage(record)
+            else:
+                read._add(record, content)
+        return read
+
+    def _add(self, record: Record, content: bytes) -> None:
+        self.readable.append(record)
+        # The result is made of all records before the one that lists its files.
+        self.exported = None
+        if record.kind == Kind.SPEC:
+            self.begun = msgspec.msgpack.decode(content, type=Begun)
+        elif record.kind == Kind.FRAME:
+            self.frame = msgspec.msgpack.decode(content, type=Frame).computed
+        elif record.kind == Kind.EXPORT:
+            self.exported = msgspec.msgpack.decode(content, type=dict[str, str])
+        else:
+            self.chunks[record.number] = record
+            self.damage.pop(f"chunk {record.number}", None)
+
+    def _add_damage(self, record: Record) -> None:
+        if record.kind == Kind.CHUNK:
+            self.chunks.pop(record.number, None)
+            self.damage[f"chunk {record.number}"] = record
+        else:
+            self.damage[f"{JOURNAL}, {record.kind.name.lower()}"] = record

@@ -1,0 +1,21 @@
+"""Report what is damaged in the folder of a sweep."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+
+@contextlib.contextmanager
+def reading(folder: Path) -> Iterator[None]:
+    """Turn every error of a damaged sweep into a `ValueError` that names its folder."""
+    try:
+        yield
+    except Exception as error:  # Zarr and msgspec have errors of many types.
+        message = " ".join(str(error).split())[:500]
+        if isinstance(error, ValueError | OSError) and str(folder) in message:
+            raise
+        reason = f"{type(error).__name__}: {message}" if message else type(error).__name__
+        raise ValueError(
+            f"{folder}: the sweep there is damaged: {reason}; to mend it: "
+            f"jaxcell sweep verify {folder}"
+        ) from error

@@ -1,0 +1,172 @@
+"""Make the result of a sweep: a Zarr store that xarray opens."""
+
+import dataclasses
+import hashlib
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...base.paths import replacing
+from ..design import LIST_DIMENSION, RANDOM_DIMENSION
+from ..spec import Spec, packed
+from ..workers.work import Variable
+from .records import fill_value
+from .store import DONE, FAILED, TO_DO, SweepStore
+
+
+if TYPE_CHECKING:
+    import zarr
+
+FILE_BYTES = 2**20
+"""A file holds as many chunks of the sweep as make this many bytes, or one that is larger."""
+_STATUS = Variable(
+    (),
+    np.zeros(0, np.int8),
+    {
+        "long_name": "state of a member",
+        "flag_values": [TO_DO, DONE, FAILED],
+        "flag_meanings": "to_do done failed",
+    },
+)
+
+
+def export(store: SweepStore) -> None:
+    """Make the result of a sweep in its folder, in the place of an older one."""
+    with replacing(store.zarr) as temporary:
+        write_result(store, temporary)
+        files = digests_of_files(temporary)
+    store.mark_exported(files)
+
+
+def digests_of_files(folder: Path) -> dict[str, str]:
+    """Compute the SHA-256 of each file below a folder, by its path there."""
+    digests = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            with open(path, "rb") as file:
+                digests[str(path.relative_to(folder))] = hashlib.file_digest(
+                    file, "sha256"
+                ).hexdigest()
+    return digests
+
+
+def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -> None:
+    """Write the result of a sweep, with only the members of one file in memory at a time.
+
+    **Arguments:**
+
+    - `store`: the store, in which a member is done.
+    - `target`: a folder, or another store of Zarr.
+    - `file_bytes`: the size of files, see `FILE_BYTES`.
+    """
+    import zarr
+
+    spec, frame = store.spec, store.frame
+    assert frame is not None
+    dimensions, sizes = [*spec.dimensions], tuple(spec.dimensions.values())
+    variables = {"status": _STATUS, **frame.variables}
+    boxes = dataclasses.replace(spec, lengths=file_lengths(spec, frame.variables, file_bytes))
+    attributes = {**described(spec), **store.made}
+    group = zarr.create_group(target, zarr_format=3, attributes=attributes)
+    for name, one in coordinates(spec, frame.coordinates).items():
+        array = _create(group, name, one.values.shape, one.values.shape, one, None)
+        array[...] = one.values.astype(object) if one.values.dtype.kind == "U" else one.values
+    arrays = {}
+    for name, one in variables.items():
+        inner = one.values.shape[1:]
+        lengths = (*boxes.lengths.values(), *inner)
+        whole = dataclasses.replace(one, dimensions=(*dimensions, *one.dimensions))
+        fill = TO_DO if name == "status" else fill_value(one.values.dtype)
+        arrays[name] = _create(group, name, (*sizes, *inner), lengths, whole, fill)
+    for number in range(boxes.chunk_count):
+        region = boxes.chunk(number).region
+        states, values = store.select([np.arange(part.start, part.stop) for part in region])
+        for name, array in arrays.items():
+            array[region] = states if name == "status" else values[name]
+    with warnings.catch_warnings():
+        # Zarr 3 warns that its standard has no consolidated metadata yet; xarray reads them.
+        warnings.simplefilter("ignore", UserWarning)
+        zarr.consolidate_metadata(group.store)
+
+
+def file_lengths(
+    spec: Spec, variables: Mapping[str, Variable], file_bytes: int = FILE_BYTES
+) -> dict[str, int]:
+    """The number of members in a file along each dimension, a multiple of that in a chunk.
+
+    **Arguments:**
+
+    - `spec`: the specification of the sweep.
+    - `variables`: its variables.
+    - `file_bytes`: the size of files.
+    """
+    arrays = [one.values for one in variables.values()]
+    member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
+    chunk_bytes = member_bytes * math.prod(spec.lengths.values())
+    grid = dict(zip(spec.dimensions, spec.chunk_grid, strict=True))
+    counts = packed(grid, max(file_bytes // chunk_bytes, 1))
+    return {name: spec.lengths[name] * counts[name] for name in spec.dimensions}
+
+
+def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
+    """The coordinates of the result of a sweep.
+
+    **Arguments:**
+
+    - `spec`: the specification of the sweep.
+    - `own`: the coordinates that its task gives.
+    """
+    along = {one.name: Variable((one.dimension,), one.values, {}) for one in spec.parameters}
+    for name in (LIST_DIMENSION, RANDOM_DIMENSION):
+        if name in spec.dimensions:
+            about = {"long_name": f"number of the {name}"}
+            along[name] = Variable((name,), np.arange(spec.dimensions[name]), about)
+    return {**along, **own}
+
+
+def described(spec: Spec) -> dict[str, Any]:
+    """The attributes of a result that give its specification."""
+    attributes: dict[str, Any] = {
+        "title": f"Sweep of {spec.task}",
+        "source": "jaxcell",
+        "task": spec.task,
+        "spec": json.dumps(spec.document, default=str),
+        "seed": spec.seed,
+        "comment": "Where status is not 1 (done), floats are NaN, integers -1 (or, without a "
+        "sign, their greatest), and booleans False.",
+    }
+    others = [one.name for one in spec.parameters if one.name != one.dimension]
+    if others:
+        # So xarray knows that they are coordinates.
+        attributes["coordinates"] = " ".join(others)
+    return attributes
+
+
+def _create(
+    group: "zarr.Group",
+    name: str,
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...],
+    one: Variable,
+    fill: Any,
+) -> "zarr.Array[Any]":
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+
+    dtype = one.values.dtype
+    return group.create_array(
+        name,
+        shape=shape,
+        # A file has at least one place, where an array may have none.
+        chunks=tuple(max(size, 1) for size in chunks),
+        dtype=np.dtypes.StringDType() if dtype.kind == "U" else dtype,
+        fill_value=fill,
+        compressors=(ZstdCodec(), Crc32cCodec()),
+        attributes=dict(one.attributes),
+        dimension_names=one.dimensions,
+        config={"write_empty_chunks": True},
+    )

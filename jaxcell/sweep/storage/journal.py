@@ -1,0 +1,134 @@
+"""The journal of a sweep: one file, to which a record is appended for each chunk that ends.
+
+A record is a header and a content. Both have a checksum, so any changed bit is found. A record is
+never changed; a later record of a chunk takes the place of an earlier one. What a killed process
+had appended is kept, and an incomplete record at the end is ignored.
+"""
+
+import dataclasses
+import enum
+import mmap
+import os
+import struct
+import time
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+
+_MARK = b"\xf5Rec"
+# The mark, kind, state, number, length and CRC-32 of the content, and the CRC-32 of all these.
+_FIELDS = struct.Struct("<4sBBQQI")
+_CHECKSUM = struct.Struct("<I")
+_HEADER = _FIELDS.size + _CHECKSUM.size
+# A loss of power, unlike a kill, may lose the records of the last second.
+_SECONDS_BETWEEN_SYNCS = 1.0
+
+
+class Kind(enum.IntEnum):
+    """The kinds of records."""
+
+    SPEC = 1
+    FRAME = 2
+    CHUNK = 3
+    EXPORT = 4
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """A record of a journal, without its content."""
+
+    kind: Kind
+    state: int
+    "Of a chunk."
+    number: int
+    "Of a chunk."
+    start: int
+    "The place of its content in the file."
+    length: int
+    checksum: int
+
+    @property
+    def end(self) -> int:
+        return self.start + self.length
+
+
+class Journal:
+    """The file of a journal, open for reading, or for appending too."""
+
+    def __init__(self, path: Path, *, append: bool = False) -> None:
+        self.path = path
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND if append else os.O_RDONLY
+        self._file = os.open(path, flags, 0o666)
+        self._synced = time.monotonic()
+
+    def close(self) -> None:
+        os.close(self._file)
+
+    def records(self) -> Iterator[Record | int]:
+        """Find all complete records; the place of one whose header is damaged in its stead."""
+        size = os.fstat(self._file).st_size
+        if size == 0:
+            return
+        with mmap.mmap(self._file, size, access=mmap.ACCESS_READ) as data:
+            place = 0
+            while place + _HEADER <= size:
+                record = _read_header(data, place)
+                if record is None:
+                    yield place
+                    place = data.find(_MARK, place + 1)
+                    while place >= 0 and _read_header(data, place) is None:
+                        place = data.find(_MARK, place + 1)
+                    if place < 0:
+                        return
+                elif record.end > size:
+                    return
+                else:
+                    yield record
+                    place = record.end
+
+    def content(self, record: Record) -> bytes:
+        """Read the content of a record.
+
+        **Raises:** `ValueError` if it is damaged.
+        """
+        content = os.pread(self._file, record.length, record.start)
+        if zlib.crc32(content) != record.checksum:
+            raise ValueError(f"the checksum of the record at byte {record.start} does not match")
+        return content
+
+    def append(self, kind: Kind, content: bytes, number: int = 0, state: int = 0) -> Record:
+        """Append a record. The content stays if this process is killed.
+
+        **Raises:** `OSError` if there is no room.
+        """
+        checksum = zlib.crc32(content)
+        fields = _FIELDS.pack(_MARK, kind, state, number, len(content), checksum)
+        left = memoryview(fields + _CHECKSUM.pack(zlib.crc32(fields)) + content)
+        start = os.fstat(self._file).st_size + _HEADER
+        while left:
+            left = left[os.write(self._file, left) :]
+        if time.monotonic() > self._synced + _SECONDS_BETWEEN_SYNCS:
+            self.sync()
+        return Record(kind, state, number, start, len(content), checksum)
+
+    def cut(self, size: int) -> None:
+        """Remove all that is behind a place: an incomplete record."""
+        os.ftruncate(self._file, size)
+
+    def sync(self) -> None:
+        """Wait until all records are on the disk."""
+        os.fsync(self._file)
+        self._synced = time.monotonic()
+
+
+def _read_header(data: mmap.mmap, place: int) -> Record | None:
+    """The record whose header is at a place; `None` if there is no header, or a damaged one."""
+    fields = data[place : place + _FIELDS.size]
+    checksum = data[place + _FIELDS.size : place + _HEADER]
+    if len(checksum) < _CHECKSUM.size or _CHECKSUM.unpack(checksum) != (zlib.crc32(fields),):
+        return None
+    mark, kind, state, number, length, content = _FIELDS.unpack(fields)
+    if mark != _MARK or kind not in Kind.__members__.values():
+        return None
+    return Record(Kind(kind), state, number, place + _HEADER, length, content)

@@ -1,0 +1,157 @@
+"""Open the store of a sweep for a run: begin the sweep, resume it, or let it grow."""
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ...base.paths import replacing
+from ..spec import Spec
+from .contents import JOURNAL
+from .journal import Journal, Kind
+from .records import Begun
+from .store import DONE, TO_DO, SweepStore
+
+
+@contextlib.contextmanager
+def opened(
+    folder: Path, spec: Spec, resume: bool, made: Mapping[str, Any], anyway: bool = False
+) -> Iterator[SweepStore]:
+    """Open the store of a sweep for a run, which holds its lock.
+
+    An existing sweep grows if the specification has all its members, and others.
+
+    **Arguments:**
+
+    - `folder`: the folder of the store.
+    - `spec`: the specification of the run.
+    - `resume`: whether the folder may have a sweep.
+    - `made`: what the numbers depend on beside the specification, by `made_with`.
+    - `anyway`: whether to resume a sweep that was made with other versions or files.
+
+    **Raises:** `FileExistsError` if the folder has a sweep that is not to be resumed; `ValueError`
+    if that sweep has another specification, or was made with other versions or files.
+    """
+    tidy(folder)
+    if not (folder / JOURNAL).exists():
+        if (folder / "sweep.zarr").exists():
+            raise FileExistsError(
+                f"{folder / 'sweep.zarr'} exists, but {folder / JOURNAL} does not"
+            )
+        _write_first(folder, Begun.of(spec, folder, made))
+    elif not resume:
+        raise FileExistsError(
+            f"{folder}: a sweep is there; continue it (--resume), or name another folder (--out)"
+        )
+    with contextlib.ExitStack() as stack:
+        store = stack.enter_context(SweepStore(folder, append=True))
+        if _brought_up(store, spec, made, anyway):
+            store = stack.enter_context(SweepStore(folder, append=True))
+        copy_spec(store)
+        stack.callback(store.sync)
+        yield store
+
+
+def _brought_up(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
+    """Bring a store up to a run; whether it grew, so that it has to be opened again."""
+    changes = store.spec.differences(spec)
+    places = spec.places_in(store.spec) if changes else None
+    if changes and places is None:
+        raise ValueError(
+            f"{spec.path}: not the specification of the sweep in {store.folder}: "
+            f"{'; '.join(changes)}"
+        )
+    others = store.differences(made)
+    if others and not anyway:
+        raise ValueError(
+            f"{store.folder}: made with other versions or files ({'; '.join(others)}); start again "
+            "in another folder (--out), or continue with --anyway"
+        )
+    notes = [*json.loads(store.made.get("resumed_anyway", "[]")), *others]
+    if store.frame is not None and not others and places is None:
+        made = store.made
+    if notes:
+        made = {**made, "resumed_anyway": json.dumps(notes)}
+    if places is None:
+        store.begin(made, spec)
+        return False
+    _grow(store, spec, places, made)
+    return True
+
+
+def copy_spec(store: SweepStore) -> bool:
+    """Write the copy of the specification if it is missing or different; whether it was."""
+    path = store.folder / "spec.toml"
+    if path.exists() and path.read_bytes() == store.spec.text:
+        return False
+    with replacing(path) as temporary:
+        temporary.write_bytes(store.spec.text)
+    return True
+
+
+def tidy(folder: Path) -> None:
+    """Remove unfinished files that a killed run has left."""
+    for stem in ("sweep", "spec", "failures", "progress"):
+        for path in folder.glob(f".{stem}-????????*"):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _write_first(folder: Path, begun: Begun) -> None:
+    with replacing(folder / JOURNAL) as temporary:
+        journal = Journal(temporary, append=True)
+        journal.append(Kind.SPEC, msgspec.msgpack.encode(begun))
+        journal.sync()
+        journal.close()
+
+
+def _grow(
+    store: SweepStore, spec: Spec, places: Mapping[str, np.ndarray], made: Mapping[str, Any]
+) -> None:
+    """Make a store one of a larger specification, with the members that are done.
+
+    The larger journal takes the place of the smaller one when all of it is on the disk.
+
+    **Arguments:**
+
+    - `store`: the store.
+    - `spec`: the larger specification.
+    - `places`: the places of its members in the store, by `Spec.places_in`.
+    - `made`: the attributes of the result.
+    """
+    with tempfile.TemporaryDirectory(prefix=".sweep-", dir=store.folder) as name:
+        temporary = Path(name)
+        _write_first(temporary, Begun.of(spec, store.folder, made))
+        with SweepStore(temporary, append=True) as large:
+            if store.frame is not None:
+                large.check(store.frame)
+            for number in range(spec.chunk_count):
+                _copy_members(store, large, number, places)
+            large.sync()
+        os.replace(temporary / JOURNAL, store.folder / JOURNAL)
+
+
+def _copy_members(
+    store: SweepStore, large: SweepStore, number: int, places: Mapping[str, np.ndarray]
+) -> None:
+    """Copy the members of a chunk of the larger sweep that are done in the smaller one."""
+    chunk = large.spec.chunk(number)
+    sources = [places[name][part] for name, part in zip(places, chunk.region, strict=True)]
+    inside = [np.flatnonzero(source >= 0) for source in sources]
+    old_states, old_arrays = store.select(
+        [source[own] for source, own in zip(sources, inside, strict=True)]
+    )
+    if not (old_states == DONE).any():
+        return
+    states, arrays = large.empty(chunk.shape)
+    target = np.ix_(*inside)
+    states[target] = np.where(old_states == DONE, DONE, TO_DO)
+    for variable, array in arrays.items():
+        array[target] = old_arrays[variable]
+    large.put(chunk, states, arrays, {})

@@ -1,0 +1,149 @@
+"""The contents of the records of a journal."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numcodecs.zstd import Zstd
+
+from ..spec import Spec
+from ..workers.work import Computed, Variable
+
+
+_ZSTD = Zstd(level=1)
+
+
+class Begun(msgspec.Struct):
+    """The specification of a sweep, and what its numbers depend on besides."""
+
+    text: bytes
+    folder: str
+    "The folder of the specification, relative to the store."
+    made: dict[str, Any]
+    "Attributes of the result."
+
+    @classmethod
+    def of(cls, spec: Spec, folder: Path, made: Mapping[str, Any]) -> "Begun":
+        """Describe a sweep whose store is in a folder. Store and files can be moved together."""
+        files = os.path.relpath(spec.folder.resolve(), folder.resolve())
+        return cls(spec.text, files, dict(made))
+
+    def spec(self, folder: Path) -> Spec:
+        """Parse the specification of the sweep whose store is in a folder."""
+        return Spec.parse(self.text, folder / "spec.toml", (folder / self.folder).resolve())
+
+
+class Array(msgspec.Struct):
+    """A variable, or a coordinate."""
+
+    dimensions: tuple[str, ...]
+    dtype: str
+    shape: tuple[int, ...]
+    values: bytes
+    attributes: dict[str, Any]
+
+    @classmethod
+    def of(cls, one: Variable) -> "Array":
+        values = one.values
+        attributes = dict(one.attributes)
+        return cls(one.dimensions, values.dtype.str, values.shape, values.tobytes(), attributes)
+
+    @property
+    def variable(self) -> Variable:
+        values = np.frombuffer(self.values, self.dtype).reshape(self.shape)
+        return Variable(self.dimensions, values, self.attributes)
+
+
+class Frame(msgspec.Struct):
+    """The variables of a sweep, without members, and the coordinates of their dimensions."""
+
+    variables: dict[str, Array]
+    coordinates: dict[str, Array]
+
+    @classmethod
+    def of(cls, computed: Computed) -> "Frame":
+        return cls(
+            {
+                name: Array.of(Variable(one.dimensions, one.values[:0], one.attributes))
+                for name, one in computed.variables.items()
+            },
+            {name: Array.of(one) for name, one in computed.coordinates.items()},
+        )
+
+    @property
+    def computed(self) -> Computed:
+        """The frame as the result of a task for no member."""
+        return Computed(
+            {name: one.variable for name, one in self.variables.items()},
+            {name: one.variable for name, one in self.coordinates.items()},
+        )
+
+
+class Members(msgspec.Struct):
+    """The members of a chunk."""
+
+    states: bytes
+    values: bytes
+    "All variables, compressed; empty if no member is done."
+    failed: dict[int, tuple[str, str]]
+    "Message and traceback of each member that failed, by its place in the chunk."
+
+    @classmethod
+    def of(
+        cls,
+        states: np.ndarray,
+        arrays: Mapping[str, np.ndarray],
+        failed: Mapping[int, tuple[str, str]],
+    ) -> "Members":
+        values = b"".join(array.tobytes() for array in arrays.values())
+        return cls(states.tobytes(), bytes(_ZSTD.encode(values)) if values else b"", dict(failed))
+
+    def fill(self, states: np.ndarray, arrays: Mapping[str, np.ndarray]) -> None:
+        """Fill the arrays of a chunk."""
+        states[...] = np.frombuffer(self.states, np.int8).reshape(states.shape)
+        values, start = _ZSTD.decode(self.values) if self.values else b"", 0
+        for array in arrays.values() if values else ():
+            own = np.frombuffer(values, array.dtype, array.size, start)
+            array[...] = own.reshape(array.shape)
+            start += array.nbytes
+
+
+def fill_value(dtype: np.dtype) -> Any:
+    """The value of a variable for members that are not done."""
+    return {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}.get(
+        dtype.kind, np.iinfo(dtype).max if dtype.kind == "u" else 0
+    )
+
+
+def check_fits(frame: Computed, computed: Computed) -> None:
+    """Raise `ValueError` if a chunk has other variables than the first chunk that was done."""
+    here, first = ({**one.variables, **one.coordinates} for one in (computed, frame))
+    if here.keys() != first.keys():
+        raise ValueError(
+            f"the task gave {', '.join(sorted(here))}; the chunk that was done first has "
+            f"{', '.join(sorted(first))}"
+        )
+    for name, variable in here.items():
+        own, expected = (
+            {
+                "dimensions": [*one.dimensions],
+                "shape": [*one.values.shape[name in computed.variables :]],
+                "kind": "string" if one.values.dtype.kind == "U" else one.values.dtype,
+                "attributes": dict(one.attributes),
+            }
+            for one in (variable, first[name])
+        )
+        for key, value in expected.items():
+            if own[key] != value:
+                raise ValueError(
+                    f"the task gave {name!r} with the {key} {own[key]}; in the chunk that was "
+                    f"done first it is {value}"
+                )
+        if name in computed.coordinates and not np.array_equal(variable.values, first[name].values):
+            raise ValueError(
+                f"the task gave a coordinate {name!r} with values other than those of the "
+                "chunk that was done first"
+            )

@@ -1,0 +1,174 @@
+"""Find what is damaged in the store of a sweep, and compute it again."""
+
+import contextlib
+import dataclasses
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from ..base.paths import replacing
+from .results import SweepStatus, sweep_status
+from .run import finish, run_sweep
+from .spec import Spec
+from .storage.contents import JOURNAL, Contents
+from .storage.damage import reading
+from .storage.digests import differences, made_with
+from .storage.export import digests_of_files, export
+from .storage.journal import Journal, Kind
+from .storage.lock import locked
+from .storage.opening import copy_spec, tidy
+from .storage.records import Begun
+from .storage.store import DONE, SweepStore
+from .workers.progress import Progress
+from .workers.work import jax_is_wide
+
+
+_BYTE = f"{JOURNAL}, byte"
+
+
+@dataclasses.dataclass(frozen=True)
+class Verified:
+    """What was damaged in a sweep."""
+
+    chunks: int
+    "Chunks that were checked."
+    damaged: tuple[str, ...]
+    "A line for each damaged chunk, other record of the journal, or file."
+    recomputed: int
+    "The number of these that are whole again."
+    status: SweepStatus
+    "The progress of the sweep after that."
+
+    @property
+    def whole(self) -> bool:
+        """Whether everything that was damaged is whole again."""
+        return self.recomputed == len(self.damaged)
+
+
+def verify_sweep(
+    out: str | os.PathLike[str],
+    *,
+    engine: str = "local",
+    workers: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Verified:
+    """Check everything in the store of a sweep, and compute again what is damaged.
+
+    Every record of the journal and every file of the result has a checksum. Chunks whose records
+    are damaged are computed again. If it cannot be read which chunk a damaged record belongs to,
+    all chunks that are not done are computed. Files are written again.
+
+    **Arguments:**
+
+    - `out`: the folder of the store.
+    - `engine`, `workers`, `progress`: as for [`run_sweep`][].
+
+    **Returns:** [`Verified`][].
+
+    **Raises:** `ValueError` if there is no sweep, its specification is lost, or chunks are damaged
+    and the versions, the task or the files that they were computed with have changed since;
+    `BlockingIOError` if a run is at work on it.
+
+    A byte of a result is changed:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import examples, sweep
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     out = pathlib.Path(folder, "out")
+        ...     _ = sweep.run_sweep(examples.angles(), out)
+        ...     file = out / "sweep.zarr" / "count" / "c" / "0"
+        ...     _ = file.write_bytes(b"?" + file.read_bytes()[1:])
+        ...     verified = sweep.verify_sweep(out)
+        >>> verified.damaged, verified.recomputed, verified.whole
+        (('sweep.zarr/count/c/0',), 1, True)
+    """
+    folder = Path(out)
+    if not (folder / JOURNAL).is_file():
+        SweepStore(folder)  # Raises an error that says what the folder has.
+    with locked(folder / "lock"):
+        tidy(folder)
+        damage, numbers, were_done = _mend_journal(folder)
+        with SweepStore(folder) as store:
+            spec = store.spec
+            if copy_spec(store):
+                damage.append("spec.toml")
+            expected = store.contents.exported or {}
+            files = digests_of_files(store.zarr) if expected else {}
+            lost = [name for name in expected if files.get(name) != expected[name]]
+            damage += [f"sweep.zarr/{name}" for name in lost]
+    if numbers:
+        run_sweep(
+            spec,
+            folder,
+            engine=engine,
+            workers=workers,
+            resume=True,
+            chunks=numbers,
+            progress=progress,
+        )
+    with locked(folder / "lock"), SweepStore(folder, append=True) as store:
+        if lost:
+            export(store)
+        elif store.zarr.exists():
+            finish(store)
+        done = {*np.flatnonzero(store.states == DONE).tolist()}
+    unmended = {f"chunk {number}" for number in were_done - done}
+    if not done.issuperset(numbers):
+        unmended |= {line for line in damage if _BYTE in line}
+    mended = len(damage) - len(unmended)
+    return Verified(spec.chunk_count, tuple(damage), mended, sweep_status(folder))
+
+
+def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
+    """Write a journal without its damaged records.
+
+    **Returns:** the damage in words, the numbers of the chunks to compute, and of those among them
+    that are known to have been done.
+
+    **Raises:** `ValueError` if there are such chunks, and they were computed with other files or
+    versions.
+    """
+    with contextlib.closing(Journal(folder / JOURNAL)) as journal:
+        with reading(folder):
+            contents = Contents.read(journal, check=True)
+        damage = [*contents.damage]
+        if not damage:
+            return [], [], set()
+        begun = contents.begun
+        if begun is None:
+            spec = Spec.load(folder / "spec.toml")
+            notes = ["the attributes were damaged, and are those of the run that mended them"]
+            made = made_with(spec, jax_is_wide())
+            begun = Begun.of(spec, folder, {**made, "resumed_anyway": json.dumps(notes)})
+        spec = begun.spec(folder)
+        damaged = [record for record in contents.damage.values() if record is not None]
+        numbers = {record.number for record in damaged if record.kind == Kind.CHUNK}
+        were_done = {record.number for record in damaged if record.state == DONE}
+        if contents.frame is None and contents.chunks:
+            # The first chunk that is computed gives the variables.
+            states = {number: record.state for number, record in contents.chunks.items()}
+            numbers.add(min(states, key=lambda number: (states[number] != DONE, number)))
+        kept = {n: record for n, record in contents.chunks.items() if n not in numbers}
+        if any(_BYTE in line for line in damage):
+            done = {number for number, record in kept.items() if record.state == DONE}
+            numbers |= {*range(spec.chunk_count)} - done
+        if numbers and (changes := differences(begun.made, made_with(spec, jax_is_wide()))):
+            raise ValueError(
+                f"{folder}: damaged ({'; '.join(damage[:3])}{'; ...' * (len(damage) > 3)}), and "
+                f"made with other versions or files: {'; '.join(changes)}; verify it with those"
+            )
+        # The result has the attributes of the specification.
+        others = (Kind.FRAME,) if contents.begun is None else (Kind.FRAME, Kind.EXPORT)
+        records = [record for record in contents.readable if record.kind in others]
+        with replacing(folder / JOURNAL) as temporary:
+            whole = Journal(temporary, append=True)
+            whole.append(Kind.SPEC, msgspec.msgpack.encode(begun))
+            for record in sorted([*kept.values(), *records], key=lambda record: record.start):
+                whole.append(record.kind, journal.content(record), record.number, record.state)
+            whole.sync()
+            whole.close()
+    return damage, sorted(numbers), were_done
