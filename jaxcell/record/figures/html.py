@@ -5,9 +5,9 @@ import html as markup
 import io
 from collections.abc import Iterable
 
+from ...base.formatting import format_value
 from ...base.optional_modules import has_module
 from ...base.quantities import Quantity, Result, is_single, parts, quantities, summarized
-from ...base.formatting import format_value
 from ..data.summary import cells_of
 from .plot import picture, plot
 
