@@ -1,4 +1,4 @@
-"""Whether the same specification gives the same results, digit for digit.
+"""Test whether the same specification gives the same results, digit for digit.
 
 Runs every command with results, and a sweep, on small examples; reads the files that they leave;
 and takes a fingerprint of every variable: a digest of its bytes, and for numbers that rounding may
@@ -61,14 +61,14 @@ COMMANDS = {
         *("--start", "-118.0,33.5", "--goal", "-118.1,33.45,5"),
     ],
 }
-# What depends on the moment, not on the specification, is in no variable.
+# Packages whose versions are recorded.
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy", "shapely", "optax", "networkx", "xarray")
 ROUNDING = 1e-9
 SEARCHED = {"gld": 1e-3, "fitted": 1e-3}
 
 
 def fingerprint(values: np.ndarray) -> dict[str, Any]:
-    """What is kept of a variable."""
+    """Take the fingerprint of a variable."""
     values = np.ascontiguousarray(values)
     if values.dtype.kind in "OU":
         return {"sha256": digest(json.dumps(values.tolist()).encode())}
@@ -77,7 +77,7 @@ def fingerprint(values: np.ndarray) -> dict[str, Any]:
     if values.dtype.kind == "f":
         flat = values.astype(float).ravel()
         finite = np.isfinite(flat)
-        # Where a number is missing or infinite is as exact as whole numbers are.
+        # The places of missing and infinite numbers are exact.
         known = np.where(np.isnan(flat), 2, np.where(finite, 0, np.sign(flat))).astype(np.int8)
         known_too = np.where(finite, flat, 0)
         weights = np.random.default_rng(0).uniform(0.5, 1, (3, flat.size))
@@ -130,7 +130,7 @@ def run_all() -> dict[str, Any]:
 def compare(
     now: dict[str, Any], then: dict[str, Any], *, exact: bool
 ) -> tuple[int, list[str], list[str]]:
-    """How many variables have the same bytes, which differ by rounding, and which by more."""
+    """Count the variables with the same bytes, and list those that differ by rounding, or more."""
     same, rounded, different = 0, [], []
     names = {*now["variables"], *then["variables"]}
     for name in sorted(names):

@@ -1,41 +1,41 @@
 """The global behaviour of simple robots, computed by cell-to-cell mapping.
 
-The state space of a robot, or of a drifter in the sea, is cut into *cells*, and every cell is
-mapped to its *image*, the cell where one step from its centre leads. If that is known, it is a
-*simple* map, a graph in which each cell has one successor; if not, it is a *generalized* one, a
-finite Markov chain. What one asks of the system is then asked of that map: where it ends up (its
-periodic or persistent groups), when, and with what probability; which observations reveal where it
-is; and which plan, policy or mixture is best. This is the method of T. Alam's dissertation (2018),
-whose sections, equations and algorithms the packages name.
+The state space of a robot, or of a drifter in the sea, is cut into *cells*. Every cell is mapped to
+its *image*, the cell at the end of one step from its centre. If each cell has one image, the map is
+*simple*, a graph in which each cell has one successor. If images have probabilities, the map is
+*generalized*, a finite Markov chain. Properties of the system are then computed from this map: its
+periodic or persistent groups, the time and the probability of reaching them, the observations that
+localize a robot, and the best plan, policy or mixture. This is the method of T. Alam's dissertation
+(2018). Docstrings name its sections, equations and algorithms.
 
-Packages, from the ground floor up; each says in its own page of help what it computes and how:
+Packages, from the lowest floor up:
 
-- `space`: maps, cells, what is visible. `automata`: filters. `walls`: where a robot may be that
-    starts anywhere. None of them imports JAX.
-- `mapping`: cell maps and their groups.
-- `markov`: what one asks of chains. `optimize`: weights, mixtures, covers and games.
+- `space`: maps, cells, visibility. `automata`: filters. `walls`: sets of places of robots that
+    start anywhere. None of them imports JAX.
+- `mapping`: maps of cells and their groups.
+- `markov`: analyses of chains. `optimize`: weights, mixtures, covers and games.
 - `bounce`: bouncing robots (chapters 2 and 3). `patrol`: patrolling (chapter 4). `drift`: drifters
-    in ocean currents (chapter 5). `dynamics`: any map or field, on a box of cells.
+    in ocean currents (chapter 5). `dynamics`: any map or vector field, on a box of cells.
 - `study`: questions, for programs, commands and sweeps. `record`: datasets and recordings.
     `robot`: real and emulated robots, without JAX. `sweep`: one study for many parameters.
 
-The command `jaxcell` does all of this without a program; `jaxcell.bundled` finds the maps, graphs
-and the small sea that come with it.
+The command `jaxcell` runs all of these without a program. `jaxcell.bundled` finds the bundled maps,
+graphs and currents.
 
 Cells, groups and vertices are numbered from 0. Lengths are in metres, angles in radians,
 counter-clockwise from the x axis (East), times in steps or seconds. Results are frozen dataclasses
-of arrays; those of iterative solves have a *certificate*, the error that is left. Probabilities and
-solves need 64-bit numbers, which the library does not turn on by itself: set `JAX_ENABLE_X64=1`, or
-call `jax.config.update("jax_enable_x64", True)` first. What needs them says so otherwise; many of
-the examples do.
+of arrays. Results of iterative solves have a *certificate*, their remaining error. Probabilities
+and solves need 64-bit numbers, which the library does not turn on: set `JAX_ENABLE_X64=1`, or call
+`jax.config.update("jax_enable_x64", True)` first. Functions that need 64-bit numbers raise an error
+without them; many examples need them.
 
-Packages are imported on first use: `import jaxcell` alone does not import JAX.
+Packages are imported at their first use: `import jaxcell` alone does not import JAX.
 
     >>> import math
     >>> from jaxcell import bounce, examples, mapping
     >>> cells = examples.lab()
-    >>> found = bounce.bounce_map(cells, math.pi / 4)
-    >>> groups = mapping.periodic_groups(found.image)
+    >>> bounces = bounce.bounce_map(cells, math.pi / 4)
+    >>> groups = mapping.periodic_groups(bounces.image)
     >>> cells.size, int(groups.count), groups.group_period[:1].tolist()
     (152, 1, [20])
 """

@@ -1,4 +1,4 @@
-"""Small cases for examples: a corridor, a lab, a sea, a patrol, and what else is short to say.
+"""Small cases for examples: a corridor, a lab, a sea, a patrol, and others.
 
 >>> from jaxcell import examples
 >>> examples.corridor().size, examples.lab().size
@@ -28,28 +28,28 @@ if TYPE_CHECKING:
 
 
 def corridor(directions: int = 2) -> "CellSpace":
-    """Three cells of 1 m in a row from West to East, with a wall around them."""
+    """Make three cells of 1 m in a row from West to East, with a wall around them."""
     from .space import CellSpace, Workspace
 
     return CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, directions)
 
 
 def lab(directions: int = 8) -> "CellSpace":
-    """The dissertation's Lab A: 19 positions in a room of 8 m x 4 m with two obstacles."""
+    """Load Lab A of the dissertation: 19 positions in a room of 8 m x 4 m with two obstacles."""
     from .space import CellSpace
 
     return CellSpace.load(bundled("lab_a"), directions=directions)
 
 
 def ring() -> "Filter":
-    """The filter of three cells that a robot goes round, of which the last has a bump."""
+    """Make the filter of a robot that goes round three cells, and bumps in the last one."""
     from .automata import Filter, subset_construction
 
     return Filter.of(subset_construction(np.array([1, 2, 0]), np.array([False, False, True])))
 
 
 def walker(x: float = 0.5, direction: int = 0) -> "Walker":
-    """An emulated robot in the middle of the corridor, in one of 4 directions."""
+    """Put an emulated robot in the middle of the corridor, in one of 4 directions."""
     from .robot import Walker, cell_strides
     from .robot.emulation.body import Body
     from .robot.emulation.simulated import SimulatedCreate
@@ -61,22 +61,22 @@ def walker(x: float = 0.5, direction: int = 0) -> "Walker":
 
 
 def walk() -> "Chain":
-    """A walk to and fro on three cells in a row."""
+    """Make the chain of a random walk on three cells in a row, which turns back at the ends."""
     return _chain([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
 
 
 def ruin() -> "Chain":
-    """A walk on four cells in a row that ends at either end."""
+    """Make the chain of a random walk on four cells in a row, which stops at both ends."""
     return _chain([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
 
 
 def stream() -> "Chain":
-    """Four cells of water: the first flows into the second, which flows into the others."""
+    """Make a chain of four cells of water: 0 flows into 1, and 1 flows into 2 and 3."""
     return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def line_model() -> "DecisionModel":
-    """A robot on three cells in a row that goes right or left, and gains 1 at the right end."""
+    """Model a robot on three cells in a row that goes right or left, and gains 1 at the right."""
     from .markov import DecisionModel
 
     right, left = [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [1, 0, 0], [0, 1, 0]]
@@ -90,7 +90,7 @@ def _chain(matrix: Any) -> "Chain":
 
 
 def sea() -> "Sea":
-    """Two layers of three cells in a row, the upper flowing to the East, the lower to the West."""
+    """Make two layers of three cells in a row: the upper flows East, the lower flows West."""
     from .drift import Sea, Water
     from .mapping import Chain
 
@@ -102,7 +102,7 @@ def sea() -> "Sea":
 
 
 def gyres() -> "tuple[Water, Flow]":
-    """The surface of the bundled sea, and its current in the first hour."""
+    """Load the surface of the bundled sea, and its current in the first hour."""
     from .drift import Flow, Water, open_currents
 
     currents = open_currents(bundled("gyres"), time=0, depths=0)
@@ -110,7 +110,7 @@ def gyres() -> "tuple[Water, Flow]":
 
 
 def patrol() -> "tuple[Graph, Bool[np.ndarray, '5 5']]":
-    """Five vertices in a row, 1 m apart, and which sees which: itself and its neighbours."""
+    """Make five vertices in a row, 1 m apart, and their visibility: itself and neighbours."""
     from .patrol import Graph
 
     graph = Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
@@ -118,7 +118,7 @@ def patrol() -> "tuple[Graph, Bool[np.ndarray, '5 5']]":
 
 
 def basins(cells: int = 8) -> "Basins":
-    """The basins of a map of numbers from 0 to 1: those above 1/2 go to 0.6, the others to 0.1."""
+    """Compute the basins of a map of [0, 1]: numbers above 1/2 go to 0.6, the others to 0.1."""
     from .dynamics import basins
     from .space import Box
 
@@ -132,7 +132,7 @@ def _two_ends(x: Any, p: Any) -> Any:
 
 
 def angles() -> "Spec":
-    """The sweep of the groups of Lab A over two angles."""
+    """Specify the sweep of the groups of Lab A over two angles."""
     from .sweep import Spec
 
     lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", 'map = "@lab_a"'

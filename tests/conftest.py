@@ -10,11 +10,11 @@ import pytest
 from jaxcell.base.runtime import compile_quickly
 
 
-# JAX makes so many objects that looking for garbage as often as usual takes 8 % of the time.
+# JAX makes many objects: collecting garbage at the usual rate takes 8 % of the time.
 gc.set_threshold(10_000, 10, 10)
 
-# `make test` draws a few cases of each property, the same each time; `make test-all` five times as
-# many, anew each time.
+# `make test` draws a few cases of each property, always the same ones; `make test-all` draws five
+# times as many, at random.
 hypothesis.settings.register_profile("quick", deadline=None, max_examples=20, derandomize=True)
 hypothesis.settings.register_profile("whole", deadline=None, max_examples=100)
 hypothesis.settings.load_profile("quick")
@@ -22,9 +22,8 @@ hypothesis.settings.load_profile("quick")
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-# Most of the time of the tests goes into compilation. Programs that are not optimized are compiled
-# in a third of it, and are slower; `make test-all` optimizes. Both processes and the next run share
-# what is compiled.
+# Tests spend most of their time in compilation. Programs without optimization compile in a third of
+# the time, and are slower; `make test-all` optimizes. Processes and later runs share programs.
 compile_quickly("--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1")
 _CACHE = Path(__file__).parents[1] / ".pytest_cache" / "xla"
 jax.config.update("jax_compilation_cache_dir", str(_CACHE))
@@ -33,13 +32,13 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
 def pytest_sessionfinish():
-    # Nobody looks for garbage in a process that ends.
+    # A process that ends needs no garbage collection.
     gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")
 def one_thread():
-    """Processes of tests beside each other leave no core to threads that wait by spinning."""
+    """Use one BLAS thread: parallel tests leave no core to threads that wait by spinning."""
     from jaxcell.base.threads import one_blas_thread
 
     with one_blas_thread():
@@ -48,7 +47,7 @@ def one_thread():
 
 @pytest.fixture(autouse=True, scope="session")
 def commands_of_tests():
-    """What commands say does not depend on how fast this machine is, and JAX is set as above."""
+    """Make the output of commands independent of the speed of the machine; keep JAX as above."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.cli.terminal._FIRST_LINE", 3600.0)
         patch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)

@@ -1,4 +1,4 @@
-"""Camera frames with and without the cross marker, drawn for tests and for `ch4_marker.py`.
+"""Camera frames with and without the cross marker, drawn for tests and for `chapter_4/marker.py`.
 
 Sheets stand in a room at a random pose and are seen by a pinhole camera: the plane of a sheet is
 mapped to the frame by a homography. The scene is drawn at twice the size and averaged down, then
@@ -34,24 +34,24 @@ INK, PAPER = 0.1, 0.9
 
 @dataclass(frozen=True)
 class Conditions:
-    """How a marker is seen. Ranges are drawn from uniformly, spans from their logarithm."""
+    """Conditions of a picture of a marker. Ranges are sampled uniformly, spans by logarithm."""
 
     span: tuple[float, float] = (24.0, 200.0)
-    "From end to end of the cross if it stood upright in the middle, pixels."
+    "Length of an upright cross in the middle of the frame, pixels."
     rotation: tuple[float, float] = (0.0, 2 * math.pi)
-    "In the plane of the sheet, radians."
+    "Rotation in the plane of the sheet, radians."
     tilt: tuple[float, float] = (0.0, math.radians(45))
-    "Of the sheet away from the camera, radians."
+    "Tilt of the sheet away from the camera, radians."
     noise: tuple[float, float] = (0.0, 10.0)
     "Standard deviation, grey levels of 255."
     light: tuple[float, float] = (0.3, 1.0)
-    "What white paper is, of full scale."
+    "Brightness of white paper, as a share of full scale."
     glare: tuple[float, float] = (0.0, 0.5)
-    "How much of the light is missing at one side of the frame, and what a bright spot adds."
+    "Share of light that one side of the frame lacks, and that a bright spot adds."
     blur: tuple[float, float] = (0.0, 1.0)
     "Standard deviation, pixels."
     hidden: tuple[float, float] = (0.0, 0.0)
-    "How much of the span something in front of it hides from one side."
+    "Share of the span that an object in front hides from one side."
     things: int = 12
     "Pieces of clutter in the frame."
 
@@ -96,7 +96,7 @@ def with_marker(rng: np.random.Generator, conditions: Conditions) -> Seen:
 def without_marker(
     rng: np.random.Generator, conditions: Conditions, *, sign: str | None = None
 ) -> np.ndarray:
-    """A cluttered frame, with up to six sheets that show another sign if one is named."""
+    """A cluttered frame; `sign` names another sign for up to six sheets."""
     draw = _drawer(rng)
     canvas = background(rng)
     for _ in range(conditions.things):
@@ -175,7 +175,7 @@ def _drawer(rng: np.random.Generator) -> Callable[[tuple[float, float]], float]:
     return lambda bounds: float(rng.uniform(*bounds))
 
 
-# What is in the room.
+# Objects of the room.
 
 
 def background(rng: np.random.Generator) -> np.ndarray:

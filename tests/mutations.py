@@ -1,7 +1,7 @@
-"""Damaged files, and what no file and no command line may do to a reader.
+"""Damages files, and checks that readers and commands end well.
 
-`JAXCELL_FUZZ=2000` in the environment runs that many cases a reader, other ones each time. Without
-it there are few, and always the same ones.
+`JAXCELL_FUZZ=2000` in the environment runs that many cases per reader, different ones each time.
+Without it there are few cases, and always the same ones.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ _SECONDS = 5
 _MAX_BYTES = 3 * 2**30
 _LONGEST_LINE = 1500
 
-# What is written where a number, a name or a bracket was.
+# Replacements of numbers, names and brackets.
 _TOKENS = [
     *(
         b"",
@@ -41,7 +41,7 @@ _TOKENS = [
     *(b"[" * 20_000, b"{'a':" * 5000, b"<a>" * 5000, b"=", b",", b"*a", b"&a [*a]", b"- ", b"\\u"),
 ]
 
-# What stands in the place of any part of a JSON document. Text between @ is written as it is.
+# Replacements of parts of a JSON document. Text between @ is written as it is.
 _RAW = {
     "@nested@": "[" * 50_000 + "]" * 50_000,
     "@objects@": '{"a":' * 50_000 + "0" + "}" * 50_000,
@@ -72,7 +72,7 @@ _PARTS = st.one_of(
 
 
 def cases(few=100):
-    """How many cases a property is tried with."""
+    """The number of cases of a property."""
     return settings(
         max_examples=_CASES or few,
         derandomize=not _CASES,
@@ -83,12 +83,12 @@ def cases(few=100):
 
 
 class TooSlowError(BaseException):
-    """Not an `Exception`, for a reader may catch those."""
+    """Not an `Exception`, because a reader may catch those."""
 
 
 @contextlib.contextmanager
 def limits():
-    """Ends what takes more than 5 seconds of the processor, or 3 GiB more than there were."""
+    """Ends a block after 5 seconds of the processor, or when it takes 3 GiB more memory."""
 
     def end(*_):
         raise TooSlowError(f"it took more than {_SECONDS} s")
@@ -108,8 +108,15 @@ def limits():
         resource.setrlimit(resource.RLIMIT_AS, sizes)
 
 
+def place(folder, name, content):
+    """Writes a file, and gives its path."""
+    path = folder / name
+    path.write_bytes(content)
+    return path
+
+
 def reads_or_refuses(read, path, name=None):
-    """Reads a file, or sees it refused in a line that names it, and tells which."""
+    """Checks that a file is read, or refused in a line that names it; true if it is read."""
     before = tree(path.parent)
     try:
         with limits():
@@ -124,13 +131,13 @@ def reads_or_refuses(read, path, name=None):
 
 
 def answers(main, capsys, *args, out=None):
-    """Runs a command, which ends as a command may, and gives its exit status."""
+    """Runs a command, checks how it ends, and gives its exit status."""
     capsys.readouterr()
     with limits():
         try:
             status = main([*map(str, args)])
         except SystemExit as error:
-            # The parser of the command line explains itself, in a box.
+            # The parser of the command line prints its error in a box.
             captured = capsys.readouterr()
             assert error.code == 2, args
             assert "Traceback" not in captured.err
@@ -150,13 +157,13 @@ def answers(main, capsys, *args, out=None):
 
 
 def tree(folder):
-    """All that is in a folder."""
+    """The names of all files and folders in a folder."""
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
 @st.composite
 def damaged(draw, corpus):
-    """One of some files, after a few edits: its name and its bytes."""
+    """Draws a file, and edits it: its name and its bytes."""
     name = draw(st.sampled_from(sorted(corpus)))
     content = corpus[name]
     for _ in range(draw(st.integers(1, 4))):
@@ -190,7 +197,7 @@ def _edited(draw, content):
 
 @st.composite
 def changed_json(draw, corpus):
-    """One of some JSON documents, with other parts here and there: its name and its text."""
+    """Draws a JSON document, and changes parts of it: its name and its text."""
     name = draw(st.sampled_from(sorted(corpus)))
     document = json.loads(json.dumps(corpus[name]))
     for _ in range(draw(st.integers(1, 3))):
@@ -205,7 +212,7 @@ def changed_json(draw, corpus):
 
 
 def _changed(draw, document):
-    # Down from the top, so that each level is as likely as another.
+    # Walk down from the top, so that all levels are equally likely.
     where, at = [], document
     while isinstance(at, dict | list) and at and (not where or draw(st.booleans())):
         key = draw(st.sampled_from(sorted(at) if isinstance(at, dict) else range(len(at))))
@@ -227,5 +234,5 @@ def _changed(draw, document):
 
 
 def _part(draw):
-    # The same list must not be there twice: what changes one would change both.
+    # A copy, because a later change of a shared list would change both places.
     return copy.deepcopy(draw(_PARTS))

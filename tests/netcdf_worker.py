@@ -1,6 +1,6 @@
-"""Reads NetCDF files in a process of its own, which the C library may take down with it.
+"""Reads NetCDF files in another process, because the C library may crash.
 
-A line in is a JSON list, the reader and the file; a line out is what came of it.
+An input line is a JSON list of the reader and the file; an output line is the outcome.
 """
 
 import contextlib
@@ -12,14 +12,14 @@ from pathlib import Path
 
 
 class Worker:
-    """The process, which is started again where it died."""
+    """The process, which is started again when it has died."""
 
     def __init__(self):
         self.deaths = []
         self._process = None
 
     def __call__(self, reader, path):
-        """Reads a file: "read", "refused", or what went wrong, in a new process too."""
+        """Reads a file. Returns "read", "refused", or the error, which a new process had too."""
         found = self._ask(reader, path)
         if found not in ("read", "refused") and self._process is not None:
             # Damaged files before may have left something wrong in the C library.
@@ -50,7 +50,7 @@ class Worker:
         if self._process is None:
             return None
         process, self._process = self._process, None
-        # Nobody may be there to read what is left in a pipe.
+        # The process may have ended before it read all input.
         with contextlib.suppress(BrokenPipeError):
             process.stdin.close()
         process.stdout.close()
@@ -89,7 +89,7 @@ def _main():
         "info": describe,
         "target": lambda path: read_target(cells, f"{path}:worth"),
     }
-    # Of what the libraries import.
+    # The first use of a library imports others.
     readers["info"](Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc")
     readers["currents"](Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc")
     warnings.simplefilter("error")

@@ -1,7 +1,36 @@
-"""Small random chains for property tests."""
+"""Small chains for tests: random ones, known ones, and solves in rational numbers."""
+
+from fractions import Fraction
 
 import numpy as np
 from hypothesis import strategies as st
+
+
+def complete(cells):
+    """The matrix of steps to any other cell with equal probability."""
+    return (1 - np.eye(cells)) / (cells - 1)
+
+
+def birth_and_death(up, down):
+    """The matrix of steps up or down a line; a cell stays with the rest of the probability."""
+    steps = np.diag(up, 1) + np.diag(down, -1)
+    return steps + np.diag(1 - steps.sum(axis=1))
+
+
+def solve_exactly(matrix, right):
+    """Solve a system of rationals by Gauss-Jordan elimination."""
+    size = len(matrix)
+    rows = [
+        [*map(Fraction, row), *map(Fraction, more)] for row, more in zip(matrix, right, strict=True)
+    ]
+    for k in range(size):
+        pivot = next(i for i in range(k, size) if rows[i][k])
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(size):
+            if i != k and (factor := rows[i][k]):
+                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return [row[size:] for row in rows]
 
 
 @st.composite
@@ -20,7 +49,7 @@ def matrices(draw):
 
 
 def reachable(matrix):
-    """Which cell reaches which, in 0 steps or more."""
+    """Return a mask of the cells that each cell reaches, in 0 steps or more."""
     reach = np.eye(len(matrix), dtype=bool)
     for _ in matrix:
         reach |= (reach.astype(int) @ (matrix > 0).astype(int)) > 0

@@ -26,9 +26,11 @@ class Recording:
         return value
 
     def over(self, timeline, entity, column):
-        """The values of a column by time."""
-        ((times, values),) = self._columns(entity, column, timeline)
-        return dict(zip(times, values, strict=True))
+        """The values of a column by time, from all chunks; later rows win."""
+        rows = {}
+        for times, values in self._columns(entity, column, timeline):
+            rows |= dict(zip(times, values, strict=True))
+        return rows
 
     def pictures(self, timeline, entity):
         """The pictures of an entity by time."""
@@ -70,7 +72,8 @@ class Recording:
                 if timeline is None and chunk.is_static:
                     yield values
                 elif timeline in batch.schema.names:
-                    yield batch.column(timeline).to_pylist(), values
+                    # Seconds are durations, in nanoseconds.
+                    yield batch.column(timeline).cast("int64").to_pylist(), values
 
 
 def _picture(buffer, layout):

@@ -41,7 +41,7 @@ def sea(east, north, wet=None, *, dx=1000.0, dy=1000.0, angle=0.0, hours=1.0):
 @st.composite
 def seas(draw, steps=3.0):
     """A random current on a small grid with land; the drift of a second is some cells."""
-    # Few shapes and numbers of cells, for each is compiled anew.
+    # Few shapes and numbers of cells, because JAX compiles once per shape.
     (rows, columns), dry = draw(
         st.sampled_from([((1, 5), 0), ((1, 5), 2), ((5, 6), 0), ((5, 6), 4), ((5, 6), 14)])
     )

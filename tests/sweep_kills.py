@@ -164,7 +164,7 @@ def kill(
             assert tree(folder) == expected, "a different result"
             rounds += 1
             shutil.rmtree(folder)
-    # Whatever engine a sweep was begun on, another goes on with it.
+    # A sweep of any engine can be resumed by another.
     assert ended(forked(spec, folder, "local")) == 0
     assert tree(folder) == expected, "a different result"
     return {"kills": done, "rounds": rounds + 1, "partial": partial}

@@ -1,4 +1,4 @@
-"""How the table of all benchmarks is made; the benchmarks themselves are too long for a test."""
+"""The table of all benchmarks; the benchmarks themselves are too long for a test."""
 
 import importlib
 import json
@@ -115,7 +115,7 @@ def test_times_of_a_gpu_are_a_column(benchmarks, folder, capsys):
 
 
 @pytest.mark.parametrize(
-    ("does", "told"),
+    ("does", "message"),
     [
         ("print('first'); sys.exit('they disagree')", "exit status 1: they disagree"),
         ("pass", "no rows"),
@@ -124,7 +124,7 @@ def test_times_of_a_gpu_are_a_column(benchmarks, folder, capsys):
         ("Path(sys.argv[2]).write_text('half of')", "no rows"),
     ],
 )
-def test_others_go_on_where_one_fails(benchmarks, folder, capsys, does, told):
+def test_others_go_on_where_one_fails(benchmarks, folder, capsys, does, message):
     script(folder, "bad", does)
     assert make_bench(benchmarks, folder) == 1
     whole = json.loads((folder / "bench.json").read_text())
@@ -132,7 +132,7 @@ def test_others_go_on_where_one_fails(benchmarks, folder, capsys, does, told):
     assert whole["rows"] == ROWS
     assert (folder / "page.md").read_text() == PAGE
     shown = capsys.readouterr().err
-    assert f"FAILED: {told}" in shown
+    assert f"FAILED: {message}" in shown
     assert "failed: bench_bad.py; page.md stays as it is" in shown
 
 
@@ -171,7 +171,7 @@ def test_programs_take_turns_after_a_check(benchmarks):
     )
 
 
-def test_who_is_slow_takes_fewer_turns(benchmarks, monkeypatch):
+def test_slow_programs_take_fewer_turns(benchmarks, monkeypatch):
     """By a clock that each program moves."""
     now = 0.0
 

@@ -30,7 +30,7 @@ CAFE = Workspace.load(bundled("maps/cafe.json"))
 
 
 @pytest.mark.parametrize(("workspace", "cell"), [(LAB, 0.1), (LAB, 0.07), (CAFE, 0.05)])
-def test_the_extent_is_known_before_cells_are_cut(workspace, cell):
+def test_extents_are_estimated_before_the_cells_exist(workspace, cell):
     before, after = Extent.about(workspace, cell, 16), Extent.of(CellSpace.of(workspace, cell, 16))
     assert (before.rows, before.columns) == (after.rows, after.columns)
     assert before.positions == pytest.approx(after.positions, rel=0.05)
@@ -39,19 +39,19 @@ def test_the_extent_is_known_before_cells_are_cut(workspace, cell):
 
 
 @pytest.mark.parametrize(("directions", "step"), [(8, None), (360, None), (72, 0.3), (8, 1e9)])
-def test_ways_of_a_grid_are_counted(directions, step):
+def test_the_moves_on_a_grid_are_counted(directions, step):
     cells = CellSpace.of(LAB, 0.1, directions)
     assert Extent.of(cells).ways(Motion(step)) == moves(cells, motion=Motion(step)).target.shape[0]
 
 
-def test_what_cannot_be_is_left_to_the_cells():
+def test_extents_of_impossible_cells_are_unknown():
     for cell in (0.0, math.nan, math.inf, 1e-12, 5e-324):
         assert Extent.about(LAB, cell, 8) is None
     assert Extent.about(LAB, 1.0, 0) is None
     assert Extent.about(LAB, 1.0, 10**9) is None
 
 
-# The peak of all of a process that runs `group_summary`, in bytes, as the system told it.
+# Measured peaks of a process that runs `group_summary`, in bytes.
 MEASURED = [
     ("maps/lab_a.json", 0.005, 8, None, "swept", 0.281e9),
     ("maps/room_200x125.json", 0.1, 360, None, "swept", 0.302e9),
@@ -63,7 +63,9 @@ MEASURED = [
 
 
 @pytest.mark.parametrize(("name", "cell", "directions", "step", "collision", "peak"), MEASURED)
-def test_groups_take_what_was_measured(name, cell, directions, step, collision, peak):
+def test_estimates_of_groups_agree_with_measured_peaks(
+    name, cell, directions, step, collision, peak
+):
     extent = Extent.about(Workspace.load(bundled(name)), cell, directions)
     needed = memory.LIBRARIES + estimates.section(extent, Motion(step, collision))
     assert needed == pytest.approx(peak, rel=0.3)
@@ -71,7 +73,7 @@ def test_groups_take_what_was_measured(name, cell, directions, step, collision, 
 
 LAB_A, CAFE_MAP = "maps/lab_a.json", "maps/cafe.json"
 HALL = "maps/room_200x125.json"
-# The peak of all of the process that has no compiled programs from before, as the system told it.
+# Measured peaks of a process without a compilation cache, in bytes.
 STUDIES = {
     "groups, 5.2e8 cells": (study.Groups, HALL, {"bounce": (90.0,), "cell": 0.125}, 360, 0.21e9),
     "groups, 1.5e8 cells": (study.Groups, LAB_A, {"bounce": (45.0,), "cell": 0.001}, 8, 0.37e9),
@@ -181,12 +183,12 @@ def study_of(name):
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_studies_take_what_was_measured(name):
+def test_estimates_of_studies_agree_with_measured_peaks(name):
     asked, peak = study_of(name)
     assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
 
 
-def test_a_store_of_all_cells_takes_what_was_measured():
+def test_the_estimate_of_a_store_agrees_with_its_measured_peak():
     asked = study.Groups(map=bundled(LAB_A), bounce=(45.0,), cell=0.00125)
     assert memory.LIBRARIES + asked.memory(written=True) == pytest.approx(1.26e9, rel=0.3)
 
@@ -195,7 +197,7 @@ def test_a_store_of_all_cells_takes_what_was_measured():
 @pytest.mark.parametrize(
     "name", ["groups, 5.2e8 cells", "slanted, 6.3e7 cells", "filter, 6e4 cells"]
 )
-def test_studies_take_what_is_estimated(name):
+def test_estimates_of_studies_agree_with_the_peak_of_a_process(name):
     asked, _ = study_of(name)
     code = (
         "from jaxcell import study, record; from jaxcell.base.runtime import configure_jax;"
@@ -215,7 +217,7 @@ def test_studies_take_what_is_estimated(name):
     assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
 
 
-def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
+def test_the_error_suggests_the_smallest_round_cell_that_fits(monkeypatch):
     monkeypatch.setattr(memory, "free", lambda: 10**9)
     extent = Extent.about(LAB, 1e-3, 8)
 
@@ -249,15 +251,15 @@ def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
         lambda: visible_centres(CellSpace.of(LAB, 0.2, 8), 1.0),
     ],
 )
-def test_what_does_not_fit_is_refused_where_it_is_made(monkeypatch, study):
-    # Enough for the cells, and for no study of them.
+def test_functions_that_need_too_much_memory_refuse(monkeypatch, study):
+    # The memory suffices for the cells, but not for a study of them.
     monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 20_000)
     with pytest.raises(MemoryError, match=r"needs about .* of memory"):
         study()
 
 
-def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path):
+def test_plans_too_large_for_memory_are_written_to_a_file(monkeypatch, tmp_path):
     cells = CellSpace.of(LAB, 1.0, 8)
     roadmap = Roadmap.of(cells, [math.pi])
     room = 2 * 6 * roadmap.entry.size * roadmap.walls
@@ -269,14 +271,14 @@ def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path
         limit(needed, *args)
 
     monkeypatch.setattr(memory, "check", check)
-    with pytest.raises(MemoryError, match=r"plans from .* write them to a file"):
+    with pytest.raises(MemoryError, match=r"plans from .* write them to a store"):
         all_plans(cells, [math.pi])
     monkeypatch.undo()
-    all_plans(cells, [math.pi], file=tmp_path / "plans.nc")
+    all_plans(cells, [math.pi], store=tmp_path / "plans.zarr")
 
 
-def test_states_are_watched_while_they_are_made(monkeypatch):
-    # Each string of zeros leaves one cell fewer: all sets together grow with the square.
+def test_filters_are_refused_when_their_states_exceed_the_memory(monkeypatch):
+    # Each zero removes one cell, so the total size of the sets grows with the square.
     image = np.maximum(np.arange(300) - 1, 0)
     bumped = np.arange(300) == 0
     monkeypatch.setattr(memory, "NEGLIGIBLE", 0)

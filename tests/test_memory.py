@@ -24,13 +24,13 @@ def system(tmp_path, monkeypatch):
     return write
 
 
-def test_what_the_machine_has_available(system):
+def test_the_available_memory_of_the_machine_is_free(system):
     system("proc/meminfo", "MemTotal: 8000 kB\nMemFree: 10 kB\nMemAvailable:    5000 kB\n")
     assert memory.free() == 5000 * 1024
 
 
 @pytest.mark.parametrize("place", ["groups/job/step", "groups/job", "groups"])
-def test_what_control_groups_leave(system, place):
+def test_control_groups_limit_the_free_memory(system, place):
     system("proc/meminfo", "MemAvailable: 5000 kB\n")
     system("proc/self/cgroup", "0::/job/step\n")
     system("groups/job/step/memory.max", "max\n")
@@ -40,7 +40,7 @@ def test_what_control_groups_leave(system, place):
     assert memory.free() == 2_200_000
 
 
-def test_what_control_groups_of_version_1_leave(system):
+def test_control_groups_of_version_1_limit_the_free_memory(system):
     system("proc/meminfo", "MemAvailable: 5000 kB\n")
     system("proc/self/cgroup", "5:cpu:/\n4:memory:/job\n0::/\n")
     system("groups/memory/memory.limit_in_bytes", "9223372036854771712\n")
@@ -49,14 +49,14 @@ def test_what_control_groups_of_version_1_leave(system):
     assert memory.free() == 2_000_000
 
 
-def test_a_group_that_is_full_leaves_nothing(system):
+def test_a_full_control_group_leaves_no_memory(system):
     system("proc/self/cgroup", "0::/\n")
     system("groups/memory.max", "10")
     system("groups/memory.current", "11")
     assert memory.free() == 0
 
 
-def test_the_limit_that_is_wished_counts_with_what_is_taken(system, monkeypatch):
+def test_the_limit_of_the_user_includes_the_memory_in_use(system, monkeypatch):
     system("proc/meminfo", "MemAvailable: 5000000 kB\n")
     monkeypatch.setenv(memory.LIMIT, "2G")
     assert memory.free() == 2_000_000_000 - memory.LIBRARIES
@@ -75,12 +75,12 @@ def test_sizes_are_read(text, size):
 
 
 @pytest.mark.parametrize("text", ["", "much", "8X", "-1G", "0", "1e3", "inf", "8 G B"])
-def test_what_is_no_size_is_refused(text):
+def test_other_texts_are_refused_as_sizes(text):
     with pytest.raises(ValueError, match=r"^memory: expected a size such as 8G or 500M, got "):
         memory.read_size(text, "memory")
 
 
-def test_nothing_is_refused_where_nothing_is_known(system, monkeypatch):
+def test_nothing_is_refused_if_the_free_memory_is_unknown(system, monkeypatch):
     system("proc/meminfo", "MemTotal: none of our business\n")
     monkeypatch.setattr(os, "sysconf", lambda name: -1 if name == "SC_PAGE_SIZE" else 1)
     monkeypatch.delattr(os, "sysconf")
@@ -114,7 +114,7 @@ def test_a_refusal_is_one_line_with_both_numbers(system, monkeypatch):
         ),
     ],
 )
-def test_a_refusal_says_which_limit_leaves_so_little(system, monkeypatch, wished, job, said):
+def test_a_refusal_names_the_limit(system, monkeypatch, wished, job, said):
     system("proc/meminfo", "MemAvailable: 5000000 kB\n")
     system("proc/self/cgroup", "0::/\n")
     system("groups/memory.max", f"{job}\n")
@@ -127,7 +127,7 @@ def test_a_refusal_says_which_limit_leaves_so_little(system, monkeypatch, wished
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are known on Linux")
-def test_the_limit_of_addresses_counts():
+def test_the_limit_of_addresses_limits_the_free_memory():
     code = (
         "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9));"
         "from jaxcell.base.memory import free, shortage; print(free(), shortage(free()))"

@@ -1,4 +1,4 @@
-"""What happens where nobody turned 64-bit numbers on: whole numbers are the same, solves refuse.
+"""Without 64-bit numbers, integer results are the same, and solves raise an error.
 
 `make test-all` runs this file in a process of its own with JAX_ENABLE_X64=0 as well.
 """
@@ -80,7 +80,7 @@ def test_maps_and_groups_are_the_same(collision):
         lambda: mixture(np.eye(2), np.ones(2)),
     ],
 )
-def test_what_needs_64_bits_says_so(make):
+def test_functions_that_need_64_bits_raise(make):
     with pytest.raises(RuntimeError, match=HINT):
         make()
 

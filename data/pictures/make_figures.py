@@ -1,4 +1,4 @@
-"""Makes the figure of cells and their images that explains the concepts: `maps.png`.
+"""Make the figure of cells and their images for the concepts: `maps.png`.
 
 python data/pictures/make_figures.py [FOLDER]
 """
@@ -29,7 +29,7 @@ STEP, BUMP, OTHER = "#0072b2", "#d55e00", "#bbbbbb"
 
 
 def main(folder: Path) -> None:
-    """Writes the figure."""
+    """Write the figure."""
     cells = space.CellSpace.load(bundled("lab_a"))
     angle = math.radians(BOUNCE)
     simple = bounce.bounce_map(cells, angle)
@@ -60,7 +60,7 @@ def main(folder: Path) -> None:
 
 
 def draw_room(ax: plt.Axes, cells: space.CellSpace) -> None:
-    """Draws the squares of a map, walls dark."""
+    """Draw the squares of a map, with dark walls."""
     rows, columns = cells.free.shape
     ax.imshow(~cells.free, origin="lower", extent=(0, columns, 0, rows), cmap="Greys", vmin=-0.05)
     ax.set(xticks=range(columns + 1), yticks=range(rows + 1), xlabel="x (m)", ylabel="y (m)")
@@ -68,7 +68,7 @@ def draw_room(ax: plt.Axes, cells: space.CellSpace) -> None:
 
 
 def draw_images(ax, cells, cell, images, bumped) -> None:
-    """Draws where a cell leads: a step to another square, or turns in its own."""
+    """Draw the images of a cell: a step to another square, or turns in its own."""
     x, y, _ = (float(part) for part in cells.centre(cell))
     for image, probability in images.items():
         if bumped:
@@ -81,7 +81,7 @@ def draw_images(ax, cells, cell, images, bumped) -> None:
 
 
 def ray(ax, x, y, direction, cells, color, *, inner=0.0, width=1.0) -> None:
-    """Draws a short line from a centre in a direction."""
+    """Draw a short line from a centre in a direction."""
     angle = 2 * math.pi * direction / cells.directions
     ends = [(x + r * math.cos(angle), y + r * math.sin(angle)) for r in (inner, 0.42)]
     ax.plot(*zip(*ends, strict=True), color=color, linewidth=width)

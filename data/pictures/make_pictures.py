@@ -1,8 +1,8 @@
-"""Makes the pictures of the gallery: runs its commands, and takes screenshots of their recordings.
+"""Make the pictures of the gallery: run its commands, and take screenshots of the recordings.
 
     python data/pictures/make_pictures.py [NAME ...]
 
-The Rerun viewer needs no screen for this, but it does need a Vulkan driver.
+The Rerun viewer needs no screen for this, but a Vulkan driver.
 """
 
 import argparse
@@ -25,19 +25,19 @@ from rerun.experimental import ViewerClient
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-# Seconds until a view has settled and notes of the viewer are gone.
+# Seconds until a view has settled and the notes of the viewer have disappeared.
 SETTLE = 5.0
-PATIENCE = 60.0
-# The bar at the top, which is the viewer's own, and the width of a picture, in pixels.
+LOADING = 60.0
+# The bar of the viewer at the top, and the width of a picture, in pixels.
 BAR, WIDTH = 37, 1400
 MOST_BYTES = 150_000
-# Of the 255 colours of a picture, those that are taken since much has them.
+# The number of most frequent colours among the 255 colours of a picture.
 FREQUENT = 128
 
 
 @dataclasses.dataclass(frozen=True)
 class Picture:
-    """Commands, which write below `runs`, and what to show of the last one's results."""
+    """Commands that write below `runs`, and the view of a recording of theirs."""
 
     commands: tuple[str, ...]
     recording: str
@@ -141,7 +141,7 @@ PICTURES = {
 
 
 def main() -> None:
-    """Makes the pictures that are named, or all."""
+    """Make the pictures with these names, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(PICTURES))
     names = parser.parse_args().names or list(PICTURES)
@@ -160,7 +160,7 @@ def main() -> None:
 
 
 def jaxcell(command: str, folder: str) -> None:
-    """Runs a command of jaxcell in a folder."""
+    """Run a command of jaxcell in a folder."""
     program = "from jaxcell.cli import main; raise SystemExit(main())"
     words = [sys.executable, "-c", program, *command.split()]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
@@ -170,8 +170,8 @@ def jaxcell(command: str, folder: str) -> None:
 
 @contextlib.contextmanager
 def viewer() -> Iterator[ViewerClient]:
-    """A viewer without a window."""
-    # The viewer that belongs to this Python comes first.
+    """Start a viewer without a window."""
+    # The viewer beside this Python comes first.
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     os.environ.setdefault("RUST_LOG", "error")
     with socket.socket() as free:
@@ -192,9 +192,9 @@ def viewer() -> Iterator[ViewerClient]:
 
 
 def shoot(client: ViewerClient, recording: Path, picture: Picture) -> Image.Image:
-    """The viewer's window with a recording, at a time and in a tab."""
+    """Take a screenshot of a recording, at a time and in a tab."""
     client.open(str(recording))
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + LOADING
     while client.get_state().loading and time.monotonic() < until:
         time.sleep(0.2)
     state = client.get_state()
@@ -218,7 +218,7 @@ def shoot(client: ViewerClient, recording: Path, picture: Picture) -> Image.Imag
 
 
 def show_tab(blueprint: dict[str, Any], name: str) -> None:
-    """Brings the tab of a name to the front."""
+    """Select the tab with a name."""
     for parts in list(blueprint.values()):
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") != "Tabs":
@@ -232,10 +232,10 @@ def show_tab(blueprint: dict[str, Any], name: str) -> None:
 
 
 def save(image: Image.Image, path: Path) -> None:
-    """Writes a picture of few colours, small enough for a repository."""
+    """Write a picture with few colours, small enough for a repository."""
     height = round(image.height * WIDTH / image.width)
     image = image.resize((WIDTH, height), Image.Resampling.LANCZOS)
-    # The most frequent colours stay what they are; the others cover the rest, rare ones too.
+    # The most frequent colours stay exact; the rest of the palette approximates all others.
     seen = sorted(image.getcolors(image.width * image.height), reverse=True)
     few = [channel for _, color in seen[:FREQUENT] for channel in color]
     rest = image.quantize(255 - FREQUENT, method=Image.Quantize.MAXCOVERAGE).getpalette()

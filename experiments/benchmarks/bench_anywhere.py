@@ -10,17 +10,16 @@ run to within 5 cm.
 
 import math
 import time
-from pathlib import Path
 
 import numpy as np
 from rows import Row, options, write_rows
 from timing import begin, line
 
+from experiments.shared.data import MAPS
 from jaxcell.space import Workspace
 from jaxcell.walls import Errors, WallFilter, places_anywhere, run_to_wall
 
 
-MAPS = Path(__file__).parents[2] / "data" / "maps"
 CASES = (
     ("complex.json", 32, 135.0),
     ("cafe.json", 32, 135.0),

@@ -16,7 +16,6 @@ machine say little.
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -26,8 +25,10 @@ import scipy.sparse.csgraph
 from rows import Row, options, write_rows
 from timing import begin, line
 
+from experiments.shared.data import DATA
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
+    Attack,
     capture_policies,
     capture_probabilities,
     cell_graph,
@@ -36,7 +37,7 @@ from jaxcell.patrol import (
     maximin_capture,
     random_walk,
 )
-from jaxcell.patrol.map.capture import entropy_rate
+from jaxcell.patrol.map.capture_search import entropy_rate
 from jaxcell.patrol.walks import charged_capture
 from jaxcell.patrol.walks.optimal import capture
 from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
@@ -46,7 +47,6 @@ from jaxcell.space import CellSpace, visible_cells
 from jaxcell.space.cells import suggested
 
 
-DATA = Path(__file__).parents[2] / "data"
 CELLS = {
     "depot.json": None,
     "cafe.json": None,
@@ -141,8 +141,8 @@ def on_map(name: str, cell: float | None) -> Row:
     before = ""
     if cells.positions <= COMMUTED:
         walks = distributed_policies(graph, visible, ROBOTS, 0.0)
-        before = f"{capture_probabilities(graph, visible, walks, [ATTACK]).min():.3f}"
-    wall, user, found = timed(lambda: capture_policies(graph, visible, ROBOTS, ATTACK))
+        before = f"{capture_probabilities(graph, visible, walks, Attack(ATTACK)).min():.3f}"
+    wall, user, found = timed(lambda: capture_policies(graph, visible, ROBOTS, Attack(ATTACK)))
     entropy = float(np.mean([entropy_rate(graph, policy) for policy in found.policies]))
     line(
         name,

@@ -9,7 +9,6 @@ import math
 import resource
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,6 +19,7 @@ from rows import Row, options, rows_of, write_rows
 from scipy.sparse import csgraph, linalg
 from timing import Timing, begin, line, take_turns
 
+from experiments.shared.data import MAPS
 from jaxcell.bounce import coverage_policy, noisy_bounce_map
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
@@ -27,7 +27,7 @@ from jaxcell.markov import limiting_distribution
 from jaxcell.space import CellSpace, Workspace
 
 
-MAP = Path(__file__).parents[2] / "data" / "maps" / "complex.json"
+MAP = MAPS / "complex.json"
 BOUNCES_DEG = (30, 75, 315)
 SIDE_BY_SIDE_DEG = (30, 315)
 ERROR_DEG = 5
@@ -37,7 +37,7 @@ SLOW_SCIPY = "scipy strong components, sink test edge by edge"
 RESIDUAL = 1e-10
 WHOLE_POWER = f"power iteration to {RESIDUAL:g}, all cells"
 AGREEMENT = 1e-6
-# What the turns of one program may take.
+# The time for the turns of one program.
 PATIENCE_S = 3
 
 
@@ -49,7 +49,7 @@ def noisy(cells: CellSpace, bounce_deg: float) -> Chain:
     return noisy_bounce_map(cells, math.radians(bounce_deg), math.radians(ERROR_DEG), RELIABILITY)
 
 
-# The peers get the matrix, but for one; ours gets the chain, and makes the matrix in its time.
+# The peers except one get the matrix; ours gets the chain, and makes the matrix in its time.
 
 
 def matrix_of(chain: Chain) -> scipy.sparse.csr_array:

@@ -7,8 +7,8 @@ compared where it is installed (`pip install deeptime`).
 
 The current is made of gyres whose water goes slowly to their middles. Peers get the matrix of the
 map, and all give the expected number of steps until a drifter is in a persistent group: scipy by
-strong components and `spsolve`, deeptime by the mean first passage time to the persistent cells,
-which it is told.
+strong components and `spsolve`, deeptime by the mean first passage time to given persistent
+cells.
 """
 
 import resource
@@ -31,7 +31,7 @@ from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 
 
-# How far from each other two answers may be, as a part of the time.
+# The largest relative difference of two answers.
 AGREEMENT = 1e-6
 INWARD = 1.0
 
@@ -84,7 +84,7 @@ def scipy_times(matrix: scipy.sparse.csr_array) -> np.ndarray:
 def deeptime_times(matrix: scipy.sparse.csr_array, persistent: np.ndarray) -> np.ndarray:
     from deeptime.markov.tools.analysis import mfpt
 
-    # It needs scipy's older matrices, and closed classes make it singular but for the target.
+    # It needs scipy's older matrices, and closed classes except the target make it singular.
     return np.asarray(mfpt(scipy.sparse.csr_matrix(matrix), np.flatnonzero(persistent).tolist()))
 
 

@@ -66,7 +66,7 @@ def by_gldpy(name: str, samples: np.ndarray) -> float | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             seconds, parameters = timed(program)
-    except Exception as error:  # What it raises where it finds no start is not documented.
+    except Exception as error:  # The error for no start is not documented.
         line(name, f"{samples.size:,}", "gldpy", f"{type(error).__name__}: {error}")
         return None
     law = Gld(*(float(parameter) for parameter in parameters))

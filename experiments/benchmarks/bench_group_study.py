@@ -16,7 +16,6 @@ import threading
 import time
 from collections.abc import Callable
 from multiprocessing.pool import ThreadPool
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -24,12 +23,9 @@ from bench_groups import flat, tabulate, walk_on_table
 from rows import Row, options, write_rows
 from timing import begin, line
 
+from experiments.chapter_2.group_study import BATCH, BOUNCE_DEG, groups_and_transients
 from jaxcell.space import ENDPOINT, CellSpace, stencil
 from jaxcell.space.maps.random_rooms import DIRECTIONS, ENVIRONMENTS, place
-
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from ch2_group_study import BATCH, BOUNCE_DEG, groups_and_transients
 
 
 SHIFT = BOUNCE_DEG * DIRECTIONS // 360

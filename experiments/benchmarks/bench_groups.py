@@ -11,7 +11,6 @@ import multiprocessing
 import resource
 import sys
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -22,6 +21,7 @@ from any_map import any_map
 from rows import Row, options, rows_of, write_rows
 from timing import Timing, begin, line, take_turns
 
+from experiments.shared.data import MAPS
 from jaxcell import bounce
 from jaxcell.mapping import GroupSummary
 from jaxcell.space import CellSpace, Motion, Stencil, Workspace, stencil
@@ -32,7 +32,7 @@ jax.config.update("jax_enable_x64", True)
 
 DIRECTIONS = 360
 BOUNCE = math.pi / 2
-MAP = Path(__file__).parents[2] / "data" / "maps" / "room_200x125.json"
+MAP = MAPS / "room_200x125.json"
 SIZES = [1e5, 1e6, 1e7]
 MORE_SIZES = [3e5, 3e6, 3e7]
 

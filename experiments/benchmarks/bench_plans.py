@@ -2,15 +2,14 @@
 
 Run `python experiments/benchmarks/bench_plans.py`; it takes about 15 s and 0.6 GB.
 
-The maps are those of `experiments/ch3_all_plans.py`, with 8 directions, angles 45, 90 and 135 deg,
-and weights 1 and 100. Ours starts from a `CellSpace` and ends with costs and first actions of all
-pairs as arrays of cells x cells. scipy starts from the roadmap over cells and the angle in use as a
-finished sparse matrix; one row of its answer is the costs from one cell, and with predecessors,
-from which its plans can be read, it gives what ours gives. Costs are compared before any is timed;
-then the programs take turns. A first call compiles, and is shown apart.
+The maps are those of `experiments/chapter_3/all_plans.py`, with 8 directions, angles 45, 90 and
+135 deg, and weights 1 and 100. Ours starts from a `CellSpace` and ends with costs and first actions
+of all pairs as arrays of cells x cells. scipy starts from the roadmap over cells and the angle in
+use as a finished sparse matrix; one row of its answer is the costs from one cell, and with
+predecessors, from which its plans can be read, it gives what ours gives. Costs are compared before
+any is timed; then the programs take turns. A first call compiles, and is shown apart.
 """
 
-import runpy
 import sys
 import tempfile
 from pathlib import Path
@@ -23,12 +22,12 @@ from rows import Row, options, rows_of, write_rows
 from scipy.sparse.csgraph import dijkstra
 from timing import begin, line, take_turns, timed
 
+from experiments.chapter_3.all_plans import environments
+from experiments.shared.data import MAPS
 from jaxcell.bounce import all_plans, bounce_map
 from jaxcell.space import CellSpace, Workspace
 
 
-EXPERIMENT = Path(__file__).parents[1] / "ch3_all_plans.py"
-MAPS = Path(__file__).parents[2] / "data" / "maps"
 BOUNCES = np.deg2rad([45, 90, 135])
 KEEP, CHANGE = 1, 100
 
@@ -73,7 +72,7 @@ def side_by_side(repeats: int) -> list[Row]:
     line("map", "cells", "program", "first call, s", "min, ms", "median, ms", "times ours")
     line("---", "--:", "---", *["--:"] * 4)
     rows = []
-    for name, cells in runpy.run_path(str(EXPERIMENT))["environments"]().items():
+    for name, cells in environments().items():
         graph = roadmap(cells)
         programs = {
             "jaxcell, costs and actions": lambda cells=cells: ours(cells),

@@ -118,7 +118,7 @@ def theirs(case: Case) -> np.ndarray:
 
 
 def descended(Q: jax.Array, slope: Callable[[jax.Array], tuple[jax.Array, jax.Array]]) -> jax.Array:
-    """Where RoSSO's optimizer stops, by its own test."""
+    """Run the optimizer of RoSSO until it stops by its own test."""
     largest = float(jnp.abs(slope(Q)[1]).max())
     optimizer = optax.rmsprop(RATE / max(largest, 1e-12))
     state, before, changes = optimizer.init(Q), 1000.0, deque(maxlen=WINDOW)

@@ -10,18 +10,16 @@ margin of 1e-9 of a cell, without which its exact predicates would refuse what t
 wall. The script stops where the answers differ.
 """
 
-import pathlib
-
 import numpy as np
 import shapely
 from rows import Row, options, rows_of, write_rows
 from timing import begin, line, take_turns
 
+from experiments.shared.data import MAPS
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.space.sight import visible_cells, visible_centres
 
 
-MAPS = pathlib.Path(__file__).parents[2] / "data" / "maps"
 REACH = 6
 
 

@@ -12,23 +12,19 @@ busy with other work only that of the processor tells what an observation takes.
 import math
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rows import Row, options, write_rows
 from timing import begin, line
 
+from experiments.chapter_2.slip_runs import run
+from experiments.shared.data import MAPS
 from jaxcell.automata import Belief
 from jaxcell.bounce import FineCells, bounded_map, slip_map
 from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip
-
-
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent))
-from slip_runs import run  # noqa: E402
 
 
 BOUNCE, ERROR, MAX_CELLS = math.radians(135), 0.02, 50_000
@@ -64,7 +60,7 @@ def main() -> None:
     parser = options(__doc__, 10)
     arguments = parser.parse_args()
     begin("numpy", "scipy")
-    cells = CellSpace.load(HERE.parents[1] / "data" / "maps" / "lab_a.json")
+    cells = CellSpace.load(MAPS / "lab_a.json")
     runs = [
         run(cells, BOUNCE, ERROR, seed, limit=40, driver=False) for seed in range(arguments.repeats)
     ]
@@ -73,7 +69,7 @@ def main() -> None:
     line(*["---"] * 2, *["--:"] * 6)
     rows = []
     for name, (size, estimator) in estimators(cells).items():
-        # What is computed once is so at the first of each.
+        # The first call of each computes what is kept.
         observed(estimator, [[0], [1]])
         wall, processor = observed(estimator, words).T
         shown = [f"{1e3 * f(one):.2f}" for one in (wall, processor) for f in (np.median, p99, max)]

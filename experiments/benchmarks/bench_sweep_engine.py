@@ -131,7 +131,7 @@ def throughput(folder: Path, chunks: Sequence[int], repeats: int) -> list[Row]:
 
 
 def costs(folder: Path, seconds: float) -> None:
-    """What an engine costs a chunk, with nothing to do and with chunks of so many seconds."""
+    """Measure the cost of an engine per chunk, for empty chunks and chunks of some seconds."""
     takes = f"chunk of {seconds:g} s takes, s"
     line("engine", "workers", "start, s", takes, "overhead", "empty chunk, ms")
     line("---", *["--:"] * 5)
@@ -163,7 +163,7 @@ def crowd(take: Take) -> Outcomes:
 
 
 def driver(folder: Path, seconds: float) -> None:
-    """What the process that feeds the workers and writes takes a chunk."""
+    """Measure the time per chunk of the process that feeds the workers and writes."""
     line("workers", "chunks", "each waits, s", "at best, s", "took, s", "processor, ms a chunk")
     line(*["--:"] * 6)
     chunks = CROWD * ROUNDS

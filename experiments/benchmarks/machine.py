@@ -1,4 +1,4 @@
-"""What a benchmark ran on, and with what."""
+"""The machine and the packages of a benchmark."""
 
 import datetime
 import os

@@ -1,4 +1,4 @@
-"""What studies take at their peak, beside what is estimated before they begin.
+"""Compare the peak memory of studies with its estimate before they begin.
 
     python experiments/benchmarks/memory_of_studies.py               # each in a process of its own
     python experiments/benchmarks/memory_of_studies.py "groups"      # those whose names begin so

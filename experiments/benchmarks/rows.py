@@ -1,4 +1,4 @@
-"""What a benchmark reports: one `Row` for each comparison that is worth a line in the table of all.
+"""The report of a benchmark: a `Row` for each comparison in the table of all benchmarks.
 
 The convention, which `run.py` (`make bench`) relies on, is short. A script `bench_NAME.py`
 
@@ -18,6 +18,7 @@ and one without a peer is `Row("subset", "localization filter", "880,000 cells",
 import argparse
 import dataclasses
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,9 @@ from jaxcell.base.paths import replacing
 
 if TYPE_CHECKING:
     from timing import Timing
+
+# The package `experiments` is in the root of the repository.
+sys.path.append(str(Path(__file__).parents[2]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """How many times our seconds the peer takes."""
+        """The time of the peer divided by our time."""
         return None if self.peer_s is None else self.peer_s / self.ours_s
 
     def to_json(self) -> dict[str, Any]:

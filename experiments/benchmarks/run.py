@@ -44,7 +44,7 @@ Elsewhere = Mapping[tuple[str, str, str], float]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a script; `error` is a line for people where it failed."""
+    """The end of a script; `error` is a line for people if it failed."""
 
     rows: list[Row]
     seconds: float

@@ -16,7 +16,7 @@ def wait(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -
 
 
 def random_maps(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -> xr.Dataset:
-    """Periodic groups of random maps of so many `cells`: their number and the longest transient."""
+    """Count the periodic groups of random maps of `cells` cells, and their longest transient."""
     import jax
 
     images = [

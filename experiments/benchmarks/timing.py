@@ -1,4 +1,4 @@
-"""How benchmarks take time: everything is called once, checked, and then timed in turns."""
+"""Time benchmarks: every program is called once, checked, and then timed in turns."""
 
 import os
 import statistics

@@ -240,30 +240,21 @@ class _Tables(NamedTuple):
     trap: int | None
 
 
+@dataclasses.dataclass(slots=True, eq=False)
 class FilterState:
-    """An immutable state of a filter; an observation returns another object.
+    """The state of a filter after some observations; an observation returns another object.
 
     Each observation takes constant time and memory.
     """
 
-    __slots__ = ("_tables", "filter", "index", "refuted_at", "time")
-
     filter: Filter
+    _tables: _Tables = dataclasses.field(repr=False)
     index: int
     "The state of the filter."
     time: int
     "The number of observations so far."
     refuted_at: int | None
     "The index of the first impossible observation, or `None`; open world only."
-
-    def __init__(
-        self, filter: Filter, tables: _Tables, index: int, time: int, refuted_at: int | None
-    ):
-        self.filter = filter
-        self._tables = tables
-        self.index = index
-        self.time = time
-        self.refuted_at = refuted_at
 
     def observe(self, observation: int) -> "FilterState":
         """Return the filter after one more observation, 0 or 1.

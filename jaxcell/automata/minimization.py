@@ -34,9 +34,8 @@ def minimize(filter: Filter) -> Filter:
     """
     states = len(filter.transition) - filter.open_world
     transition = filter.transition[:states]
-    # Impossible observations lead to one more state, with a colour of its own; its class is last.
-    impossible = (transition < 0) | (transition == filter.trap)
-    images = np.append(np.where(impossible, states, transition), [[states, states]], axis=0).T
+    # Impossible observations lead to one more state, as to a trap; its class is the last.
+    images = np.append(np.where(transition < 0, states, transition), [[states] * 2], axis=0).T
     color = np.append(filter.color[:states], 0)
     label = equivalence(images, np.stack([color, color])).label
     # Classes are in breadth-first order, as their smallest states are.

@@ -1,1 +1,1 @@
-"""What every room of the house may use."""
+"""Modules that every package may use."""

@@ -1,4 +1,4 @@
-"""The data that come with the library: maps, graphs, a small sea, and specifications of sweeps."""
+"""Bundled data: maps, graphs, a small ocean file, and specifications of sweeps."""
 
 import difflib
 import functools
@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 
-# Their folders, and what a file that has a name ends in.
+# The folders, and the suffixes of the files that have names.
 _KINDS = {
     "maps": (".json", ".txt", ".yaml"),
     "graphs": (".json",),
@@ -17,10 +17,10 @@ _KINDS = {
 
 
 def bundled(name: str) -> Path:
-    """Find a file of the bundled data, by its name or by its path below them.
+    """Find a file of the bundled data by its name, or by its path in their folder.
 
-    In a checkout it lies in `data`, in an installed package inside the package. On the command line
-    and in the specification of a sweep `@lab_a` is this file.
+    The folder is `data` in a checkout, and is inside an installed package. On the command line and
+    in the specification of a sweep the name is `@lab_a`.
 
     **Arguments:**
 
@@ -44,7 +44,7 @@ def bundled(name: str) -> Path:
 
 @functools.cache
 def bundled_names() -> Mapping[str, Path]:
-    """The names of the bundled data, and their files."""
+    """The files of the bundled data, by name."""
     return MappingProxyType(
         {
             path.stem: path
@@ -56,7 +56,7 @@ def bundled_names() -> Mapping[str, Path]:
 
 
 def found(name: str) -> str:
-    """The path that a name of a file stands for: itself, unless it begins with @."""
+    """Replace a name that begins with @ by the path of the bundled file; leave a path as it is."""
     return str(bundled(name)) if name.startswith("@") else name
 
 

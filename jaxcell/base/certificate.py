@@ -1,4 +1,4 @@
-"""What a solve says of its own answer."""
+"""Certificates: checks of the answers of solvers."""
 
 import dataclasses
 import enum
@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 
 class Outcome(enum.Enum):
-    """How a solve ended."""
+    """The end of a solve; the value is a sentence about it."""
 
     CONVERGED = "the residual is within the tolerance"
     STALLED = "the residual stayed above the tolerance; the value is the best that was found"
@@ -15,35 +15,35 @@ class Outcome(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """A check of an answer, made after it was found and without regard to how."""
+    """A check of an answer that does not depend on the method of the solve."""
 
     iterations: int
-    "Products with the matrix, or changes of the active set, that were made."
+    "Number of products with the matrix, or of changes of the active set."
     residual: float
-    "How far the answer is from what was asked, in the measure that the function names."
+    "Distance of the answer from a solution, in the measure that the function names."
     tolerance: float
     "The residual that counts as converged."
 
     @property
     def outcome(self) -> Outcome:
-        """Whether the residual is within the tolerance; a residual that is not a number is not."""
+        """Converged if the residual is within the tolerance; a residual of NaN is not."""
         return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:
-        """Raise if asked to, and if the answer did not converge.
+        """Raise an error if `throw` is true and the answer did not converge.
 
         **Raises:** `RuntimeError` with the sentence of the outcome and the residual.
         """
         if throw and self.outcome is not Outcome.CONVERGED:
             raise RuntimeError(
                 f"{what}: {self.outcome.value} (residual {self.residual:.3g}, tolerance "
-                f"{self.tolerance:.3g}, {self.iterations} iterations); throw=False gives it"
+                f"{self.tolerance:.3g}, {self.iterations} iterations); throw=False returns it"
             )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Solution:
-    """A number for every cell, and how good it is."""
+    """A number for every cell, with a certificate."""
 
     value: Float[Array, "cells"]
     certificate: Certificate

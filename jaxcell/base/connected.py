@@ -1,4 +1,4 @@
-"""Whether a graph is connected."""
+"""Check that a graph is connected."""
 
 import numpy as np
 import scipy.sparse
@@ -11,7 +11,7 @@ _MAX_LISTED = 8
 def vertices_apart(
     vertices: int, edges: Int[np.ndarray, "edges 2"]
 ) -> tuple[Int[np.ndarray, "some"], int] | None:
-    """Find vertices that some other vertex cannot be reached from.
+    """Find vertices that are not connected to the other vertices.
 
     **Arguments:**
 
@@ -32,7 +32,7 @@ def vertices_apart(
     parts, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)
     if parts < 2:
         return None
-    # The last of equally small parts, which vertex 0 is not in.
+    # Of equally small parts the last is taken, which does not hold vertex 0.
     smallest = parts - 1 - int(np.argmin(np.bincount(part)[::-1]))
     return np.flatnonzero(part == smallest), int(np.flatnonzero(part != smallest)[0])
 

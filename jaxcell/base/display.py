@@ -3,7 +3,7 @@ import sys
 
 
 def has_display() -> bool:
-    """Whether a window can be shown from here."""
+    """Check whether this process can open a window."""
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

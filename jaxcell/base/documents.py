@@ -30,7 +30,7 @@ MAX_NUMBER = 1e9
 
 
 def check_file(path: Path, kind: str) -> None:
-    """Refuse a path that is no file.
+    """Check that a path is a file.
 
     **Raises:** `FileNotFoundError`; `ValueError` for a folder.
     """
@@ -52,14 +52,14 @@ def read_text(path: Path) -> str:
 
 
 def decode_json(text: str, kind: str) -> Any:
-    """Decode JSON, of whose objects no key is repeated.
+    """Decode JSON, and refuse objects with a repeated key.
 
     **Arguments:**
 
     - `text`: the text.
-    - `kind`: what it should describe, for errors.
+    - `kind`: the kind of document, for errors.
 
-    **Raises:** `ValueError` for text that is not JSON.
+    **Raises:** `ValueError` for other text.
     """
     try:
         return json.loads(text, object_pairs_hook=_without_repeats)
@@ -74,7 +74,7 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(document) < len(pairs):
         keys = [key for key, _ in pairs]
         repeated = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"the key {reprlib.repr(repeated)} is given twice")
+        raise ValueError(f"the key {reprlib.repr(repeated)} is repeated")
     return document
 
 
@@ -110,8 +110,8 @@ def checked_number(
 
     **Arguments:**
 
-    - `field`, `value`: its name and its value.
-    - `expected`: what it should be, for the error.
+    - `field`, `value`: the name and the value of a field.
+    - `expected`: a description of the accepted values, for the error.
     - `least`: the least number that is accepted.
     - `most`: the largest magnitude that is accepted.
     - `text`: whether the number may be written as text.
@@ -131,39 +131,39 @@ class Fields:
 
     values: Mapping[str, Any]
     where: str = ""
-    "What errors name before the field: a file, or a place in it such as `robots[1].`."
+    "The beginning of errors: a file, or a place in a file such as `robots[1].`."
 
     def get(self, name: str) -> Any:
-        """A field; `None` if it is missing."""
+        """Get a field; `None` if it is missing."""
         return self.values.get(name)
 
     def needed(self, name: str) -> Any:
-        """A field that must not be missing."""
+        """Get a field that must not be missing."""
         if name not in self.values:
             raise ValueError(f"{self.where}{name}: it is missing")
         return self.values[name]
 
     def number(self, name: str, least: float = -math.inf) -> float:
-        """A finite number of at least `least`."""
+        """Get a finite number of at least `least`."""
         expected = "a finite number" + (f" from {least:g}" if least > -math.inf else "")
         return checked_number(self.where + name, self.get(name), expected, least=least)
 
     def whole(self, name: str, least: int, most: int) -> int:
-        """A whole number."""
+        """Get a whole number."""
         value = self.get(name)
         if type(value) is not int or not least <= value <= most:
             raise refused(self.where + name, f"a whole number from {least} to {most}", value)
         return value
 
     def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> "np.ndarray":
-        """An array of finite numbers; -1 in `shape` stands for any length."""
+        """Get an array of finite numbers; -1 in `shape` stands for any length."""
         # Help needs no NumPy.
         import numpy as np
 
         try:
             found = np.array(self.get(name))
         except ValueError:
-            # A ragged one.
+            # A ragged list.
             found = np.empty((), object)
         lengths = "x".join(map(str, found.shape))
         matches = re.fullmatch("x".join(r"\d+" if n < 0 else str(n) for n in shape), lengths)
@@ -176,7 +176,7 @@ class Fields:
         return found.astype(np.int32 if whole else float)
 
     def parts(self, name: str) -> "list[Fields]":
-        """The fields of each object of a list."""
+        """Get the fields of each object of a list."""
         parts = []
         for i, part in enumerate(checked_list(self.where + name, self.get(name))):
             place = f"{self.where}{name}[{i}]"

@@ -1,8 +1,8 @@
-"""Say that a function runs on the host, where JAX says that an array is traced.
+"""Explain in errors that a function runs on the host and cannot be traced by JAX.
 
-Most public functions read the values of their arrays. Under `jit`, `vmap` and `grad` there are no
-values, and what JAX raises then names NumPy or `bool`. The packages pass their functions through
-here, so that the error names the function and what to do.
+Most public functions read the values of their arrays. Under `jit`, `vmap` and `grad` arrays have no
+values, and the error of JAX names NumPy or `bool`. The packages wrap their functions so that the
+error names the function and a remedy.
 """
 
 import functools
@@ -23,7 +23,7 @@ def attach(
 
     **Returns:** its `__getattr__`, `__dir__` and `__all__`.
     """
-    # A robot's host may be without it.
+    # The computer of a robot may lack it.
     import lazy_loader  # type: ignore[import-untyped]
 
     get, names, every = lazy_loader.attach_stub(package, file)
@@ -35,16 +35,16 @@ def attach(
 
 
 def attach_all(package: str) -> None:
-    """Pass the functions that a package has imported through [`hosted`][]."""
+    """Wrap the functions that a package has imported by [`hosted`][]."""
     for name, value in list(vars(sys.modules[package]).items()):
         if not name.startswith("_"):
             hosted(package, name, value)
 
 
 def hosted(package: str, name: str, value: Any) -> Any:
-    """Let a public function say that it runs on the host if it is given traced arrays.
+    """Wrap a public function so that its error for traced arrays says that it runs on the host.
 
-    The function is replaced in its own module too, where `pickle` looks for it.
+    The function is replaced in its own module too, because `pickle` finds it there.
 
     **Arguments:**
 
@@ -52,7 +52,7 @@ def hosted(package: str, name: str, value: Any) -> Any:
     - `name`: its name there.
     - `value`: the function; anything else stays as it is.
 
-    **Returns:** what the package has by that name from now on.
+    **Returns:** the wrapped function, or the other value.
     """
     if isinstance(value, FunctionType) and not hasattr(value, "_hosted"):
         value = hosted_function(value, f"{package}.{name}")
@@ -62,14 +62,14 @@ def hosted(package: str, name: str, value: Any) -> Any:
 
 
 def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., Any]:
-    """Wrap a function so that it says that it runs on the host, under a name."""
+    """Wrap a function, and call it `name` in the error."""
 
     @functools.wraps(function)
     def call(*args: Any, **options: Any) -> Any:
         try:
             return function(*args, **options)
         except (TypeError, IndexError) as error:
-            # An error in a function of the user's own, which is traced inside, is not ours.
+            # A function of the user that is traced inside may raise such an error too.
             if not (type(error).__module__ == "jax.errors" and _traced(args, options)):
                 raise
             raise TypeError(
@@ -82,6 +82,6 @@ def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., An
 
 
 def _traced(*values: Any) -> bool:
-    # It is loaded, since it raised an error; not all that is hosted needs it.
+    # JAX has raised an error, so it is loaded. Some wrapped functions do not need it.
     jax: Any = sys.modules["jax"]
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))

@@ -1,4 +1,4 @@
-"""How much memory is free, and what is refused because it takes more."""
+"""Measure the free memory, and refuse computations that need more."""
 
 import functools
 import os
@@ -10,52 +10,52 @@ from pathlib import Path
 
 _PROC = Path("/proc")
 _GROUPS = Path("/sys/fs/cgroup")
-# Of a control group without a limit, version 1 says a number next to 2^63.
+# Version 1 of control groups has a number near 2^63 for a group without a limit.
 _NO_LIMIT = 2**60
 LIBRARIES = 200_000_000
-"""The bytes that Python, JAX and other libraries take themselves, once they are loaded."""
+"""Bytes of Python, JAX and other libraries when they are loaded."""
 NEGLIGIBLE = 20_000_000
-"""The bytes that are never refused: to ask what is free takes longer than to fill them."""
+"""Bytes that are never refused, because filling them is faster than measuring the free memory."""
 LIMIT = "JAXCELL_MEMORY"
-"""The environment variable that says how much a process may take, such as `8G`."""
+"""Environment variable with the memory that a process may use, such as `8G`."""
 
 
 def free() -> int | None:
-    """How many bytes this process may still take, `None` where the system does not say.
+    """Measure the bytes that this process may still use; `None` if the system does not report it.
 
-    That is the least of what the machine has available, what the control groups of this process
-    leave (containers and batch systems set them), its own limit of addresses (`ulimit -v`), and
-    what `JAXCELL_MEMORY` leaves.
+    This is the least of four numbers: the available memory of the machine, and the rest of the
+    limits of control groups (of containers and batch systems), of addresses (`ulimit -v`), and of
+    `JAXCELL_MEMORY`.
 
-    **Raises:** `ValueError` if that is no size.
+    **Raises:** `ValueError` if `JAXCELL_MEMORY` is not a size.
     """
     known = [count for count, _ in _known()]
     return max(0, min(known)) if known else None
 
 
 def shortage(available: int) -> str:
-    """Say how much memory is free, and which limit leaves so little, if it is not the machine's.
+    """Describe the free memory, and the limit that causes it unless that is the machine's.
 
     **Arguments:**
 
-    - `available`: what `free` says.
+    - `available`: the bytes from `free`.
     """
     left, limit = min(_known(), default=(0, ""))
-    # What is left may have changed a little since.
+    # The rest of a limit may have changed a little since.
     named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""
     return f"{gigabytes(available)} are free{named}"
 
 
 def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) -> None:
-    """Refuse what takes more memory than is free, before it begins.
+    """Refuse a computation that needs more memory than is free, before it begins.
 
-    What is negligible is not, and nothing is where it is not known what is free.
+    Small requests are never refused, and none is if the free memory is unknown.
 
     **Arguments:**
 
-    - `needed`: bytes, estimated.
-    - `doing`: what takes them.
-    - `instead`: what would take fewer, or a function that says so of the bytes that are free.
+    - `needed`: estimated bytes.
+    - `doing`: the computation, for the error.
+    - `instead`: advice on using less memory, or a function that gives it for the free bytes.
 
     **Raises:** `MemoryError` with both numbers, in one line.
     """
@@ -71,7 +71,7 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
 
 
 def gigabytes(count: float | int) -> str:
-    """Bytes as people read them."""
+    """Format a number of bytes in GB."""
     return f"{count / 1e9:.1f} GB" if count < 1e11 else f"{count / 1e9:,.0f} GB"
 
 
@@ -80,10 +80,10 @@ def read_size(text: str, name: str) -> int:
 
     **Arguments:**
 
-    - `text`: what is read.
-    - `name`: what it is the value of.
+    - `text`: the size.
+    - `name`: the name of the option or variable, for the error.
 
-    **Raises:** `ValueError` that names it, if it is no size above 0.
+    **Raises:** `ValueError` for other text, and for 0.
 
         >>> from jaxcell.base.memory import read_size
         >>> read_size("2.5G", "memory")
@@ -97,12 +97,12 @@ def read_size(text: str, name: str) -> int:
 
 
 def _known() -> list[tuple[int, str]]:
-    """The bytes that each limit leaves, and the limit in words."""
+    """The free bytes under each limit, and the limit in words."""
     return [*_machine(), *_control_groups(), *_addresses(), *_wished()]
 
 
 def _wished() -> Iterator[tuple[int, str]]:
-    """What is left of the limit that the user set, once all libraries are loaded."""
+    """The rest of the limit of the user when all libraries are loaded."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(_PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
@@ -124,10 +124,10 @@ def _machine() -> Iterator[tuple[int, str]]:
 
 
 def _control_groups() -> Iterator[tuple[int, str]]:
-    """What the limits of this process's control groups leave, and of those that hold them."""
+    """The rest of the limits of the control groups of this process, and of their parents."""
     for folder, most, used, cache in _limits(_PROC, _GROUPS):
         stat = _lines(folder / "memory.stat")
-        # Pages of files that nobody uses are given back.
+        # The system frees pages of files that are not in use.
         spare = [int(line.split()[1]) for line in stat if line.startswith(cache + " ")]
         yield (
             most - (_number(folder / used) or 0) + sum(spare),
@@ -135,10 +135,10 @@ def _control_groups() -> Iterator[tuple[int, str]]:
         )
 
 
-# To look through the folders takes longer than the images of a small map.
+# Reading the folders takes longer than computing the images of a small map.
 @functools.cache
 def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
-    """The control groups with a limit: folder, limit, and the names of what is used and spare."""
+    """The control groups with a limit: folder, limit, file of used bytes, field of cached bytes."""
     found = []
     for line in _lines(proc / "self" / "cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -149,7 +149,7 @@ def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
             limit, used = "memory.limit_in_bytes", "memory.usage_in_bytes"
         else:
             continue
-        # Within a container its own group is at the root.
+        # Inside a container the root is the group of the container.
         here = root / path.strip("/")
         for folder in {root, *(one for one in (here, *here.parents) if root in one.parents)}:
             most = _number(folder / limit)

@@ -18,7 +18,7 @@ _NEEDS = {
 
 
 def has_module(name: str) -> bool:
-    """Whether a module is installed, without importing it."""
+    """Check whether a module is installed, without importing it."""
     try:
         return importlib.util.find_spec(name) is not None
     except ModuleNotFoundError:
@@ -32,7 +32,7 @@ def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
 
 
 def import_module(name: str) -> ModuleType:
-    """Import a module that may be missing.
+    """Import an optional module.
 
     **Raises:** `ModuleNotFoundError` that names the feature that needs it and how to install it.
     """

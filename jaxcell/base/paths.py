@@ -18,7 +18,7 @@ _WILD = re.compile(r"[*?\[]")
 
 
 def existing(path: str | os.PathLike[str]) -> list[str]:
-    """Find the file or folder of a path, or those that match a pattern, in the order of names.
+    """Find the file or folder of a path, or all that match a pattern, in the order of names.
 
     The address of a server is returned as it is.
 

@@ -1,4 +1,4 @@
-"""Quantities: what a result says of each of its numbers, once, where it is defined.
+"""Quantities: descriptions of the numbers of a result, each written once, at its definition.
 
 A result is a dataclass whose fields are annotated with a [`quantity`][], or computed from others
 by a method under [`derived`][]. Its dataset, its JSON, its tables in the terminal, the variables of
@@ -48,7 +48,7 @@ Kind: TypeAlias = Literal[
     "text",
     "time",
 ]
-"""What numbers are, which decides how they are shown, and what is checked of them.
+"""Kind of a quantity, which decides its format and its checks.
 
 - `share`: from 0 to 1. `distribution`: shares that sum to 1 over the last dimensions, those that
     the attribute `over` names (by default the last one).
@@ -56,7 +56,7 @@ Kind: TypeAlias = Literal[
 - `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
 - `place`: a position that a summary gives with its place in metres.
 - `time`: not negative, or infinite. `flag`: true or false.
-- `residual`: what a solve leaves. `coordinate`: labels of a dimension. `text`: words, or an
+- `residual`: error of a solve. `coordinate`: labels of a dimension. `text`: words, or an
     enumeration. `number`: any other.
 """
 
@@ -68,12 +68,12 @@ class Quantity:
     dims: tuple[str, ...]
     "The dimensions of its array; none for a single number or text."
     meaning: str
-    "What it is, as a noun phrase; the `long_name` of datasets and the label of tables."
+    "A noun phrase: the `long_name` in datasets and the label in tables."
     units: str | None
     kind: Kind
     listed: bool
-    """Whether an array of one dimension is listed in the summary under its own name; one of two in
-    the rows of the table of its first, without the -1 that pad an index."""
+    """If true, the summary lists a one-dimensional array under its own name, and a two-dimensional
+    array in the rows of the table of its first dimension, without the -1 that pad an index."""
     attributes: Mapping[str, Any]
     "More attributes of its variable in datasets."
 
@@ -92,8 +92,8 @@ def quantity(
     **Arguments:**
 
     - `dims`: the names of its dimensions, with spaces between them.
-    - `meaning`: what it is, as a noun phrase.
-    - `units`: as CF has them: `m`, `s`, `rad`; none for what has no dimension.
+    - `meaning`: a noun phrase.
+    - `units`: units as in CF, such as `m`, `s`, `rad`; `None` without units.
     - `kind`: a [`Kind`][].
     - `listed`: whether a one-dimensional array is part of the summary by itself, or an array of
         more dimensions part of the rows of a table.
@@ -103,7 +103,7 @@ def quantity(
 
 
 class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
-    """Describe a quantity that a method computes from the fields, when it is first asked for.
+    """Describe a quantity that a method computes from the fields, at its first use.
 
     The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
     """
@@ -136,17 +136,17 @@ def from_part(path: str, *description: Any, **more: Any) -> Any:
 
 
 class Result:
-    """What a study gives: a base for dataclasses with described quantities.
+    """A base for the results of studies: dataclasses with described quantities.
 
-    A field that is a result itself is a part of it: its summary stands below the name of the field,
-    and its variables begin with that name, those that label dimensions apart. A field that is a
-    tuple of results, `layers` say, is a list in the summary, and the single numbers of its parts
-    are variables `layer_...` along a dimension `layer`. A field `cells` gives datasets their
-    coordinates.
+    A field may be a result. In the summary it stands below the name of the field, and in datasets
+    the names of its variables, except labels of dimensions, begin with the name of the field. A
+    field may be a tuple of results, such as `layers`: a list in the summary, and in datasets
+    variables `layer_...` along a dimension `layer`. A field `cells` gives the coordinates of
+    datasets.
     """
 
     title: ClassVar[str] = ""
-    "What datasets are called."
+    "The title of datasets."
     brief: ClassVar[tuple[str, ...]] = ()
     """Names of the quantities, and dimensions of the tables, that are enough for a terminal; by
     default all."""
@@ -188,38 +188,38 @@ class Result:
 
     @property
     def answered(self) -> bool:
-        """Whether the question has an answer: a path was found, say."""
+        """If false, the question has no answer; for example, no path was found."""
         return True
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What people should know before they rely on the answer, in sentences."""
+        """Sentences with limits of the answer, for people who rely on it."""
         return ()
 
     @property
     def attributes(self) -> Mapping[str, Any]:
-        """Attributes of its datasets, beside those that say what made them."""
+        """Attributes of the datasets, in addition to the provenance."""
         return {}
 
     def checks(self) -> "Checks":
-        """Relations between quantities that hold, beside what their kinds say."""
+        """Relations between quantities that hold, in addition to the checks of their kinds."""
         return {}
 
 
 def _figures(module: str) -> ModuleType:
-    """Import what draws results, which is on a higher floor, when a result is to be drawn."""
+    """Import a module that draws results, which is on a higher floor, when it is needed."""
     return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 
-# Sums of some 10^6 probabilities are good to 1e-10, and so are the solves behind them.
+# Sums of 10^6 probabilities are accurate to 1e-10, and so are the solves that give them.
 PROBABILITY = 1e-8
 
 Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
-"""By name: the value of a check, and its limit; `inf` to report it without a limit."""
+"""Value and limit of each check, by name; the limit `inf` reports a value without a limit."""
 
 
 def quantities(result: type) -> dict[str, Quantity]:
-    """The described quantities of a class of results: coordinates, and then in their order.
+    """Find the described quantities of a class of results: coordinates first, then in their order.
 
     **Arguments:**
 
@@ -246,15 +246,15 @@ def quantities(result: type) -> dict[str, Quantity]:
 def values(
     result: Any, wanted: Callable[[Quantity], bool] = lambda _: True
 ) -> dict[str, tuple[Quantity, Any]]:
-    """The quantities that a result has, with their values; those that are missing are left out.
+    """Compute the quantities of a result; quantities of `None` are left out.
 
-    A member of an enumeration stands as its name in lower case, and a zero has no sign, which would
-    depend on the processor.
+    A member of an enumeration becomes its name in lower case. Zeros have no sign, because the sign
+    may depend on the processor.
 
     **Arguments:**
 
     - `result`: the result.
-    - `wanted`: which ones; the values of others are not computed.
+    - `wanted`: selects quantities; the values of others are not computed.
     """
     found = {}
     for name, one in quantities(type(result)).items():
@@ -270,9 +270,9 @@ def _stored(value: Any) -> Any:
 
 
 def unsigned(value: Any) -> Any:
-    """Take the sign off zeros; other values stay as they are.
+    """Remove the sign of zeros. Other values stay as they are.
 
-    The least of `0.0` and `-0.0` is either of them, as the instructions of a processor have it.
+    The minimum of `0.0` and `-0.0` may be either, depending on the processor.
     """
     if isinstance(value, float):
         return value + 0.0
@@ -285,7 +285,7 @@ def unsigned(value: Any) -> Any:
 
 
 def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
-    """Those quantities that a summary has: single, listed, or columns of a table."""
+    """Compute the quantities of a summary: single, listed, or columns of a table."""
     return values(
         result,
         lambda one: (
@@ -295,7 +295,7 @@ def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
 
 
 def parts(result: Any) -> dict[str, Any]:
-    """The fields of a result that are results themselves, or tuples of them."""
+    """Get the fields of a result that are results or tuples of results."""
     fields = ((field.name, getattr(result, field.name)) for field in dataclasses.fields(result))
     return {
         name: value
@@ -306,14 +306,14 @@ def parts(result: Any) -> dict[str, Any]:
 
 
 def is_single(about: Quantity) -> bool:
-    """Whether a quantity stands for itself in a summary: a number, a text, or a short list."""
+    """Check whether a quantity is an entry of the summary: a number, a text, or a short list."""
     return not about.dims or (about.listed and len(about.dims) == 1)
 
 
 def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
-    """The columns of the tables of a result, by the dimension of the table.
+    """Compute the columns of the tables of a result, by the dimension of the table.
 
-    Labels in radians are none: programs need those, and people have degrees beside them.
+    Labels in radians are left out: programs need them, and people have degrees beside them.
     """
     found: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
     for name, (about, value) in summarized(result).items():

@@ -1,4 +1,4 @@
-"""Which state of the source a result was made with."""
+"""Find the revision of the source."""
 
 import functools
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 @functools.cache
 def git_revision() -> str | None:
-    """The commit of the checkout that this file is part of, with `-dirty` where it was changed."""
+    """Find the commit of the checkout of this file, with `-dirty` if files were changed."""
 
     def git(*arguments: str) -> str:
         command = ["git", "--no-optional-locks", *arguments]
@@ -21,7 +21,7 @@ def git_revision() -> str | None:
         ).stdout.strip()
 
     try:
-        # An installed copy may lie inside a checkout of something else, which does not track it.
+        # An installed copy may lie inside another checkout, which does not track it.
         git("ls-files", "--error-unmatch", "__init__.py")
         return git("describe", "--always", "--abbrev=40", "--dirty", "--exclude=*")
     except (OSError, subprocess.SubprocessError):

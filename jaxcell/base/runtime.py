@@ -1,4 +1,4 @@
-"""How a program of ours starts JAX; a library that uses jaxcell decides that for itself."""
+"""Configure JAX for the programs of jaxcell; other programs decide for themselves."""
 
 import os
 from pathlib import Path
@@ -9,8 +9,8 @@ import jax
 def configure_jax() -> None:
     """Turn on 64-bit numbers, and a compilation cache in a private directory of the user.
 
-    The cache runs what it finds, so nobody else may write there. Where no such directory can be
-    made, there is no cache.
+    JAX runs the programs in the cache, so other users must not be able to write there. If no such
+    directory can be made, there is no cache.
     """
     jax.config.update("jax_enable_x64", True)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -21,21 +21,21 @@ def configure_jax() -> None:
     except (OSError, RuntimeError):
         return
     jax.config.update("jax_compilation_cache_dir", str(directory))
-    # Our kernels are small: by default none would be kept.
+    # Our kernels are small, and by default JAX does not keep small programs.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
 def compile_quickly(*flags: str) -> None:
-    """Leave out what takes XLA long, where programs run once or have little to do.
+    """Turn off slow optimizations of XLA, for programs that run once or compute little.
 
-    It is of no use once JAX has compiled, or where the environment has `XLA_FLAGS` of its own.
+    This has no effect after the first compilation, or if the environment has `XLA_FLAGS`.
 
     **Arguments:**
 
-    - `flags`: more flags of XLA, which every version of JAX knows that jaxcell allows.
+    - `flags`: more flags of XLA; every version of JAX that jaxcell allows must know them.
     """
-    # XLA stops a process at a flag that it does not know.
+    # XLA ends the process at an unknown flag.
     if jax.__version_info__ < (0, 11):
         flags += ("--xla_cpu_use_fusion_emitters=false",)
     os.environ.setdefault("XLA_FLAGS", " ".join(flags))

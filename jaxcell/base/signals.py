@@ -7,7 +7,7 @@ from types import FrameType
 def end_by_signals() -> list[signal.Signals]:
     """Let SIGTERM and SIGHUP raise `SystemExit`, so that `with` blocks end.
 
-    **Returns:** those that do now and did not before; none outside of the main thread.
+    **Returns:** the signals whose handlers were set; none outside of the main thread.
     """
     handled = []
     if threading.current_thread() is threading.main_thread():
@@ -19,7 +19,7 @@ def end_by_signals() -> list[signal.Signals]:
 
 
 def leave_signals(handled: Sequence[signal.Signals]) -> None:
-    """Let signals end the process again."""
+    """Restore the default handlers of signals."""
     for number in handled:
         signal.signal(number, signal.SIG_DFL)
 

@@ -1,4 +1,4 @@
-"""How many threads linear algebra takes."""
+"""Limit the threads of linear algebra."""
 
 import contextlib
 import functools
@@ -11,9 +11,8 @@ from threadpoolctl import ThreadpoolController
 def one_blas_thread() -> Iterator[None]:
     """Keep BLAS and LAPACK to one thread.
 
-    Factors of some hundreds of rows gain nothing from a second one. Threads of OpenBLAS wait for
-    each other by spinning, so that where anything else runs, JAX in the same process included, they
-    take up to twenty times as long.
+    Factorizations of some hundred rows gain nothing from a second thread. Threads of OpenBLAS wait
+    by spinning, so they take up to twenty times as long if JAX or another process runs too.
     """
     with _controller().limit(limits=1, user_api="blas"):
         yield
@@ -21,7 +20,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @functools.cache
 def _controller() -> ThreadpoolController:
-    # It knows the libraries that are loaded when it is made.
+    # The controller knows only libraries that were loaded before it was made.
     import numpy  # noqa: F401
     import scipy.linalg  # noqa: F401
 

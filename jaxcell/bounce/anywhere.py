@@ -1,4 +1,4 @@
-"""What is found out about robots that start anywhere."""
+"""Results of localization and navigation of robots that start anywhere."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from ..walls import Homing, Trial, WallFilter, alike_places
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Anywhere(Result):
-    """Simulated robots that start anywhere, and what their filter knows of them."""
+    """Simulated robots that start anywhere, with the sets of their filter."""
 
     title: ClassVar[str] = "Localization of robots that start anywhere"
     picture: ClassVar[str] = "median_extent"
@@ -107,7 +107,7 @@ class Anywhere(Result):
 
     @derived("stretch", "bump after which the first robot may be on the stretch", kind="index")
     def stretch_bump(self) -> Int[np.ndarray, "stretches"]:
-        return np.repeat(self.bump, [one.wall.size for one in self.trial.sets])
+        return np.repeat(self.bump, [state.wall.size for state in self.trial.sets])
 
     @derived("stretch end", "x of the ends of the stretch of a wall", "m")
     def stretch_x(self) -> Float[np.ndarray, "stretches 2"]:
@@ -121,8 +121,8 @@ class Anywhere(Result):
     def _ends(self) -> Float[np.ndarray, "stretches 2 2"]:
         boundary = self.filter.boundary
         ends = [
-            np.stack([boundary.point(one.wall, arc) for arc in (one.begin, one.end)], axis=1)
-            for one in self.trial.sets
+            np.stack([boundary.point(state.wall, arc) for arc in (state.begin, state.end)], axis=1)
+            for state in self.trial.sets
         ]
         return np.concatenate(ends)
 
@@ -169,7 +169,7 @@ class HomeFromAnywhere(Anywhere):
 
 
 def _first_of_the_last(holds: Bool[np.ndarray, "robots bumps"]) -> Float[np.ndarray, "robots"]:
-    """The number of the bump from which on something holds; infinite if it does not at last."""
+    """Find the bump from which on a condition holds; infinite if it fails at the last bump."""
     fails = ~holds[:, ::-1]
     since = holds.shape[1] - fails.argmax(axis=1) + 1.0
     return np.where(fails.any(axis=1), np.where(fails[:, 0], np.inf, since), 1.0)

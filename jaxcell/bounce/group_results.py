@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -19,6 +19,7 @@ from .straight_runs import Runs
 from .wall_tables import Walls, walls
 
 
+_Numbers: TypeAlias = Int[np.ndarray, "angles"]
 _PADDING = "-1: no such group"
 
 
@@ -38,30 +39,18 @@ class BounceGroups(Result):
         Float[np.ndarray, "angles"],
         quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
     ]
-    count: Annotated[
-        Int[np.ndarray, "angles"],
-        quantity("bounce", "periodic groups", "1", kind="count"),
-    ]
+    count: Annotated[_Numbers, quantity("bounce", "periodic groups", "1", kind="count")]
     longest_transient: Annotated[
-        Int[np.ndarray, "angles"],
-        quantity("bounce", "longest transient", "mappings", kind="count"),
+        _Numbers, quantity("bounce", "longest transient", "mappings", kind="count")
     ]
     shortest_period: Annotated[
-        Int[np.ndarray, "angles"],
-        quantity("bounce", "shortest period", "mappings", kind="count"),
+        _Numbers, quantity("bounce", "shortest period", "mappings", kind="count")
     ]
     longest_period: Annotated[
-        Int[np.ndarray, "angles"],
-        quantity("bounce", "longest period", "mappings", kind="count"),
+        _Numbers, quantity("bounce", "longest period", "mappings", kind="count")
     ]
-    periodic_cells: Annotated[
-        Int[np.ndarray, "angles"],
-        quantity("bounce", "periodic cells", "1", kind="count"),
-    ]
-    largest_basin: Annotated[
-        Int[np.ndarray, "angles"],
-        quantity("bounce", "largest basin", "1", kind="count"),
-    ]
+    periodic_cells: Annotated[_Numbers, quantity("bounce", "periodic cells", "1", kind="count")]
+    largest_basin: Annotated[_Numbers, quantity("bounce", "largest basin", "1", kind="count")]
 
     @classmethod
     def of(
@@ -221,7 +210,7 @@ class RoomGroups(BounceGroups):
     title: ClassVar[str] = "Periodic groups of a bouncing robot in a random room"
 
     filter_states: Annotated[
-        Int[np.ndarray, "angles"],
+        _Numbers,
         quantity(
             "bounce",
             "states of the filter of a robot that starts in direction 0",

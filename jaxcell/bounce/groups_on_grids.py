@@ -9,7 +9,8 @@ are followed once.
 
 This stands beside `section`, which lists each group, because sweeps over rooms and angles need
 totals only. It takes 0.6 of the time for the rooms of Figure 2.7 (the row `group_study` of the
-benchmarks), and a third of the time for all angles of a room of `experiments/ch2_angle_study.py`.
+benchmarks), and a third of the time for all angles of a room (`chapter_2/angle_study.py` of the
+experiments).
 """
 
 import dataclasses

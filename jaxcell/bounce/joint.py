@@ -10,22 +10,21 @@ from ..space import CellSpace
 from .dynamics import Moves
 
 
-# Robots more squares apart than any step is long do not meet, and the squares of larger offsets
-# would not fit 32 bits.
+# Robots farther apart than any step do not meet. Squares of larger offsets overflow 32 bits.
 _FAR = 2**14
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class JointImage:
-    """What one step of several robots does."""
+    """The result of one step of several robots."""
 
     image: Int[Array, "*batch robots"]
-    "The cell that each robot is in after it."
+    "The cell of each robot after the step."
     bumped: Bool[Array, "*batch robots"]
-    "Which robots stayed and turned."
+    "A mask of the robots that stayed and turned."
     collided: Bool[Array, "*batch robots"]
-    "Which robots ran into another, or had another run into them."
+    "A mask of the robots that ran into another robot, or into which another robot ran."
     collisions: Int[Array, "*batch"]
     "Number of pairs of robots that collided."
 
@@ -55,15 +54,15 @@ def joint_image(
     All robots set out together, straight and at the same pace, from the centre of their cell to the
     centre of the next. A robot bumps if
 
-    - a wall is in its way, as in [`jaxcell.bounce.bounce_map`][];
+    - a wall blocks its step, as in [`jaxcell.bounce.bounce_map`][];
     - on its way it would meet a robot that sets out too: at the same end, changing places, or
         crossing on diagonals (and, with steps of several cells, anywhere between);
     - a robot that bumps stands on its way, and so on along a queue.
 
     No other robot bumps. A robot that bumps stays, and turns by its bouncing angle once, however
     many robots and walls it meets. So robots in different positions never come to share one, and
-    the order of the robots makes no difference. Two robots *collide* if they would meet, or if one
-    bumps and stands on the way of the other. To each other robots are points: discs wider than a
+    the order of the robots makes no difference. Two robots *collide* if they would meet, or if a
+    robot that bumps stands in the step of the other. Robots are points here: discs wider than a
     cell are not kept apart.
 
     Works under `jit`, and under `vmap` over any of the arguments.
@@ -107,7 +106,7 @@ def joint_image(
 def _vanishes(
     offset: Int[Array, "2 robots robots"], change: Int[Array, "2 robots #robots"]
 ) -> Bool[Array, "robots robots"]:
-    """Whether `offset + t * change` is zero for some `t` in (0, 1], and not for `t = 0`."""
+    """Test whether `offset + t * change` is zero for some `t` in (0, 1], but not for `t = 0`."""
     (x, y), (dx, dy) = offset, change
     square, along, across = x * x + y * y, x * dx + y * dy, x * dy - y * dx
     return (square > 0) & (across == 0) & (square + along <= 0)

@@ -1,5 +1,3 @@
-"""A robot that turns imprecisely at a wall (Alam 2018, section 3.3.3)."""
-
 import math
 
 import jax
@@ -21,11 +19,11 @@ def noisy_bounce_map(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> Chain:
-    """The generalized map of a robot that turns imprecisely at a wall (Alam 2018, section 3.3.3).
+    """Make the generalized map of a robot that turns imprecisely (Alam 2018, section 3.3.3).
 
-    It moves as in [`jaxcell.bounce.bounce_map`][]. At a wall it turns by the bouncing angle with
-    probability `reliability`; else by another angle that differs from it by at most `error`, all
-    whole directions with equal probability (Alg. 3.3).
+    The robot moves as in [`jaxcell.bounce.bounce_map`][]. At a wall it turns by the bouncing angle
+    with probability `reliability`. Otherwise it turns by another angle that differs by at most
+    `error`, all whole directions with equal probability (Alg. 3.3).
 
     **Arguments:**
 
@@ -35,14 +33,13 @@ def noisy_bounce_map(
     - `reliability`: the probability of a turn without error, above 0 and at most 1.
     - `motion`: how the robot moves.
 
-    **Returns:** [`jaxcell.mapping.Chain`][], which nothing leaves.
+    **Returns:** [`jaxcell.mapping.Chain`][], without a sink.
 
-    **Raises:** `ValueError` for angles that are not whole numbers of directions, an error so large
-    that it reaches one direction twice, a reliability out of range, or one below 1 where the error
-    is 0; else as [`jaxcell.bounce.bounce_map`][]. `RuntimeError` where JAX is set to 32 bits.
+    **Raises:** `ValueError` for angles or a reliability that do not fit, and as
+    [`jaxcell.bounce.bounce_map`][]; `RuntimeError` if JAX is set to 32 bits.
 
-    The image of cell 1, at the East end of a corridor of two squares. Of ten turns, eight are right
-    about, and one each to the North and the South:
+    Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are right
+    about, and one each is to the North and the South:
 
         >>> import math
         >>> import numpy as np
@@ -60,7 +57,7 @@ def noisy_bounce_map(
 def noisy_turns(
     bounce: float, error: float, reliability: float, directions: int
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
-    """The turns at a wall, in directions, the one without error first, and their probabilities.
+    """List the turns at a wall, in directions, the turn without error first.
 
     **Arguments:**
 
@@ -69,9 +66,7 @@ def noisy_turns(
 
     **Returns:** the turns, and the probability of each.
 
-    **Raises:** as [`noisy_bounce_map`][].
-
-    Mostly to the left, one in ten times a direction farther, and one in ten times one less:
+    Mostly to the left, one in ten times a direction farther, and one in ten times a direction less:
 
         >>> import math
         >>> from jaxcell import bounce
@@ -111,7 +106,7 @@ def noisy_turns(
 def noisy_chain(
     moves: Moves, turns: Int[np.ndarray, "branches"], probability: Float[np.ndarray, "branches"]
 ) -> Chain:
-    """The chain of moves with these turns at a wall, the first of which is that without error."""
+    """Make the chain of moves with turns at a wall; the first turn is the turn without error."""
     return Chain(*_slots(moves, turns, probability))
 
 

@@ -15,9 +15,9 @@ from .trajectory import TeamOutcome, TeamTrajectory
 
 # Steps that are simulated at a time: parts are tens to thousands of steps long.
 _CHUNK = 256
-# Fewer lanes take hardly less time than these, and each number of lanes is compiled once.
+# Fewer lanes take hardly less time, and each number of lanes is compiled once.
 _LANES = 8
-# By default no part is longer, since all joint states that were there are kept.
+# The longest part by default, because all visited joint states are kept in memory.
 _MAX_PART_STEPS = 100_000
 
 
@@ -31,16 +31,15 @@ def team_trajectory(
     part_steps: int | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> TeamTrajectory:
-    """A joint trajectory of several bouncing robots that is to cover a map (Alam 2018, Alg. 3.4).
+    """Find a joint trajectory of several bouncing robots that covers a map (Alam 2018, Alg. 3.4).
 
-    The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they come to a joint state in
-    which they have been before, from which they would only repeat themselves. There one part of the
-    trajectory ends, and the next begins with one robot turned in place by one direction, either
-    way. Of the joint states that such a turn leads to, those that were not there before are tried,
-    and that is taken whose part visits the most new positions, among equals with the fewest
-    collisions, then the first (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The
-    trajectory ends with the step that visits the last of the positions that steps in any direction
-    lead to from the starts. Only positions where a step ends count as visited.
+    The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they repeat a joint state. There
+    one part of the trajectory ends, and the next part begins with one robot turned in place by one
+    direction, to either side. All such turns that lead to new joint states are tried. The part that
+    visits the most new positions is taken; among equals the part with the fewest collisions, then
+    the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The trajectory ends
+    when all positions that steps in any direction lead to from the starts are visited. Only
+    positions where a step ends count as visited.
 
     **Arguments:**
 
@@ -48,27 +47,24 @@ def team_trajectory(
     - `starts`: the cell of each robot, no two in one position.
     - `bounces`: bouncing angles in radians, one for all robots or one for each.
     - `motion`: how the robots move.
-    - `max_parts`: how many parts the trajectory may have.
-    - `part_steps`: after how many steps a part ends in any case, since several robots may take
-        millions until they repeat themselves; by default the number of cells, which no robot alone
-        exceeds, but at most 100,000.
-    - `progress`: called after each part with the number of parts and of positions visited so far.
+    - `max_parts`: the largest number of parts.
+    - `part_steps`: the largest number of steps of a part, because several robots may take millions
+        of steps until they repeat a state; by default the number of cells, at most 100,000.
+    - `progress`: called after each part with the numbers of parts and of visited positions.
 
     **Returns:** [`TeamTrajectory`][].
 
-    **Raises:** `ValueError` if there are no robots or no angles, if a start does not exist or two
-    are in one position, if there are neither one angle nor as many as robots, for an angle that is
-    not a whole number of directions, or for a number of parts or steps below 1; else as
+    **Raises:** `ValueError` for starts, angles or numbers that do not fit, and as
     [`jaxcell.bounce.moves`][].
 
-    Robots at both ends of a corridor of three squares meet in the middle and turn round. They have
-    been at their ends before, so one of them is turned, and the middle is reached:
+    Robots at both ends of a corridor of three squares meet in the middle and turn round. Their
+    state at the ends repeats, so one robot is turned, and the middle is visited:
 
         >>> import math
         >>> from jaxcell import bounce, examples
         >>> cells = examples.corridor()
-        >>> found = bounce.team_trajectory(cells, [0, 5], math.pi)
-        >>> found.cell.tolist(), found.outcome.name
+        >>> team = bounce.team_trajectory(cells, [0, 5], math.pi)
+        >>> team.cell.tolist(), team.outcome.name
         ([[0, 5], [3, 2], [0, 5], [3, 5], [0, 4]], 'COVERED')
     """
     return team_trajectories(
@@ -92,16 +88,14 @@ def team_trajectories(
     part_steps: int | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> list[TeamTrajectory]:
-    """The joint trajectories of [`team_trajectory`][] from many starts of the same robots.
+    """Find the joint trajectories of [`team_trajectory`][] from many starts of the same robots.
 
     All runs are simulated side by side, each with all the turns that it tries.
 
-    **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
-    is called after each part of all runs with the most parts and the fewest positions of a run.
+    **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run. `progress` is
+    called after each part with the most parts and the fewest positions of a run.
 
     **Returns:** a [`TeamTrajectory`][] for each run.
-
-    **Raises:** `ValueError` as [`team_trajectory`][].
 
     The number of steps from two pairs of starts in a corridor of three squares:
 
@@ -109,8 +103,8 @@ def team_trajectories(
         >>> import numpy as np
         >>> from jaxcell import bounce, examples
         >>> cells = examples.corridor()
-        >>> found = bounce.team_trajectories(cells, np.array([[0, 5], [1, 5]]), math.pi)
-        >>> [run.steps for run in found]
+        >>> runs = bounce.team_trajectories(cells, np.array([[0, 5], [1, 5]]), math.pi)
+        >>> [run.steps for run in runs]
         [4, 2]
     """
     _check_starts(cells, starts)
@@ -180,7 +174,7 @@ def _shifts(
 
 
 def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
-    """How many positions steps in any direction lead to, with those they start from."""
+    """Count the positions that steps in any direction lead to, with the starts."""
     reached = np.zeros(target.shape[1], bool)
     new = position
     while new.size:
@@ -191,7 +185,7 @@ def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, 
 
 
 class _Steps(NamedTuple):
-    """Some steps of a joint trajectory: where each leads, and what happened."""
+    """Steps of a joint trajectory: the states after each, with bumps and collisions."""
 
     state: Int[np.ndarray, "steps robots"]
     bumped: Bool[np.ndarray, "steps robots"]
@@ -212,7 +206,7 @@ class _Run:
         self.parts: list[_Part] = []
 
     def begins(self) -> list[Int[np.ndarray, "robots"]]:
-        """The joint states that the next part can begin with."""
+        """List the joint states that the next part can begin with."""
         if not self.parts:
             return [self.start]
         last = self.parts[-1].state
@@ -240,7 +234,7 @@ class _Run:
         new = np.bincount(first // path.shape[1], minlength=len(path))
         return TeamTrajectory(
             cells=self.cells,
-            # What leads to the start is no step.
+            # The entry of the start is no step.
             bumped=bumped[1:],
             collided=collided[1:],
             collisions=collisions[1:],
@@ -257,13 +251,13 @@ class _Run:
 
 
 class _Part:
-    """A part of a joint trajectory in the making, which may follow those that a run has."""
+    """A part of a joint trajectory in the making, a candidate to follow the parts of a run."""
 
     def __init__(self, run: _Run, begin: Int[np.ndarray, "robots"], limit: int) -> None:
         self.run, self.limit = run, limit
-        # In the step that leads here nobody bumps: it turns one robot.
-        nobody = np.zeros((1, len(begin)), bool)
-        self.steps = [_Steps(begin[None], nobody, nobody, np.zeros(1, np.int32))]
+        # The first entry turns one robot, and no robot bumps.
+        none = np.zeros((1, len(begin)), bool)
+        self.steps = [_Steps(begin[None], none, none, np.zeros(1, np.int32))]
         self.length = self.collisions = 0
         self.visited = {begin.tobytes()}
         self.covered = run.covered.copy()
@@ -277,11 +271,11 @@ class _Part:
 
     @property
     def gain(self) -> int:
-        """Number of positions that no part before visits."""
+        """Number of positions that no earlier part visits."""
         return int(self.covered.sum() - self.run.covered.sum())
 
     def extend(self, steps: _Steps) -> None:
-        """Add those of some steps that still belong to the part."""
+        """Add the steps that still belong to the part."""
         states = steps.state[: self.limit - self.length]
         stop = len(states)
         self.growing = self.length + stop < self.limit
@@ -308,10 +302,10 @@ def _hashable(states: Int[np.ndarray, "steps robots"]) -> list[bytes]:
 def _simulate(
     orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
 ) -> None:
-    """Complete parts side by side; one that has ended leaves its lane to others."""
+    """Complete parts side by side; a part that has ended leaves its lane to others."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
-        # A power of two, so that there are few programs.
+        # A power of two, so that few programs are compiled.
         lanes = max(_LANES, 1 << (len(growing) - 1).bit_length())
         states = np.resize(states, (lanes, states.shape[1]))
         joint = orbits(jax.device_put(states))

@@ -3,7 +3,7 @@ import enum
 import functools
 import math
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,11 +13,12 @@ from ..space import CellSpace
 from .dynamics import motion_violations
 
 
+_Flags: TypeAlias = Bool[np.ndarray, "steps robots"]
 _SOURCE = "Alam 2018, section 3.4.4"
 
 
 class TeamOutcome(enum.Enum):
-    """How the search for a joint trajectory ended, in a sentence."""
+    """The end of the search for a joint trajectory, as a sentence."""
 
     COVERED = "every position was visited"
     OUT_OF_REACH = (
@@ -30,7 +31,7 @@ class TeamOutcome(enum.Enum):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TeamTrajectory(Result):
-    """A joint trajectory of several robots that covers a map, or as much of it as it could."""
+    """A joint trajectory of several robots that covers a map, or the part that it could reach."""
 
     title: ClassVar[str] = "Joint trajectory of bouncing robots for coverage"
     picture: ClassVar[str] = "first_visit"
@@ -38,14 +39,12 @@ class TeamTrajectory(Result):
 
     cells: CellSpace
     bumped: Annotated[
-        Bool[np.ndarray, "steps robots"],
-        quantity("move robot", "whether the robot stays and turns", kind="flag"),
+        _Flags, quantity("move robot", "whether the robot stays and turns", kind="flag")
     ]
     collided: Annotated[
-        Bool[np.ndarray, "steps robots"],
-        quantity("move robot", "whether the robot meets another", kind="flag"),
+        _Flags, quantity("move robot", "whether the robot meets another", kind="flag")
     ]
-    "Which robots run into another, or have another run into them, in each step."
+    "A mask of the robots that run into another robot, or into which another robot runs."
     collisions: Annotated[
         Int[np.ndarray, "steps"], quantity("move", "pairs of robots that collide", kind="count")
     ]
@@ -61,7 +60,7 @@ class TeamTrajectory(Result):
     part_begin: Annotated[
         Int[np.ndarray, "parts"], quantity("part", "when the part begins", "mappings", kind="index")
     ]
-    "Each part but the first begins with one robot turned by one direction."
+    "Each part except the first begins with one robot turned by one direction."
     uncovered_positions: Annotated[
         Int[np.ndarray, "uncovered"],
         quantity(
@@ -179,8 +178,8 @@ class TeamTrajectory(Result):
 
     @functools.cached_property
     def _first_visits(self) -> Int[np.ndarray, "2 positions"]:
-        """The time when each position is first visited, and the robot; -1 if there is none."""
+        """The time of the first visit to each position, and its robot; -1 for none."""
         position, first = np.unique(self.cell % self.cells.positions, return_index=True)
-        found = np.full((2, self.cells.positions), -1, np.int32)
-        found[:, position] = np.divmod(first, self.cell.shape[1])
-        return found
+        visits = np.full((2, self.cells.positions), -1, np.int32)
+        visits[:, position] = np.divmod(first, self.cell.shape[1])
+        return visits

@@ -1,4 +1,4 @@
-"""The `jaxcell` command. Nothing here imports JAX before a command runs, so help is instant."""
+"""The `jaxcell` command. JAX is imported only when a command runs, so help is fast."""
 
 import sys
 from collections.abc import Sequence

@@ -9,22 +9,22 @@ from typing import Any
 
 from ..base.bundled import found
 from ..base.memory import LIMIT, read_size
-from . import studies
+from ..study import STUDIES
 from .completion import OPTION as COMPLETION, print_completion
 from .demo import Demo
 from .docs import Docs
 from .encoding import allow_any_encoding
 from .export import Export
-from .help import option, overview, parsed, unknown
+from .help import as_options, option, overview, parsed, unknown
 from .info import Info
 from .maps import Maps
-from .options import check_out
+from .output import check_out
 from .robot.calibrate import RobotCalibrate
 from .robot.check import RobotCheck
 from .robot.replay import RobotReplay
 from .robot.run import RobotRun
 from .robot.sketch import RobotSketch
-from .run import Run
+from .study_command import Run, command_of
 from .sweep.indices import SweepIndices
 from .sweep.run import Sweep, SweepMerge, SweepState
 from .sweep.verify import SweepVerify
@@ -32,43 +32,39 @@ from .sweep.view import SweepView
 from .view import View
 
 
-COMMANDS = {
-    "cover": studies.Cover,
-    "demo": Demo,
-    "docs": Docs,
-    "drift": studies.Drift,
-    "drifters": studies.Drifters,
-    "dynamics": studies.Dynamics,
-    "export": Export,
-    "groups": studies.Groups,
-    "info": Info,
-    "localize": studies.Localize,
-    "maps": Maps,
-    "navigate": studies.Navigate,
-    "patrol graph": studies.PatrolGraph,
-    "patrol map": studies.PatrolMap,
-    "robot calibrate": RobotCalibrate,
-    "robot check": RobotCheck,
-    "robot replay": RobotReplay,
-    "robot run": RobotRun,
-    "robot sketch": RobotSketch,
-    "run": Run,
-    "sweep": Sweep,
-    "sweep indices": SweepIndices,
-    "sweep merge": SweepMerge,
-    "sweep status": SweepState,
-    "sweep verify": SweepVerify,
-    "sweep view": SweepView,
-    "team": studies.Team,
-    "view": View,
-}
+# The commands by the words after `jaxcell`, in the order of `jaxcell --help`.
+COMMANDS: dict[str, Any] = dict(
+    sorted(
+        {
+            **{study.command: command_of(study) for study in STUDIES if study.command},
+            "demo": Demo,
+            "docs": Docs,
+            "export": Export,
+            "info": Info,
+            "maps": Maps,
+            "robot calibrate": RobotCalibrate,
+            "robot check": RobotCheck,
+            "robot replay": RobotReplay,
+            "robot run": RobotRun,
+            "robot sketch": RobotSketch,
+            "run": Run,
+            "sweep": Sweep,
+            "sweep indices": SweepIndices,
+            "sweep merge": SweepMerge,
+            "sweep status": SweepState,
+            "sweep verify": SweepVerify,
+            "sweep view": SweepView,
+            "view": View,
+        }.items()
+    )
+)
 
-# Directions of which there would be too many to recommend.
+# The most directions that an error recommends.
 _MAX_DIRECTIONS = 3600
 
 
 def _line(error: ValueError | OSError | MemoryError) -> str:
-    """What an error says, as one line, which scripts read, without numbers of the system."""
+    """Write an error in one line, for scripts, without error numbers of the system."""
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}"
@@ -90,12 +86,12 @@ def run(args: Sequence[str]) -> int:
             check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
         return int(command.run())
     except BrokenPipeError:
-        # Whoever read the output has seen enough, as `head` does; nothing is lost.
+        # The reader of the output, such as `head`, has closed it. Nothing is lost.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, OSError, MemoryError) as error:
-        said = _as_options(_line(error), command) if name else _line(error)
-        print(f"jaxcell {name or _name(args) or args[0]}: {said}", file=sys.stderr)
+        line = _of_options(_line(error), command) if name else _line(error)
+        print(f"jaxcell {name or _name(args) or args[0]}: {line}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
         text = str(error)
@@ -106,9 +102,9 @@ def run(args: Sequence[str]) -> int:
 
 
 def _limited(args: Sequence[str]) -> list[str]:
-    """The words without the option --memory, whose size holds for this process and its workers.
+    """Remove the option --memory, and set its size as the limit of this process and its workers.
 
-    **Raises:** `ValueError` if it is none.
+    **Raises:** `ValueError` if it is no size.
     """
     words = list(args)
     for place, word in enumerate(words):
@@ -123,21 +119,20 @@ def _limited(args: Sequence[str]) -> list[str]:
 
 
 def read(args: Sequence[str]) -> tuple[str, Any]:
-    """The name of a command, and the command with its options.
+    """Return the name of a command, and the command with its options.
 
-    **Raises:** `SystemExit` after a page of help, or of what is wrong with the options;
-    `ValueError` or `OSError` for a study that cannot be loaded, or a name of no bundled data.
+    **Raises:** `SystemExit` after a page of help, or after the errors of the options; `ValueError`
+    or `OSError` for a study that cannot be loaded, or an unknown name of bundled data.
     """
     words = list(args)
     if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
         from ..study.loading import load_study
-        from .study import command as command_of
 
         name = f"run {words[1]}"
         kind, rest = command_of(load_study(words[1]), name), words[2:]
     else:
         if not (name := _name(words)):
-            group = {one: kind for one, kind in COMMANDS.items() if one.split()[:1] == words[:1]}
+            group = {each: kind for each, kind in COMMANDS.items() if each.split()[0] in words[:1]}
             if words[:1] == [COMPLETION]:
                 print_completion(COMMANDS, words)
             elif not words or words[0] in ("-h", "--help"):
@@ -151,23 +146,25 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
 
 
 def _name(words: Sequence[str]) -> str:
-    """The name of the command that a line begins with, of which some are two words."""
+    """Return the name of the command, of one or two words, at the begin of a line."""
     return next((name for name in (" ".join(words[:2]), *words[:1]) if name in COMMANDS), "")
 
 
-def _as_options(message: str, command: Any) -> str:
-    """A message that begins with the name of a parameter, with what it is called in the usage."""
+def _of_options(message: str, command: Any) -> str:
+    """Write the parameters in a message as options: the first word, and names in backquotes."""
+    kind = type(command)
+    message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
     if not any(field.name == name for field in dataclasses.fields(command)):
         return message
-    said = f"{option(type(command), name)}{message[len(name) :]}"
+    line = f"{option(kind, name)}{message[len(name) :]}"
     if "is not a whole number of the" in message and (wanted := _directions(command)):
-        said += f"; --directions {wanted} would do"
-    return said
+        line += f"; --directions {wanted} would do"
+    return line
 
 
 def _directions(command: Any) -> int | None:
-    """The fewest directions of which all angles of a command are whole numbers."""
+    """Find the least number of directions whose step divides all angles of a command."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

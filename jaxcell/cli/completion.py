@@ -1,4 +1,4 @@
-"""The script by which a shell completes commands, their options and their choices."""
+"""The script with which a shell completes commands, their options and their choices."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from .help import displayed
 
 
 OPTION = "--tyro-print-completion"
-# Where tyro has nothing to propose it proposes an empty word, which keeps Bash from files.
+# If tyro has no proposal it proposes an empty word, which keeps Bash from proposing files.
 _FILES = """
 _jaxcell() {
   _tyro_jaxcell "$@"
@@ -21,11 +21,11 @@ complete -o default -F _jaxcell jaxcell
 
 
 def print_completion(commands: Mapping[str, type], words: Sequence[str]) -> NoReturn:
-    """Print the script of a shell, and end.
+    """Print the script of a shell, and exit.
 
     **Arguments:**
 
-    - `commands`: all of them by their names, of which some are two words.
+    - `commands`: the commands by their names of one or two words.
     - `words`: the option and the shell: bash, zsh or fish.
     """
     try:
@@ -38,11 +38,11 @@ def print_completion(commands: Mapping[str, type], words: Sequence[str]) -> NoRe
     finally:
         if list(words[1:]) == ["bash"]:
             print(_FILES, end="")
-    raise AssertionError("the option ends the command")
+    raise AssertionError("tyro exits after the script")
 
 
 def _tree(commands: Mapping[str, type]) -> Any:
-    """All commands as one choice; what follows the first word of two is a choice within it."""
+    """Build all commands as one choice; the second words of a group are a choice within it."""
     top = {name: displayed(kind) for name, kind in commands.items() if " " not in name}
     for group in dict.fromkeys(name.split()[0] for name in commands if " " in name):
         within = _choice(

@@ -2,12 +2,14 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..base.bundled import found
+from ..study import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Study, Team
 from .help import parsed
-from .options import starting, write_text
-from .studies import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Team
+from .output import write_text
+from .startup import starting
+from .study_command import command_of
 from .terminal import note, note_results, stdout_on_stderr
 
 
@@ -15,28 +17,31 @@ from .terminal import note, note_results, stdout_on_stderr
 class Demo:
     """Tour homing, groups, localization, plans, coverage, patrols and drifters on bundled data."""
 
+    example: ClassVar[str] = ""
+
     out: Path = Path("runs/demo")
-    """Directory for the results, a folder for each stop of the tour."""
+    """Folder for the results, with a folder for each stop of the tour."""
 
     def run(self) -> int:
         began, pages = time.perf_counter(), ["# What the tour shows"]
         with starting():
             from ..base.runtime import compile_quickly
 
-            # Each program of the tour is run once.
+            # The tour runs each program once, so fast compilation pays.
             compile_quickly()
             from .. import record  # noqa: F401
         for number, stop in enumerate(STOPS, start=1):
             note(f"{number}/{len(STOPS)} {stop.title}\n    {stop.line}")
-            command = parsed(stop.command, stop.command.called, list(map(found, stop.words)))
+            command = parsed(command_of(stop.study), stop.study.command, stop.words)
             with stdout_on_stderr():
                 result, summary = command.answer()
-                said = stop.said(result)
+                sentences = stop.sentences(result)
                 command.write(result, summary, self.out / stop.folder)
-            note("".join(f"    {one}\n" for one in said))
+            note("".join(f"    {sentence}\n" for sentence in sentences))
             files = sorted(path.name for path in (self.out / stop.folder).iterdir())
             links = ", ".join(f"[{name}]({stop.folder}/{name})" for name in files)
-            pages += [f"## {stop.title}", f"    {stop.line}", " ".join(said), f"Files: {links}"]
+            text = " ".join(sentences)
+            pages += [f"## {stop.title}", f"    {stop.line}", text, f"Files: {links}"]
         write_text(self.out / "index.md", "\n\n".join(pages) + "\n")
         seconds = time.perf_counter() - began
         note(f"{len(STOPS)} stops in {seconds:.0f} s; {self.out / 'index.md'} lists what to open.")
@@ -50,18 +55,18 @@ class Stop:
 
     folder: str
     title: str
-    command: Any
+    study: type[Study]
     options: str
-    said: Callable[[Any], Sequence[str]]
-    "What is worth saying about its result, in lines."
+    sentences: Callable[[Any], Sequence[str]]
+    "Writes what the result shows."
 
     @property
     def words(self) -> list[str]:
-        return self.options.split()
+        return [found(word) for word in self.options.split()]
 
     @property
     def line(self) -> str:
-        return f"jaxcell {self.command.called} {self.options}"
+        return f"jaxcell {self.study.command} {self.options}"
 
 
 def _home(result: Any) -> list[str]:

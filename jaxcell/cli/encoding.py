@@ -1,4 +1,4 @@
-"""Text on outputs whose encoding lacks some of its characters: these are written in ASCII."""
+"""Write characters that the encoding of an output lacks in ASCII."""
 
 import codecs
 import io
@@ -11,14 +11,14 @@ _ASCII = str.maketrans({"°": " deg", "▀": "'", "▄": ".", "█": "#"})
 
 
 def allow_any_encoding() -> None:
-    """Let what is printed never fail because of its characters."""
+    """Let no output fail because of its characters."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors != _HANDLER:
             stream.reconfigure(errors=_HANDLER)
 
 
 def encodable(text: str, encoding: str) -> str:
-    """A text as it comes out in an encoding, which may be longer.
+    """Return a text as it is written in an encoding; it may be longer.
 
     >>> from jaxcell.cli.encoding import encodable
     >>> encodable("45° in 2 m²", "ascii")

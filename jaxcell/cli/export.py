@@ -1,5 +1,6 @@
 import dataclasses
 from pathlib import Path
+from typing import ClassVar
 
 import tyro
 
@@ -10,17 +11,19 @@ from .terminal import note
 class Export:
     """Write a saved filter for another program: .dot, .jff (JFLAP), .json, or .h (C)."""
 
+    example: ClassVar[str] = "runs/lab/filter.jxf filter.h"
+
     filter: tyro.conf.Positional[Path]
-    """Filter file, or policy file (.h only), as localize --out writes it."""
+    """Filter or policy (only as .h) of `jaxcell localize --out`."""
     file: tyro.conf.Positional[Path]
-    """File to write; its suffix says which format."""
+    """File to write; its suffix chooses the format."""
     minimal: bool = False
     """Merge states that no observation distinguishes by colour."""
 
     def run(self) -> int:
         from .. import automata
         from ..automata.formats.storage import read_kind
-        from .options import check_out, write_text
+        from .output import check_out, write_text
 
         formats = {
             ".dot": automata.to_dot,
@@ -43,10 +46,10 @@ class Export:
 
     def _policy(self) -> None:
         from .. import automata
-        from .options import write_text
+        from .output import write_text
 
         if self.file.suffix != ".h" or self.minimal:
-            raise ValueError(f"{self.file}: a policy has no minimal form, and only that of C (.h)")
+            raise ValueError(f"{self.file}: a policy is written only as .h, and without --minimal")
         policy = automata.Policy.load(self.filter)
         write_text(self.file, automata.policy_to_c_header(policy))
         note(f"{self.file}: {policy.turn.size} states")

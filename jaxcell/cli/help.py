@@ -1,295 +1,178 @@
-"""Help: what a command needs comes first, in its usage and on its page, and there is an example."""
+"""Pages of help: tyro's own, with an example, and with units and conditions from annotations."""
 
 import ast
-import contextlib
-import dataclasses
 import difflib
 import functools
 import inspect
-import io
 import itertools
 import re
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin, get_type_hints
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, Field, fields
+from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from ..study.study import unit
+from ..study.parameters import Needed, Only, Unit, conditions, listed, parameters, within
 
 
-_EXAMPLES = {
-    "cover": "@complex --bounces 30 75 315 --error 5 --reliability 0.8",
-    "demo": "",
-    "docs": "",
-    "drift": "@gyres --depths 0 --out runs/drift",
-    "drifters": "@drifters --nearly-closed 2 --out runs/drifters",
-    "dynamics": "pendulum --params T=0.1:0.9:17",
-    "export": "runs/lab/filter.jxf filter.h",
-    "groups": "@lab_a --bounce 45 90 135",
-    "info": "@lab_a",
-    "localize": "@lab_a --bounce 135 --out runs/lab",
-    "maps": "",
-    "navigate": "@complex --bounces 45 90 135 --start 0.5,1.5,0 --goal 12.5,9.5,0",
-    "patrol graph": "@random --robots 2",
-    "patrol map": "@depot --robots 2 --range 6",
-    "robot calibrate": "--port /dev/ttyUSB0",
-    "robot check": "--port /dev/ttyUSB0",
-    "robot replay": "runs/emulated/run.jsonl",
-    "robot run": "runs/lab/filter.jxf --simulate @lab_a --heading 0 --out runs/emulated",
-    "robot sketch": "runs/lab/filter.jxf --heading 0 --out localize.ino",
-    "run": "my_study.py:MyStudy --help",
-    "sweep": "@rooms --engine processes --out runs/rooms",
-    "sweep indices": "runs/samples",
-    "sweep merge": "runs/rooms",
-    "sweep status": "runs/rooms",
-    "sweep verify": "runs/rooms",
-    "sweep view": "runs/rooms",
-    "team": "@complex --robots 4 --bounces 135",
-    "view": "runs/lab",
-}
-# By commands, the options and files of which one is needed.
-_ONE_OF = {
-    "localize": ("bounce", "bounces"),
-    "robot run": ("port", "ros", "simulate"),
-    "robot sketch": ("file", "bounce"),
-}
-_ABOUT = """The global behaviour of simple robots, by cell-to-cell mapping. A map, a graph
-or currents are a file, or a name such as @lab_a, which `jaxcell maps` lists.
-With --memory 8G a command refuses what would take more than that in a process.
+_ABOUT = """Compute the global behaviour of simple robots by cell-to-cell mapping. A map, a graph or
+currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. The option
+--memory 8G of any command refuses work that needs more memory in one process.
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 _UNITS = {"d": "DAYS", "deg": "DEG", "m": "M", "s": "S"}
-_NOTHING = {"None", "", "False"}
+# Defaults that a page of help does not show.
+_EMPTY = {"None", "", "False"}
+# Options of all commands, which a page lists last.
+_LAST = {"out", "json", "verify"}
 
 
-class _Page(io.StringIO):
-    """Text that is kept, in the colours and characters of where it is to be shown."""
-
-    def __init__(self, shown: Any) -> None:
-        super().__init__()
-        self.shown = shown
-
-    def isatty(self) -> bool:
-        return bool(self.shown.isatty())
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        return self.shown.encoding or "ascii"
+def example(kind: Any, name: str) -> str:
+    """Return a command line that shows a command."""
+    return f"jaxcell {name} {kind.example}".rstrip()
 
 
-def example(name: str) -> str:
-    """A command line that shows a command."""
-    return f"jaxcell {name} {_EXAMPLES[name]}".rstrip()
+def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
+    """Read the options of a command.
 
-
-def parsed(kind: type, name: str, words: Sequence[str]) -> Any:
-    """A command with the options that it is given.
-
-    **Raises:** `SystemExit` after a page of help, or of what is wrong with the options.
+    **Raises:** `SystemExit` after a page of help, or after the errors of the options.
     """
-    about = inspect.cleandoc(kind.__doc__ or "")
-    if name in _EXAMPLES:
-        about += f"\n\nExample: {example(name)}"
-    shown = displayed(kind)
-    _check_options(shown, name, words)
-    page = _Page(sys.stdout)
-    try:
-        with contextlib.redirect_stdout(page):
-            return tyro.cli(
-                shown,
-                args=list(words),
-                prog=f"jaxcell {name}",
-                description=about,
-                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-            )
-    finally:
-        print(re.sub(r"\Ausage: .*", lambda _: _usage(shown, name), page.getvalue()), end="")
-
-
-def _check_options(shown: type, name: str, words: Sequence[str]) -> None:
-    """End with the most similar option if a command has no option of a name."""
-    hints = get_type_hints(shown, include_extras=True)
-    options = [_option(field.name, hints[field.name]) for field in dataclasses.fields(shown)]
-    known = ["--help", *(one for one in options if one.startswith("--"))]
-    for word in words:
-        given = word.partition("=")[0].replace("_", "-")
-        if word.startswith("--") and given not in known and not given.startswith("--tyro-"):
-            near = difflib.get_close_matches(given, known, 1, 0.7)
-            meant = f"did you mean {near[0]}?" if near else f"jaxcell {name} --help lists them"
-            print(f"jaxcell {name}: there is no option {given}; {meant}", file=sys.stderr)
-            sys.exit(2)
+    about = [inspect.cleandoc(kind.__doc__ or "")]
+    if one_of := getattr(kind, "one_of", ()):
+        about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
+    about += [f"Example: {example(kind, name)}"] if hasattr(kind, "example") else []
+    return tyro.cli(
+        displayed(kind),
+        args=list(words),
+        prog=f"jaxcell {name}",
+        description="\n\n".join(about),
+        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+    )
 
 
 def option(kind: type, parameter: str) -> str:
-    """What a parameter of a command is called in its usage."""
-    return _option(parameter, get_type_hints(kind, include_extras=True)[parameter])
+    """Return the name of a parameter on the command line."""
+    positional = _is_positional(parameters(kind)[parameter])
+    return parameter.upper() if positional else f"--{parameter.replace('_', '-')}"
 
 
-def _option(name: str, hint: Any) -> str:
-    return name.upper() if _is_positional(hint) else f"--{name.replace('_', '-')}"
+def as_options(kind: type, text: str) -> str:
+    """Write parameters as options, where they stand in backquotes."""
+    known = parameters(kind)
+    return re.sub(r"`(\w+)`", lambda m: option(kind, m[1]) if m[1] in known else m[0], text)
 
 
 def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
-    """Show a page of commands, and end."""
-    console = Console(highlight=False)
+    """Print a page of commands, and exit."""
     print(f"usage: jaxcell {group} COMMAND ...".replace("  ", " "))
     if not group:
         print(f"\n{_ABOUT}")
     table = Table(box=None, show_header=False, padding=(0, 2), pad_edge=True)
     for name, kind in commands.items():
-        table.add_row(name, _first_sentence(kind))
-    console.print("\nCommands; each takes --help:\n", table, sep="\n")
+        sentence = re.split(r"(?<=[a-z)])[.;] ", " ".join((kind.__doc__ or "").split()))[0]
+        table.add_row(name, sentence.rstrip("."))
+    Console(highlight=False).print("\nCommands; each takes --help:\n", table, sep="\n")
     sys.exit(0)
 
 
 def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
-    """Say that there is no such command, and which is most like it, and end."""
-    two = {name.split()[0] for name in commands if " " in name}
-    said = " ".join(words[:2]) if words[0] in two else words[0]
-    near = difflib.get_close_matches(said, [*commands, *two], 1, 0.5)
-    if said in two:
-        meant = f"expected one of {', '.join(one for one in commands if one.startswith(said))}"
+    """Report an unknown command with the most similar known one, and exit."""
+    groups = {name.split()[0] for name in commands if " " in name}
+    wanted = " ".join(words[:2]) if words[0] in groups else words[0]
+    similar = difflib.get_close_matches(wanted, [*commands, *groups], 1, 0.5)
+    if wanted in groups:
+        advice = f"expected one of {', '.join(one for one in commands if one.startswith(wanted))}"
     else:
-        meant = f"did you mean {near[0]}?" if near else "jaxcell --help lists them"
-    print(f"jaxcell: there is no command {said}; {meant}", file=sys.stderr)
+        advice = f"did you mean {similar[0]}?" if similar else "jaxcell --help lists them"
+    print(f"jaxcell: there is no command {wanted}; {advice}", file=sys.stderr)
     sys.exit(2)
 
 
-def _first_sentence(kind: type) -> str:
-    text = " ".join((kind.__doc__ or "").split())
-    return re.split(r"(?<=[a-z)])[.;] ", text)[0].rstrip(".")
-
-
-# To read a source takes as long as all else that is said of a command.
+# Cached, because reading the source takes half of the time of a page.
 @functools.cache
 def displayed(kind: type) -> type:
-    """A class whose fields are in the order in which help shows them, and as it shows them.
+    """Return a class with the options of a command in the order and the words of its help.
 
-    First is what is required, then what the command has of its own, then what it has in common with
-    others, the results last.
+    Required options come first, then the command's own, then the options of all commands.
     """
-    hints = get_type_hints(kind, include_extras=True)
-    depth = {
-        field: level
-        for level, base in reversed(list(enumerate(kind.__mro__)))
-        for field in inspect.get_annotations(base)
+    hints, texts, noted = parameters(kind), _documentation(kind), conditions(kind)
+    level = {
+        name: number
+        for number, base in reversed(list(enumerate(kind.__mro__)))
+        for name in inspect.get_annotations(base)
     }
-    last = {"out", "json", "verify"}
-    fields = sorted(
-        dataclasses.fields(kind),
-        key=lambda field: (not _required(field), field.name in last, depth[field.name]),
-    )
-    said = _documentation(kind)
+
+    def place(field: "Field[Any]") -> tuple[bool, bool, int]:
+        optional = field.default is not MISSING or field.default_factory is not MISSING
+        return optional, field.name in _LAST, level[field.name]
+
+    ordered = sorted(fields(kind), key=place)
     annotations = {
-        field.name: _described(field.name, hints[field.name], said.get(field.name))
-        for field in fields
+        field.name: Annotated[
+            hints[field.name],
+            tyro.conf.arg(
+                help=" ".join(
+                    filter(None, (texts.get(field.name), _when(kind, noted.get(field.name, []))))
+                ),
+                metavar=_metavar(field.name, hints[field.name]),
+                help_behavior_hint=lambda text: "" if text in _EMPTY else f"(default: {text})",
+            ),
+        ]
+        for field in ordered
     }
     shown = type(kind.__name__, (kind,), {"__doc__": kind.__doc__, "__annotations__": annotations})
-    shown.__dataclass_fields__ = {field.name: field for field in fields}  # type: ignore[attr-defined]
+    shown.__dataclass_fields__ = {field.name: field for field in ordered}  # type: ignore[attr-defined]
     return shown
 
 
-def _required(field: "dataclasses.Field[Any]") -> bool:
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-
-
 def _documentation(kind: type) -> dict[str, str]:
-    """What is said below each field, in one line: lines of a source are no lines of help."""
-    found = {}
+    """Read the text below each field in the source, without its line breaks."""
+    texts = {}
     for base in reversed(kind.__mro__):
         try:
-            source = inspect.getsource(base)
+            source = textwrap.dedent(inspect.getsource(base))
         except (OSError, TypeError):
-            # Of a class that no file has.
+            # The class is in no file.
             continue
-        (parsed,) = ast.parse(textwrap.dedent(source)).body
-        for field, text in itertools.pairwise(getattr(parsed, "body", [])):
+        for field, text in itertools.pairwise(ast.parse(source).body[0].body):  # type: ignore[attr-defined]
             match field, text:
                 case (
                     ast.AnnAssign(target=ast.Name(id=name)),
-                    ast.Expr(value=ast.Constant(value=str(said))),
+                    ast.Expr(value=ast.Constant(value=str(words))),
                 ):
-                    found[name] = " ".join(said.split())
-    return found
+                    texts[name] = " ".join(words.split())
+    return texts
 
 
-def _described(name: str, hint: Any, said: str | None) -> Any:
-    """An annotation with the unit in place of its type, and without a default that says nothing."""
-    options: dict[str, Any] = {
-        "help": said,
-        "help_behavior_hint": lambda label: "" if label in _NOTHING else f"(default: {label})",
-    }
-    if (metavar := _metavar(name, hint)) is not None:
-        options["metavar"] = metavar
-    given = (getattr(one, "name", None) for one in getattr(hint, "__metadata__", ()))
-    return Annotated[hint, tyro.conf.arg(name=next(filter(None, given), None), **options)]
+def _when(kind: type, alternatives: Sequence[Only]) -> str:
+    """Write the conditions of an option as a sentence."""
+    begin = "Needed" if any(isinstance(one, Needed) for one in alternatives) else "Only"
+    listed = as_options(kind, ", or ".join(map(str, alternatives)))
+    return f"{begin} {listed}." if listed else ""
 
 
 def _metavar(name: str, hint: Any) -> str | None:
-    """What stands for the value of an option; `None` for what its type says."""
+    """Return the placeholder of a value: its unit, or `None` for tyro's own, the type."""
     if _is_positional(hint):
         return name.upper()
-    if kinds := _fixed(hint):
-        return " ".join(map(_kind, kinds))
-    if unit(hint) not in _UNITS:
+    several: list[tuple[Any, ...]]
+    several = [get_args(part) for part in _inside(hint) if get_origin(part) is tuple]
+    if several and Ellipsis not in several[0]:
+        return " ".join(kind.__name__.upper() for kind in several[0])
+    if (unit := within(hint, Unit)) is None:
         return None
-    one = _kind(hint)
-    return f"{one} [{one} ...]" if _is_tuple(hint) else one
+    word = _UNITS[unit.suffix]
+    return f"{word} [{word} ...]" if several else word
 
 
-def _kind(hint: Any) -> str:
-    """The unit of a value, or else its type."""
-    if (one := _UNITS.get(unit(hint) or "")) is not None:
-        return one
-    first = next(part for part in _parts(hint) if isinstance(part, type) or _is_literal(part))
-    return f"{{{','.join(first.__args__)}}}" if _is_literal(first) else first.__name__.upper()
-
-
-def _fixed(hint: Any) -> tuple[Any, ...]:
-    """The types of the values of a tuple of so many; nothing for other types."""
-    kinds = next((one.__args__ for one in _parts(hint) if get_origin(one) is tuple), ())
-    return () if Ellipsis in kinds else kinds
-
-
-def _parts(hint: Any) -> Iterator[Any]:
-    """A type and the types that it is made of."""
-    yield hint
-    for one in getattr(hint, "__args__", ()):
-        yield from _parts(one)
-
-
-def _is_literal(hint: Any) -> bool:
-    return get_origin(hint) is Literal
+def _inside(hint: Any) -> list[Any]:
+    """Return a type and the types that it is made of."""
+    return [hint, *(part for one in getattr(hint, "__args__", ()) for part in _inside(one))]
 
 
 def _is_positional(hint: Any) -> bool:
     return get_args(tyro.conf.Positional[int])[1] in getattr(hint, "__metadata__", ())
-
-
-def _is_tuple(hint: Any) -> bool:
-    return any(get_origin(one) is tuple for one in _parts(hint))
-
-
-def _usage(shown: type, name: str) -> str:
-    """The usage of a command: what is required, by name."""
-    hints = get_type_hints(shown, include_extras=True)
-    words: list[str] = []
-    options: list[str] = []
-    for field in filter(_required, dataclasses.fields(shown)):
-        hint = hints[field.name]
-        (words if _is_positional(hint) else options).append(_named(field.name, hint))
-    if name in _ONE_OF:
-        options.append(f"({' | '.join(_named(one, hints[one]) for one in _ONE_OF[name])})")
-    return " ".join(["usage: jaxcell", name, *words, *options, "[OPTIONS]"])
-
-
-def _named(name: str, hint: Any) -> str:
-    """An option or a file as the usage of a command has it."""
-    said = _option(name, hint)
-    if not _is_positional(hint):
-        return f"{said} {_metavar(name, hint) or _kind(hint)}"
-    return f"{said} [{said} ...]" if _is_tuple(hint) else said

@@ -1,46 +1,67 @@
+import csv
 import dataclasses
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import tyro
 
-from . import info_exports
-from .options import Printing
+from .output import Printing
 from .terminal import say, table
+
+
+_STATES = {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"}
+# Files for other programs: what each is, a pattern that all of them have, and patterns of numbers.
+_EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
+    ".dot": (
+        "a filter, for Graphviz",
+        r"(?s)\Adigraph .*}\s*\Z",
+        {"states": r"^  \d+ \[", "transitions": r"^  \d+ -> \d+ \["},
+    ),
+    ".jff": (
+        "an automaton, for JFLAP",
+        r"(?s)<structure>.*</structure>\s*\Z",
+        {"states": r"<state ", "transitions": r"<transition>"},
+    ),
+    ".h": ("a filter, for C", r"_(transition|turn)\[\d+\]", _STATES),
+    ".ino": ("a program for an Arduino", r"(?s)\A/\* .{,1000}Made by jaxcell", _STATES),
+}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Info(Printing):
     """Describe a file: a map, a graph, currents, or a result."""
 
+    example: ClassVar[str] = "@lab_a"
+
     file: tyro.conf.Positional[Path]
-    """Any file that jaxcell reads or writes, or a directory of results."""
+    """Any file that jaxcell reads or writes, or a folder of results."""
 
     def run(self) -> int:
-        found = describe(self.file)
+        described = describe(self.file)
         if self.json:
-            say(json.dumps(found))
+            say(json.dumps(described))
         else:
-            rows = [(name.replace("_", " "), _shown(value)) for name, value in found.items()]
+            rows = [(name.replace("_", " "), _shown(value)) for name, value in described.items()]
             table(str(self.file), ("", ""), rows)
         return 0
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """Describe what a file is, as `what`, and what is in it.
+    """Describe a file: its kind, as `what`, and its content.
 
-    **Raises:** `ValueError` if it is of no known kind, or damaged; `FileNotFoundError`.
+    **Raises:** `ValueError` if its kind is unknown, or it is damaged; `FileNotFoundError`.
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():
         return _directory(path)
     suffix = path.suffix.lower()
-    if suffix not in _KINDS:
-        raise ValueError(f"{path}: expected a file of a kind among {', '.join(_KINDS)}")
-    return _KINDS[suffix](path)
+    if suffix not in KINDS:
+        raise ValueError(f"{path}: expected a file of a kind among {', '.join(KINDS)}")
+    return KINDS[suffix](path)
 
 
 def _shown(value: Any) -> str:
@@ -60,29 +81,22 @@ def _directory(path: Path) -> dict[str, Any]:
     files = sorted(
         str(file.relative_to(path))
         for file in path.rglob("*")
-        if (file.suffix.lower() in _KINDS and file.is_file()) or file.suffix == ".zarr"
+        if (file.suffix.lower() in KINDS and file.is_file()) or file.suffix == ".zarr"
         if not any(folder.suffix == ".zarr" for folder in file.relative_to(path).parents)
     )
     if not files:
-        raise ValueError(f"{path}: there is no file of jaxcell's in it")
-    return {"what": "a directory", "files": files}
-
-
-def _belief(path: Path) -> dict[str, Any]:
-    from ..automata import HiddenMap
-
-    hidden = HiddenMap.load(path)
-    return {
-        "what": "a map for the belief of a robot",
-        "fine_cells": hidden.cells,
-        **hidden.metadata,
-    }
+        raise ValueError(f"{path}: it has no file that jaxcell reads")
+    return {"what": "a folder", "files": files}
 
 
 def _filter(path: Path) -> dict[str, Any]:
-    from ..automata import Filter, Policy
+    from ..automata import Filter, HiddenMap, Policy
     from ..automata.formats.storage import read_kind
 
+    if path.suffix == ".jxb":
+        hidden = HiddenMap.load(path)
+        what = "a map for the belief of a robot"
+        return {"what": what, "fine_cells": hidden.cells, **hidden.metadata}
     if read_kind(path) == "policy":
         policy = Policy.load(path)
         return {
@@ -113,21 +127,19 @@ def _netcdf(path: Path) -> dict[str, Any]:
 
     try:
         if netcdf_engine(path) == "scipy":
-            # The other library may look for ages for what a damaged header promises.
+            # The other library searches without end if the header is damaged.
             netcdf_file(path).close()
         with netCDF4.Dataset(path) as file:
-            # Values are not read: there may be very many.
-            every = (file, *file.variables.values())
-            named = [str(one.__dict__.get("coordinates", "")) for one in every]
-            coordinates = {*file.dimensions, *" ".join(named).split()}
+            # Values are not read, because there may be very many.
+            every = {name: (one.dimensions, one.__dict__) for name, one in file.variables.items()}
+            attributes = [file.__dict__, *(about for _, about in every.values())]
+            named = " ".join(str(about.get("coordinates", "")) for about in attributes).split()
             variables = {
-                name: (one.dimensions, one.__dict__)
-                for name, one in file.variables.items()
-                if name not in coordinates
+                name: one for name, one in every.items() if name not in {*file.dimensions, *named}
             }
-            sizes = {name: len(one) for name, one in file.dimensions.items()}
+            sizes = {name: len(size) for name, size in file.dimensions.items()}
             return _contents(sizes, variables, file.__dict__)
-    except Exception as error:  # what a damaged file makes the library raise is not written
+    except Exception as error:  # of a damaged file, undocumented
         message = " ".join(str(error).split())[:500] or type(error).__name__
         raise ValueError(f"{path}: not a NetCDF file that can be read: {message}") from None
 
@@ -135,28 +147,28 @@ def _netcdf(path: Path) -> dict[str, Any]:
 def _zarr(path: Path) -> dict[str, Any]:
     import xarray as xr
 
-    with xr.open_zarr(path) as found:
-        variables = {name: (one.dims, one.attrs) for name, one in found.data_vars.items()}
-        return _contents(dict(found.sizes), variables, found.attrs)
+    with xr.open_zarr(path) as store:
+        variables = {name: (array.dims, array.attrs) for name, array in store.data_vars.items()}
+        return _contents(dict(store.sizes), variables, store.attrs)
 
 
 def _contents(
     sizes: dict[Any, int],
     variables: dict[Any, tuple[tuple[Any, ...], dict[str, Any]]],
-    everything: dict[str, Any],
+    attributes: dict[str, Any],
 ) -> dict[str, Any]:
-    """What is in a file of labelled arrays, by their dimensions and attributes, and its own."""
-    ours = "jaxcell_version" in everything
-    attributes = {name: str(value) for name, value in everything.items() if ours or name == "title"}
-    title = attributes.pop("title", "without a title")
-    attributes.pop("coordinates", None)
+    """Describe a file of labelled arrays by its dimensions and attributes."""
+    ours = "jaxcell_version" in attributes
     shown = {}
     for name, (dimensions, about) in variables.items():
         units = f", {about['units']}" if "units" in about else ""
         meaning = f": {about['long_name']}" if "long_name" in about else ""
         shown[name] = f"({', '.join(dimensions)}){units}{meaning}"
+    title = attributes.get("title", "without a title")
     what = f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}"
-    return {"what": what, "dimensions": sizes, "variables": shown, **attributes}
+    hidden = {"title", "coordinates"} if ours else {*attributes}
+    more = {name: str(value) for name, value in attributes.items() if name not in hidden}
+    return {"what": what, "dimensions": sizes, "variables": shown, **more}
 
 
 def _recording(path: Path) -> dict[str, Any]:
@@ -169,8 +181,7 @@ def _recording(path: Path) -> dict[str, Any]:
         reader = chunks.RrdReader(str(path))
         [entry] = reader.recordings()
         schema = reader.store().schema()
-    except Exception as error:
-        # Rerun has no exception of its own for a damaged file.
+    except Exception as error:  # Rerun has no exception of its own for a damaged file.
         message = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"{path}: the recording cannot be read: {message}") from None
     return {
@@ -184,26 +195,29 @@ def _recording(path: Path) -> dict[str, Any]:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        fields = json.loads(path.read_text(encoding="utf-8-sig"))
+        fields = json.loads(_text(path))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not valid JSON, or cut short: {error}") from None
-    if not isinstance(fields, dict):
-        raise ValueError(f"{path}: expected a JSON object, as all of ours are")
     match fields:
         case {"format": "jaxcell-map"}:
             return _map(path)
         case {"format": "jaxcell-robot-task"}:
             return _robot_task(path)
-        case {"format": "jaxcell filter"}:
-            return info_exports.filter_json(path, fields)
+        case {"format": "jaxcell filter", "transition": [*rows], "cycles": [*cycles]}:
+            return {
+                "what": "a filter, for other programs",
+                "states": len(rows),
+                "transitions": sum(str(row).count(",") + 1 - str(row).count("-1") for row in rows),
+                "knowledge_cycles": len(cycles),
+            }
         case {"nodes": _}:
             return _graph(path)
         case {"command": command}:
-            plain = {key: one for key, one in fields.items() if not isinstance(one, dict)}
-            plain.pop("command", None)
+            plain = {key: value for key, value in fields.items() if not isinstance(value, dict)}
+            plain.pop("command")
             return {"what": f"the summary of {command}", **plain}
     raise ValueError(
-        f"{path}: neither a map, a graph, a task of robots, nor a summary of a command"
+        f"{path}: expected a map, a graph, a task of robots, a filter, or the summary of a command"
     )
 
 
@@ -213,9 +227,8 @@ def _map(path: Path) -> dict[str, Any]:
     from ..space import CellSpace, Workspace
 
     workspace = Workspace.load(path)
-    corners = np.asarray(workspace.boundary, float)
-    width, height = np.ptp(corners, axis=0).tolist()
-    found = {
+    width, height = np.ptp(np.asarray(workspace.boundary, float), axis=0).tolist()
+    described = {
         "what": "a map",
         "name": workspace.name,
         "width_m": round(width, 6),
@@ -227,8 +240,8 @@ def _map(path: Path) -> dict[str, Any]:
     }
     if workspace.cell is not None:
         cells = CellSpace.of(workspace, workspace.cell, workspace.directions or 1)
-        found |= {"positions": cells.positions}
-    return found
+        described["positions"] = cells.positions
+    return described
 
 
 def _graph(path: Path) -> dict[str, Any]:
@@ -236,6 +249,16 @@ def _graph(path: Path) -> dict[str, Any]:
 
     graph, names = load_graph(path)
     return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
+
+
+def _map_or_graph(path: Path) -> dict[str, Any]:
+    try:
+        return _map(path)
+    except ValueError as no_map:
+        try:
+            return _graph(path)
+        except ValueError:
+            raise no_map from None
 
 
 def _robot_task(path: Path) -> dict[str, Any]:
@@ -252,17 +275,26 @@ def _robot_task(path: Path) -> dict[str, Any]:
     }
 
 
+def _log(path: Path) -> dict[str, Any]:
+    from ..robot.run_log import read_log
+
+    run = read_log(path)
+    end = next((event for event in run.events if event["event"] == "end"), {})
+    outcome = {"observations": run.observations, "whole": run.whole, "result": end.get("result")}
+    return {"what": "the log of a robot", **run.header, **outcome}
+
+
 def _sweep(path: Path) -> dict[str, Any]:
     from ..sweep import sweep_status
 
-    found = sweep_status(path)
+    status = sweep_status(path)
     return {
         "what": "a sweep; to read it: jaxcell.sweep.open_sweep",
-        "task": found.task,
-        "dimensions": dict(found.dimensions),
-        "chunks": found.chunks,
-        "done": found.done,
-        "failed": len(found.failures),
+        "task": status.task,
+        "dimensions": dict(status.dimensions),
+        "chunks": status.chunks,
+        "done": status.done,
+        "failed": len(status.failures),
     }
 
 
@@ -270,40 +302,68 @@ def _specification(path: Path) -> dict[str, Any]:
     from ..sweep import Spec
 
     spec = Spec.load(path)
-    return {
-        "what": "the specification of a sweep; to run it: jaxcell sweep",
-        "task": spec.task,
-        "dimensions": spec.dimensions,
-        "chunks": spec.chunk_count,
-    }
+    sizes = {"dimensions": spec.dimensions, "chunks": spec.chunk_count}
+    what = "the specification of a sweep; to run it: jaxcell sweep"
+    return {"what": what, "task": spec.task, **sizes}
 
 
-def _map_or_graph(path: Path) -> dict[str, Any]:
+def _export(path: Path) -> dict[str, Any]:
+    what, known, numbers = _EXPORTS[path.suffix.lower()]
+    text = _text(path)
+    if not re.search(known, text):
+        raise ValueError(f"{path}: expected {what}, as `jaxcell` writes it, and whole")
+    found = {name: re.findall(pattern, text, re.MULTILINE) for name, pattern in numbers.items()}
+    counts = {name: int(m[0]) if m[0].isdigit() else len(m) for name, m in found.items() if m}
+    title = {"title": text[3:].partition("\n")[0]} if path.suffix.lower() == ".ino" else {}
+    return {"what": what, **title, **counts}
+
+
+def _places(path: Path) -> dict[str, Any]:
     try:
-        return _map(path)
-    except ValueError as no_map:
-        try:
-            return _graph(path)
-        except ValueError:
-            raise no_map from None
-
-
-def _log(path: Path) -> dict[str, Any]:
-    from ..robot.run_log import read_log
-
-    run = read_log(path)
-    end = next((event for event in run.events if event["event"] == "end"), None)
+        if path.suffix.lower() == ".csv":
+            rows = csv.DictReader(_text(path).splitlines(), strict=True)
+            places = [(float(row["lon"]), float(row["lat"])) for row in rows]
+        else:
+            features = json.loads(_text(path))["features"]
+            points = [feature["geometry"]["coordinates"][:2] for feature in features]
+            places = [(float(x), float(y)) for x, y in points]
+        lon, lat = zip(*places, strict=True)
+    except (csv.Error, ValueError, RecursionError, KeyError, TypeError):
+        raise ValueError(
+            f"{path}: expected places of drifters: columns lon and lat, or GeoJSON of points"
+        ) from None
     return {
-        "what": "the log of a robot",
-        **run.header,
-        "observations": run.observations,
-        "whole": run.whole,
-        "result": None if end is None else end.get("result"),
+        "what": "places of drifters",
+        "points": len(places),
+        "longitudes": [min(lon), max(lon)],
+        "latitudes": [min(lat), max(lat)],
     }
 
 
-_KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
-    ".jxb": _belief,
+def _picture(path: Path) -> dict[str, Any]:
+    from PIL import UnidentifiedImageError
+
+    from ..space.maps.images import read_image
+
+    try:
+        image = read_image(path.read_bytes(), ("PPM",))
+    except UnidentifiedImageError:
+        raise ValueError(f"{path}: expected a PGM picture") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    what = "the picture of a map; its .yaml has the size of a pixel"
+    return {"what": what, "width": image.width, "height": image.height}
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text in UTF-8: {error.reason}") from None
+
+
+KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    ".jxb": _filter,
     ".jxf": _filter,
     ".nc": _netcdf,
     ".rrd": _recording,
@@ -313,13 +373,10 @@ _KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".yaml": _map,
     ".yml": _map,
     ".txt": _map_or_graph,
-    ".pgm": info_exports.picture,
-    ".dot": info_exports.dot,
-    ".jff": info_exports.jflap,
-    ".h": info_exports.c_header,
-    ".ino": info_exports.sketch,
-    ".csv": info_exports.points_csv,
-    ".geojson": info_exports.geojson,
+    ".pgm": _picture,
+    **dict.fromkeys(_EXPORTS, _export),
+    ".csv": _places,
+    ".geojson": _places,
     ".edges": _graph,
     ".graphml": _graph,
 }

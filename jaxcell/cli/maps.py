@@ -1,15 +1,15 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..base.bundled import bundled_names
 from .info import describe
-from .options import Printing
+from .output import Printing
 from .terminal import say, table
 
 
-# The size of a picture in characters, each of which is as high as two are wide.
+# The size of a picture in characters; a character is twice as high as wide.
 _WIDTH, _HEIGHT = 24, 6
 _HALVES = " ▄▀█"
 
@@ -17,10 +17,12 @@ _HALVES = " ▄▀█"
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Maps(Printing):
     """List the maps, graphs, currents and sweeps that come with jaxcell. Their names begin with @,
-    and stand wherever a command expects a file."""
+    and replace a file in any command."""
+
+    example: ClassVar[str] = ""
 
     def run(self) -> int:
-        found = {
+        described = {
             folder: {
                 f"@{name}": describe(path)
                 for name, path in bundled_names().items()
@@ -29,10 +31,10 @@ class Maps(Printing):
             for folder in dict.fromkeys(path.parent.name for path in bundled_names().values())
         }
         if self.json:
-            say(json.dumps(found))
+            say(json.dumps(described))
             return 0
-        table("Maps", ("name", "what it is", "picture"), map(_map, found.pop("maps").items()))
-        rest = [(name, _line(one)) for kind in found.values() for name, one in kind.items()]
+        table("Maps", ("name", "what it is", "picture"), map(_map, described.pop("maps").items()))
+        rest = [(name, _line(one)) for kind in described.values() for name, one in kind.items()]
         table("Graphs, currents and sweeps", ("name", "what it is"), rest)
         return 0
 
@@ -54,7 +56,7 @@ def _line(one: dict[str, Any]) -> str:
 
 
 def picture(path: Path) -> str:
-    """A map in characters, with a frame around it: what is free is blank."""
+    """Draw a map in characters, with a frame around it; free squares are blank."""
     import numpy as np
 
     from ..space import CellSpace

@@ -1,4 +1,4 @@
-"""The tables of any result in the terminal, from the descriptions of its quantities."""
+"""Print the tables of any result, from the descriptions of its quantities."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 _MAX_ROWS = 30
-# Columns of a table whose meanings are in its head; beyond, their names are.
+# The most columns whose heads are meanings; heads of more columns are names.
 _MAX_LONG = 8
-# Results of one kind that have a column each; more have a row each.
+# The most results of one kind that have a column each; more have a row each.
 _MAX_COLUMNS = 3
 
 
@@ -27,19 +27,19 @@ def show(
 
     **Arguments:**
 
-    - `result`: what a study gave.
-    - `heading`: the line above.
-    - `seconds`: how long it took.
-    - `cells`: those on which its positions are; by default its own.
+    - `result`: the result of a study.
+    - `heading`: the line above the table.
+    - `seconds`: the time of the computation.
+    - `cells`: the cells of its positions; by default those of the result.
     """
     described, below = _brief(result), parts(result)
     for part in below.values():
         if isinstance(part, tuple) and len(part) == 1:
-            # A table of one column would say again what the first says.
+            # The numbers of a single part go into the first table.
             new = {key: one for key, one in _brief(part[0]).items() if key not in described}
             described = new | described
     cells = getattr(result, "cells", None) if cells is None else cells
-    # Those along the dimension of a table are columns of it.
+    # Numbers along the dimension of a table are columns of it.
     single = [
         (about.meaning, format_value(value, about, cells))
         for about, value in described.values()
@@ -49,7 +49,7 @@ def show(
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
-    _tables(result, "", cells)
+    _tables(result, "" if single else f"{heading}: ", cells)
     if result.brief:
         say("The rest is in the files of --out, and in --json.")
     for name, part in below.items():
@@ -61,7 +61,7 @@ def show(
 
 
 def _brief(result: Result) -> dict[str, tuple[Quantity, Any]]:
-    """The quantities that are shown."""
+    """Return the quantities to show."""
     found = summarized(result)
     return {name: found[name] for name in result.brief if name in found} or found
 
@@ -77,7 +77,7 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
         }
         several = found | listed
         length = max((len(np.asarray(value)) for _, value in several.values()), default=0)
-        # There is no space for many that are long, where they do not stand below each other.
+        # Many long meanings do not fit beside each other.
         short = _MAX_LONG < len(several) <= length
         shown = {
             name.replace("_", " ") if short else about.meaning: [
@@ -98,8 +98,10 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
 
 
 def _side_by_side(several: tuple[Result, ...], title: str) -> None:
-    """Print the numbers of several results of one kind, a column for each, or a row for each of
-    more than three; and the tables of each."""
+    """Print the numbers of several results of one kind, and the tables of each.
+
+    Each result has a column, or a row if there are more than three.
+    """
     across = len(several) <= _MAX_COLUMNS
     rows: dict[str, list[str]] = {}
     for column, one in enumerate(several):

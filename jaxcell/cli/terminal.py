@@ -1,4 +1,4 @@
-"""What people see: tables on standard output, progress and remarks on standard error."""
+"""Output for people: tables on standard output, progress and remarks on standard error."""
 
 import contextlib
 import ctypes
@@ -19,7 +19,7 @@ from ..base.optional_modules import has_module
 from .encoding import encodable
 
 
-# Seconds until the first line and between others, away from a terminal.
+# Seconds until the first line of progress, and between lines, if the output is no terminal.
 _FIRST_LINE, _LINES = 1.5, 60.0
 
 
@@ -27,7 +27,7 @@ _FIRST_LINE, _LINES = 1.5, 60.0
 def status(
     text: str, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Callable[[str], None]]:
-    """Show that work goes on: by a spinner on a terminal, elsewhere by a line now and then.
+    """Show that work is in progress: a spinner on a terminal, elsewhere a line every minute.
 
     Yields a function that changes the text. The clock is in seconds.
     """
@@ -45,10 +45,9 @@ def status(
 def progress(
     text: str, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Callable[..., None]]:
-    """Show what is being done, how much of it, and how long the rest will take at the rate so far.
+    """Show the current work, its progress, and an estimate of the time that is left.
 
-    Yields a function that takes what is being done, how much of how much, and more about it. The
-    clock is in seconds.
+    Yields a function of the work, its progress, its total, and more text. The clock is in seconds.
     """
     with status(text, clock) as change:
         current, began, first = None, 0.0, 0
@@ -71,7 +70,7 @@ def progress(
 
 @contextlib.contextmanager
 def _in_lines(line: Callable[[], str], clock: Callable[[], float]) -> Iterator[None]:
-    """Print what is being done after a moment, and then every minute."""
+    """Print the current work after a moment, and then every minute."""
     ended, began = threading.Event(), clock()
 
     def report() -> None:
@@ -97,14 +96,14 @@ def duration(seconds: float) -> str:
 
 
 def note_results(results: Path) -> None:
-    """Print where the results are, and how to look at them from this shell if that can be."""
-    look = f"; to look at them: {own_command('jaxcell')} view {results}"
-    note(f"Results are in {results}{look if has_module('rerun') else '.'}")
+    """Print the place of the results, and the command that shows them if Rerun is installed."""
+    advice = f"; to look at them: {own_command('jaxcell')} view {results}"
+    note(f"Results are in {results}{advice if has_module('rerun') else '.'}")
 
 
 def own_command(name: str) -> str:
-    """How to call a command of this Python's environment from this shell."""
-    # A virtual environment that is not activated has its commands beside its Python.
+    """Return the name or the path that calls a command of this Python environment."""
+    # If a virtual environment is not active, its commands are beside its Python.
     beside = Path(sys.executable).with_name(name)
     return name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
 
@@ -121,7 +120,7 @@ def note(text: str) -> None:
 
 @contextlib.contextmanager
 def noting_warnings() -> Iterator[list[str]]:
-    """Print what users are warned of as remarks; yields them."""
+    """Print warnings for users as remarks; yields a list of them."""
     noted: list[str] = []
     with warnings.catch_warnings():
         shown = warnings.showwarning
@@ -141,7 +140,7 @@ def noting_warnings() -> Iterator[list[str]]:
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table; columns of numbers are aligned to the right.
 
-    Few rows of more columns than there is space for stand side by side.
+    A table that is too wide is transposed if it has fewer rows than columns.
     """
     console = Console()
     title, *columns = (encodable(one, console.encoding) for one in (title, *columns))
@@ -162,7 +161,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
         grid.add_column(
             head,
             justify="right" if cells and numeric else "left",
-            # Numbers that are cut are others.
+            # A truncated number would read as another number.
             overflow="fold",
             min_width=_longest_word([head, *cells]) if whole else None,
         )
@@ -172,8 +171,8 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
 
 def _fits(console: Console, rows: Sequence[Sequence[str]]) -> bool:
-    """Whether no word of a table has to be folded."""
-    # Beside each column are a space on both sides and a line.
+    """Return whether a table fits without breaking a word."""
+    # Each column has a space on both sides, and a line.
     return sum(_longest_word(cells) + 3 for cells in zip(*rows, strict=True)) < console.width
 
 
@@ -183,7 +182,7 @@ def _longest_word(cells: Iterable[str]) -> int:
 
 @contextlib.contextmanager
 def stdout_on_stderr() -> Iterator[None]:
-    """Keep the standard output for results, whatever solvers, tasks and their processes print."""
+    """Send everything that solvers, tasks and their processes print to standard error."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)
@@ -191,7 +190,7 @@ def stdout_on_stderr() -> Iterator[None]:
         with contextlib.redirect_stdout(sys.stderr):
             yield
     finally:
-        # What C has in its buffer would come later.
+        # The buffer of C would be written later.
         with contextlib.suppress(TypeError, OSError):
             ctypes.CDLL(None).fflush(None)
         os.dup2(kept, 1)

@@ -10,6 +10,7 @@ import urllib.parse
 import webbrowser
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import tyro
 
@@ -22,7 +23,7 @@ from .terminal import note, own_command
 # The viewer's own default is three quarters of all memory.
 _MEMORY = "2GB"
 _HERE = "127.0.0.1"
-# Those of Rerun itself: of the page, and of the recordings that it reads.
+# The default ports of Rerun: of its page, and of the recordings.
 _PAGE_PORT, _DATA_PORT = 9090, 9876
 _MAX_WAIT = 60.0
 
@@ -31,10 +32,12 @@ _MAX_WAIT = 60.0
 class View:
     """Open the recordings of results in the Rerun viewer."""
 
+    example: ClassVar[str] = "runs/lab"
+
     results: tyro.conf.Positional[Path]
-    """A directory that a command wrote with --out, or one recording (.rrd)."""
+    """A folder that a command wrote with --out, or one recording (.rrd)."""
     web: bool = False
-    """Show them in a browser on this machine instead, until Ctrl-C."""
+    """Show the recordings in a browser on this machine, until Ctrl-C."""
 
     def run(self) -> int:
         if not has_module("rerun"):
@@ -47,8 +50,8 @@ class View:
             web = f"{own_command('jaxcell')} view --web {self.results}"
             copied = " ".join(recordings)
             note(
-                f"There is no display here. For a browser on this machine: {web}\n"
-                f"Elsewhere, with rerun-sdk of the same version: rerun {copied}"
+                f"No display was found. In a browser on this machine: {web}\n"
+                f"On another machine with the same version of rerun-sdk: rerun {copied}"
             )
             return 1
         return subprocess.call([*_viewer(), *recordings])
@@ -56,15 +59,15 @@ class View:
 
 @contextlib.contextmanager
 def shown_live(viewer: str) -> Iterator[str]:
-    """Have a viewer for a recording while it is made.
+    """Open a viewer for a recording that is being made.
 
-    Without a display, `here` is a page for a browser, which stays until Ctrl-C.
+    Without a display, `here` is a page for a browser, which is open until Ctrl-C.
 
     **Arguments:**
 
     - `viewer`: as for `jaxcell.record.RobotRecording`.
 
-    **Yields:** the same, or the address of the page's viewer.
+    **Yields:** `viewer`, or the address of the viewer of the page.
     """
     if not has_module("rerun"):
         raise missing_module("rerun")
@@ -87,17 +90,17 @@ def _viewer() -> list[str]:
 def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes]", str]]:
     """Serve recordings to a browser, which is opened if there is a display.
 
-    **Yields:** the process that serves, and the address to which it takes more.
+    **Yields:** the process of the server, and the address that takes more recordings.
     """
     page, data = _free_port(_PAGE_PORT), _free_port(_DATA_PORT)
     ports = ["--web-viewer-port", str(page), "--port", str(data)]
     served = f"rerun+http://{_HERE}:{data}/proxy"
     address = f"http://{_HERE}:{page}?url={urllib.parse.quote(served, safe='')}"
     command = [*_viewer(), "--bind", _HERE, *ports, "--serve-web", *recordings]
-    # Its log has addresses too, of which one does not work and one is for another viewer.
+    # Its log has two more addresses, which would mislead a user.
     handled = end_by_signals()
     log = {"RUST_LOG": "error", **os.environ}
-    # Rerun runs in a child of this process, which is ended with it.
+    # The server is a child process, which ends with this process.
     with subprocess.Popen(command, env=log, start_new_session=True) as server:
         try:
             until = time.monotonic() + _MAX_WAIT
@@ -115,7 +118,7 @@ def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes
 
 
 def _free_port(wanted: int) -> int:
-    """A port on which nobody listens, if possible the one that is wanted."""
+    """Return a free port, if possible the wanted one."""
     for port in (wanted, 0):
         with socket.socket() as one:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -133,7 +136,7 @@ def _answers(port: int) -> bool:
 
 
 def recordings_in(results: Path) -> list[Path]:
-    """The recordings of a directory and those inside it, or the one that is named.
+    """Return the recordings in a folder and its subfolders, or the named recording.
 
     **Raises:** `ValueError` if there is none; `FileNotFoundError`.
     """
@@ -141,7 +144,7 @@ def recordings_in(results: Path) -> list[Path]:
         raise FileNotFoundError(f"{results}: there is no such file or directory")
     recordings = sorted(results.rglob("*.rrd")) if results.is_dir() else [results]
     if not recordings:
-        raise ValueError(f"{results}: there is no recording (.rrd) in it; was --out given?")
+        raise ValueError(f"{results}: it has no recording (.rrd); expected a folder of --out")
     for recording in recordings:
         with recording.open("rb") as file:
             if not file.read(4).startswith(b"RRF"):

@@ -14,10 +14,7 @@ from .flow import Flow, between, in_squares
 
 
 # For each stage of a method: the part of the step that it is ahead, and its weight in the mean.
-_STAGES = {
-    "euler": ((0.0, 1.0),),
-    "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
-}
+_STAGES = {"euler": ((0.0, 1.0),), "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))}
 METHODS = tuple(_STAGES)
 # Up to the first number of points one compiled program serves all. From the second on a program is
 # compiled for the number of steps, which is faster.
@@ -49,8 +46,6 @@ def advect(
     - `steps`: number of steps of the method.
 
     **Returns:** `x` and `y` of the points at the end, in cells.
-
-    **Raises:** `ValueError` for an unknown method, or fewer steps than 1.
 
     A flow of a tenth of a cell a second to the East, everywhere and always:
 

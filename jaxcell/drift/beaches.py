@@ -61,8 +61,6 @@ def beaching(
 
     **Returns:** the map over the cells and then the beaches; and the cell of each beach.
 
-    **Raises:** `ValueError` for times that are not positive, or a mask of other cells.
-
     In still water, half strand in an hour:
 
         >>> import numpy as np

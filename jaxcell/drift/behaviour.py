@@ -44,7 +44,7 @@ class LongTermBehaviour:
     absorption: Solution
     "The expected number of steps until a drifter is in a persistent group or has left the grid."
     throw: bool = False
-    "Whether `probability` and `limiting` raise when they are not accurate enough."
+    "True if `probability` and `limiting` raise when they are not accurate enough."
 
     @property
     def unrolled(self) -> Chain:

@@ -47,8 +47,6 @@ def nearly_closed_sets(
 
     **Returns:** [`jaxcell.markov.NearlyClosedSets`][] of drifters that are released at phase 0.
 
-    **Raises:** `ValueError` as [`jaxcell.markov.almost_invariant_sets`][].
-
     The surface of the bundled sea at its first record has three eddies, two of them side by side:
 
         >>> from jaxcell import bundled, drift

@@ -252,9 +252,6 @@ def visible_deployment(
 
     **Returns:** [`VisibleDeployment`][jaxcell.drift.VisibleDeployment].
 
-    **Raises:** `ValueError` if a camera does not see its own cell, for groups of other cells, or if
-    the table of views would take more than 4 GiB.
-
     The surface of the bundled sea, with cameras that see 3 km:
 
         >>> from jaxcell import drift, examples, mapping

@@ -32,7 +32,7 @@ class Flow:
     time: Float[Array, "records"]
     "Seconds since the first record of the file, ascending."
     wraps: bool = dataclasses.field(default=False, metadata={"static": True})
-    "Whether the last column is beside the first, as in `Water`."
+    "True if the last column is beside the first, as in `Water`."
     period: Float[Array, ""] | None = None
     """Seconds from the first record to the last, which repeats the first; `None` if the current is
     not periodic."""
@@ -110,8 +110,6 @@ class Flow:
 
         - `period`: in seconds; by default one more record would follow the last, at the distance of
             the last two.
-
-        **Raises:** `ValueError` for a period that ends before the last record.
         """
         time = np.asarray(self.time)
         if time.size < 2:
@@ -144,20 +142,13 @@ class Flow:
         """Count the steps of a duration in a period; 1 if the flow is not periodic."""
         return 1 if self.period is None else steps_in(float(self.period), duration)
 
-    def at(
-        self, x: Float[Array, "*points"], y: Float[Array, "*points"], time: Float[Array, ""]
-    ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-        """Interpolate the flow at points of the grid, bilinearly in space and linearly in time.
-
-        Points off the grid have the flow of the nearest point of the grid (columns that go round
-        the Earth have no end). Before the first and after the last record, the flow is that of the
-        record, unless it is periodic.
-        """
-        return between(self, in_squares(self, time), x, y)
-
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
-    """Interpolate the flow in every square at a time."""
+    """Interpolate the flow in every square linearly in time.
+
+    Before the first and after the last record the flow is that of the record, unless it is
+    periodic.
+    """
     records = flow.rate.shape[0]
     if flow.period is not None:
         time = flow.time[0] + (time - flow.time[0]) % flow.period
@@ -178,7 +169,11 @@ def between(
     x: Float[Array, "*points"],
     y: Float[Array, "*points"],
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """Interpolate the flow at points of the grid from its rate in the squares at one time."""
+    """Interpolate the flow at points of the grid bilinearly from its rate in the squares.
+
+    Points off the grid have the flow of the nearest point of the grid (columns that go round the
+    Earth have no end).
+    """
     rows, columns = flow.rate.shape[2:]
     left, right, across = _neighbours(x, columns, flow.wraps)
     below, above, up = _neighbours(y, rows, False)
@@ -228,7 +223,7 @@ def crossing_time(water: Water, flow: Flow) -> float:
     - `water`: the cells.
     - `flow`: the flow of the same layer.
 
-    **Raises:** `ValueError` if the water stands still.
+    **Returns:** the time, more than 0.
 
     At some 0.54 m/s it takes half an hour to cross a kilometre:
 

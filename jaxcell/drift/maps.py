@@ -39,8 +39,6 @@ def flow_map(
 
     **Returns:** the displacements along the axes x and y of the grid, in cells.
 
-    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][].
-
     In the time to cross a cell, cells drift by one on average:
 
         >>> from jaxcell import drift, examples
@@ -147,8 +145,6 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
     **Returns:** the chains of the phases, one after the other; or the one chain of a flow that is
     not periodic, or of a step of whole periods.
 
-    **Raises:** `ValueError` for a duration that does not fit the period, or as [`drift_map`][].
-
     Five hours of the bundled sea, repeated:
 
         >>> from jaxcell import bundled, drift
@@ -219,10 +215,7 @@ def _turned(
     right, up = (x - water.column) * dx, (y - water.row) * dy
     angle = np.radians([[0], [45], [-45]])
     cos, sin = np.cos(angle), np.sin(angle)
-    return (
-        water.column + (right * cos - up * sin) / dx,
-        water.row + (right * sin + up * cos) / dy,
-    )
+    return (water.column + (right * cos - up * sin) / dx, water.row + (right * sin + up * cos) / dy)
 
 
 def _around(

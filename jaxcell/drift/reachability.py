@@ -18,8 +18,6 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
 
     **Returns:** a mask over the cells.
 
-    **Raises:** `ValueError` for a start that is empty or not on the map.
-
     From cell 1 drifters come to 2 or 3, and not back:
 
         >>> from jaxcell import drift, examples
@@ -42,8 +40,6 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     - `start`: the cell of the surface where the drifters are dropped.
 
     **Returns:** a mask over the cells of all layers.
-
-    **Raises:** `ValueError` for a start that is not at the surface.
 
     Two layers of three cells; at the surface everything drifts East, below it West:
 
@@ -70,8 +66,6 @@ def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     - `start`: the cell of the surface where the drifter is dropped.
 
     **Returns:** a mask over the cells of all layers.
-
-    **Raises:** `ValueError` for a start that is not at the surface.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     Drifters that go up and down come anywhere:

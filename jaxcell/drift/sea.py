@@ -57,8 +57,6 @@ class Sea:
         - `waters`: the water cells of each layer, the surface first, on one grid.
         - `chains`: the chain of each layer over its cells, as from [`jaxcell.drift.drift_map`][],
             or sequences with one number of phases, as from [`jaxcell.drift.drift_maps`][].
-
-        **Raises:** `ValueError` for layers of different grids or phases, or chains of other cells.
         """
         if not waters or len(chains) != len(waters):
             raise ValueError(

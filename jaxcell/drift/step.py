@@ -78,10 +78,7 @@ class DriftStep:
         return dataclasses.replace(self, duration=duration)
 
     def seconds(self, water: Water, flow: Flow) -> float:
-        """Return the duration of the step in a flow, by default the time to cross a cell.
-
-        **Raises:** `ValueError` for a flow of other water, or a default in still water.
-        """
+        """Return the duration of the step in a flow, by default the time to cross a cell."""
         if flow.rate.shape[2:] != water.number.shape:
             raise ValueError(
                 f"flow: expected one over the {list(water.number.shape)} squares of this water, "

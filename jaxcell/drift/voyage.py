@@ -66,7 +66,7 @@ class Tracks:
 
     @property
     def arrived(self) -> Bool[Array, "drifters"]:
-        """Whether each drifter arrived."""
+        """The mask of the drifters that arrived."""
         return jnp.isfinite(self.time)
 
 
@@ -88,8 +88,6 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     - `discount`: the discount factor of the solve, for the cost of having left.
 
     **Returns:** the model, for [`jaxcell.markov.value_iteration`][].
-
-    **Raises:** `ValueError` for a goal that is empty or not on the map, or a discount out of range.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     The goal is cell 0; from cell 3, below it, going up gains 100:
@@ -114,10 +112,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 
 
 def discounted_voyage(
-    sea: Sea,
-    goal: npt.ArrayLike | int,
-    discount: float = 0.99,
-    tolerance: float = 1e-8,
+    sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99, tolerance: float = 1e-8
 ) -> Voyage:
     """Compute the navigation policy of Alam 2018, Alg. 5.5, by value iteration.
 
@@ -133,8 +128,6 @@ def discounted_voyage(
 
     **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy almost traps
     drifters, times are beyond 64-bit numbers; `certificate` and `arrival` say so.
-
-    **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model].
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):
@@ -198,8 +191,6 @@ def simulate_voyages(
     - `steps`: number of steps.
 
     **Returns:** [`Tracks`][jaxcell.drift.Tracks].
-
-    **Raises:** `ValueError` for an invalid start, no drifters, or a negative number of steps.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     A drifter from cell 2 to cell 0 goes down, West twice, and up:

@@ -48,7 +48,7 @@ class Water:
     depth: float
     "Metres below the surface."
     wraps: bool = False
-    "Whether the last column is beside the first, as on a grid that goes round the Earth."
+    "True if the last column is beside the first, as on a grid that goes round the Earth."
 
     @classmethod
     def of(cls, currents: xr.Dataset, layer: int = 0) -> "Water":
@@ -60,8 +60,6 @@ class Water:
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
-
-        **Raises:** `ValueError` for a layer that does not exist or has no water.
         """
         layers = currents.sizes["layer"]
         if not 0 <= layer < layers:
@@ -112,7 +110,7 @@ class Water:
 
     @functools.cached_property
     def boundary(self) -> Bool[np.ndarray, "cells"]:
-        """Whether a cell has fewer than eight neighbours, at a coast or the edge of the grid."""
+        """The mask of cells with fewer than eight neighbours, at a coast or an edge of the grid."""
         return np.any(self.neighbor < 0, axis=0)
 
     @property
@@ -134,8 +132,6 @@ class Water:
         **Arguments:**
 
         - `lon`, `lat`: the place in degrees; longitudes may differ by whole turns.
-
-        **Raises:** `ValueError` if the place is not in the water or off the grid.
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")

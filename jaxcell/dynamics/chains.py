@@ -120,8 +120,7 @@ def _sampled(
 
 
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:
-    """Return the steps of a sequence that fills a cube evenly: powers of a generalized golden
-    ratio."""
+    """Return the steps of a sequence that fills a cube evenly (a generalized golden ratio)."""
     ratio = 2.0
     for _ in range(64):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

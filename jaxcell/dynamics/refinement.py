@@ -120,8 +120,7 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
 def relative_attractor(
     map: Map, box: Box, params: Any = None, *, levels: int = 4, samples: int = 3
 ) -> Float[np.ndarray, "cells axes"]:
-    """Cover the points that have always been in a box, by halving cells and dropping unreached
-    ones.
+    """Cover the points that have always been in a box, by halving cells and dropping others.
 
     Cells that are not reached from any cell of the cover are dropped, the rest are cut in two along
     each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors

@@ -53,8 +53,7 @@ class PersistentGroups:
         return jax.device_put(table)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups of an unrolled sequence to its first cells, which are those at phase
-        0.
+        """Restrict the groups of an unrolled sequence to its first cells, those at phase 0.
 
         **Arguments:**
 

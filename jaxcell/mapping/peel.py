@@ -60,8 +60,7 @@ def periodic_groups(
 
 
 def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
-    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] of a NumPy array, as NumPy
-    arrays.
+    """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host, in NumPy.
 
     Beside the image and the result it takes at most 16 bytes per cell. The periods of the groups
     are not padded with zeros.

@@ -49,8 +49,7 @@ class SectionGroups:
 
 
 def section_groups(section: Section, *, max_groups: int | None = None) -> SectionGroups:
-    """Find the periodic groups of the full space from a section, numbered as by
-    [`periodic_groups`][].
+    """Find the periodic groups of the full space, numbered as by [`periodic_groups`][].
 
     **Arguments:**
 
@@ -81,8 +80,7 @@ def section_groups(section: Section, *, max_groups: int | None = None) -> Sectio
 
 
 def bucket(size: int) -> int:
-    """Round a size up to one of four sizes per octave, so that many lengths share compiled
-    programs."""
+    """Round a size up to one of four per octave, so that many lengths share a program."""
     unit = 1 << max(0, (size - 1).bit_length() - 3)
     return -(-size // unit) * unit
 

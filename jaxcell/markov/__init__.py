@@ -13,8 +13,8 @@ which exists even if the chain is periodic. On each group it is the one distribu
 weighted by the probability of ending there. `limiting_distribution`.
 
 **Until the end.** With `Q` the part of `P` among the transient cells and `R` the part into the
-groups, *absorption probabilities* and *absorption times* solve (Eq. 5.7: `t` is the row sums of `(I
-- Q)^-1`)
+groups, *absorption probabilities* and *absorption times* solve (Eq. 5.7: `t` is the row sums of
+`(I - Q)^-1`)
 
     B = R + Q B,     t = 1 + Q t.
 
@@ -40,11 +40,11 @@ basins: `NearlyClosedSets`, with their leakage and its time.
 
 **Between all pairs.** An irreducible chain, one with a single group and no transient cells, has a
 hitting time `H_ij` for every pair of cells, and a *commute time* `H_ij + H_ji` (Eq. 4.3); *Kemeny's
-constant* `sum_j pi_j H_ij`, the same for every `i`; the *entropy rate* `-sum_ij pi_i p_ij log
-p_ij`; the second largest eigenvalue modulus; and the *mixing time*, after which no start is farther
-than a given distance from `pi` in total variation. `hitting_matrix`, `commute_times`,
-`kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense` has `pi`, `H`, Kemeny's constant
-and the entropy rate as differentiable functions of the matrix.
+constant* `sum_j pi_j H_ij`, the same for every `i`; the *entropy rate*
+`-sum_ij pi_i p_ij log p_ij`; the second largest eigenvalue modulus; and the *mixing time*, after
+which no start is farther than a given distance from `pi` in total variation. `hitting_matrix`,
+`commute_times`, `kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense` has `pi`, `H`,
+Kemeny's constant and the entropy rate as differentiable functions of the matrix.
 
 **Decisions.** In a *decision process* an action `u` is chosen in every cell, each a chain `P_u`
 with a reward `r_u`. With a discount `g` its *value* solves (Alg. 5.5)

@@ -22,8 +22,7 @@ _CHUNK = 240
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distinct:
-    """Starts without replacement: the robots begin in different cells, all choices equally
-    likely."""
+    """Starts without replacement: robots in different cells, all choices equally likely."""
 
     cells: npt.ArrayLike
     "The possible cells: a list, or a mask over all cells."
@@ -95,7 +94,7 @@ class Race:
 
     @property
     def distinct(self) -> bool:
-        """Whether the robots begin in different cells."""
+        """`True` if the robots begin in different cells."""
         return self.start.ndim == 1
 
     def begins(self, robot: int) -> Bool[np.ndarray, "cells"]:
@@ -139,8 +138,7 @@ def first_arrival(
     target: npt.ArrayLike | int,
     steps: int,
 ) -> Float[Array, "{steps}+1"]:
-    """Compute the law of the number of steps until the first of several robots is in a set of
-    cells.
+    """Compute the law of the number of steps until the first of several robots is in a set.
 
     The robots move independently, so the probability that none has arrived is the product of their
     probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.
@@ -280,8 +278,7 @@ def _may_fail(race: Race) -> bool:
 
 
 def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """Return the cells in which a robot may be before it arrives, and whether it may leave the
-    space."""
+    """Return the cells where a robot may be before it arrives, and whether it may leave."""
     chain = race.chains[race.robot[robot]]
     on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
     # Backwards along the edges that leave cells off the target.

@@ -45,7 +45,7 @@ class DecisionModel:
     reward: Float[Array, "actions cells"]
     "The expected gain of taking the action in the cell."
     allowed: Bool[Array, "actions cells"]
-    "Whether the action can be taken in the cell; each cell has an action."
+    "`True` if the action can be taken in the cell; each cell has such an action."
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
@@ -142,8 +142,8 @@ def value_iteration(
     Between two choices of a policy the value is swept with that policy only, which is several times
     faster (modified policy iteration, Puterman and Shin 1978). The source stops when nothing
     changes, which floating-point arithmetic may never reach. Here every choice bounds the error
-    (MacQueen 1966): after a change of all values by at most `c`, at most `c * discount / (1 -
-    discount)` is to come.
+    (MacQueen 1966): after a change of all values by at most `c`, at most
+    `c * discount / (1 - discount)` is to come.
 
     **Arguments:**
 

@@ -203,8 +203,7 @@ def _times(
 def prospects(
     matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
 ) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
-    """Return the cells from which a chain can come to a set, and those from which it can fail
-    to."""
+    """Return masks of the cells from which a chain can come to a set, and can fail to."""
     can = reaching(matrix, there)
     # Cells beyond the target do not count.
     before = matrix.copy()

@@ -52,8 +52,9 @@ def limiting_distribution(
         persistent cells; or an array of numbers that sum to 1.
     - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`LimitingDistribution`][]. The residual of its certificate is the 1-norm of `value
-    P - value`, or the difference from 1 of the sum of the weights and leaving if that is more.
+    **Returns:** [`LimitingDistribution`][]. The residual of its certificate is the 1-norm of
+    `value P - value`, or the difference from 1 of the sum of the weights and leaving if that is
+    more.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` for wrong weights, or if the groups
     are of another chain.

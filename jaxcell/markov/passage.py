@@ -52,8 +52,7 @@ def first_passage(
 def survival(
     chain: Chain, target: npt.ArrayLike | int, steps: int
 ) -> Float[Array, "{steps}+1 cells"]:
-    """Compute the probability of not having been in a set of cells by a time, from every start at
-    once.
+    """Compute the probability of not having been in a set by a time, from every start.
 
     **Arguments:**
 

@@ -35,8 +35,7 @@ class PairTimes:
 
 
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
-    """Compute the expected number of steps from every cell until first at every other, by one
-    inverse.
+    """Compute the expected number of steps from every cell to every other, by one inverse.
 
     **Arguments:**
 

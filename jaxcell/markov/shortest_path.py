@@ -115,7 +115,7 @@ class _Moves:
     matrix: scipy.sparse.csr_array
     allowed: Bool[np.ndarray, "actions cells"]
     stays: Bool[np.ndarray, "actions cells"]
-    "Whether the action cannot leave the space."
+    "`True` if the action cannot leave the space."
 
     @classmethod
     def of(cls, model: DecisionModel) -> "_Moves":
@@ -204,8 +204,7 @@ def _surest(
     sure: Bool[np.ndarray, "cells"],
     maybe: Bool[np.ndarray, "cells"],
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improve a policy that may arrive from all cells of `maybe`, until its probability is the
-    largest."""
+    """Improve a policy that may arrive from all of `maybe` to the largest probability."""
     value = sure.astype(np.float64)
     rounds, residual = 0, 0.0
     # A better policy leaves every class with a changed cell, because the average over a class that

@@ -22,7 +22,7 @@ _TURNS = 8
 _MAX_STEPS = 2**30
 # 95 % of a normal distribution lies within this number of standard deviations.
 _NORMAL_95 = 1.959963984540054
-# Shares of a slot that agree to this many digits are equal but for rounding.
+# Number of digits to which equal shares of a slot agree.
 _EQUAL = 9
 
 

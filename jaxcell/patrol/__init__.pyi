@@ -9,6 +9,8 @@ from . import (
 from .files import Graph as Graph, load_graph as load_graph, save_graph as save_graph
 from .law import Gld as Gld, fit_gld as fit_gld
 from .map import (
+    Attack as Attack,
+    Capture as Capture,
     PatrolledMap as PatrolledMap,
     capture_policies as capture_policies,
     capture_probabilities as capture_probabilities,

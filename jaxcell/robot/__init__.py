@@ -26,9 +26,9 @@ bump, is what a filter expects.
 
 | what runs (`load_task` reads it) | run | from a log | source |
 | --- | --- | --- | --- |
-| a localization filter | `run_filter` | `replay_filter` | section 2.4 |
-| a localization policy | `run_policy` | `replay_policy` | end of chapter 2 |
-| a belief, where it slips | `run_belief` | `replay_belief` | |
+| `FilterFollower`: a localization filter | `run_follower` | `replay_follower` | section 2.4 |
+| `PolicyFollower`: a localization policy | `run_follower` | `replay_follower` | chapter 2 |
+| `BeliefFollower`: a belief, if it slips | `run_follower` | `replay_follower` | |
 | sets on walls, from anywhere | `run_anywhere` | `replay_anywhere` | section 2.3.1 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
@@ -70,7 +70,6 @@ from .anywhere import (
     replay_anywhere as replay_anywhere,
     run_anywhere as run_anywhere,
 )
-from .believer import replay_belief as replay_belief, run_belief as run_belief
 from .calibration import (
     Calibrated as Calibrated,
     Calibration as Calibration,
@@ -86,6 +85,13 @@ from .create.open_interface import (
 )
 from .create.packets import Contact as Contact, Mode as Mode, Packet as Packet
 from .create.reading import STREAM as STREAM, Reading as Reading
+from .followers import (
+    BeliefFollower as BeliefFollower,
+    FilterFollower as FilterFollower,
+    PolicyFollower as PolicyFollower,
+    replay_follower as replay_follower,
+    run_follower as run_follower,
+)
 from .frames import camera as camera, pictures as pictures
 from .marker import (
     CrossLook as CrossLook,
@@ -101,15 +107,9 @@ from .patrol import (
     replay_patrol as replay_patrol,
     run_patrol as run_patrol,
 )
-from .policy import replay_policy as replay_policy, run_policy as run_policy
+from .plan import plan_outcome as plan_outcome, run_plan as run_plan
 from .routing import grid_steps as grid_steps, route as route, wave as wave
 from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
-from .runner import (
-    plan_outcome as plan_outcome,
-    replay_filter as replay_filter,
-    run_filter as run_filter,
-    run_plan as run_plan,
-)
 from .sketch import (
     bounce_sketch as bounce_sketch,
     filter_sketch as filter_sketch,

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from .walker import Walker
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereOutcome(RunOutcome):
-    """How the run of a robot ended that started anywhere."""
+    """The outcome of the run of a robot that started anywhere."""
 
     place: tuple[float, float] | None = None
     "The middle of the places where the robot may be, in metres."
@@ -22,15 +23,15 @@ class AnywhereOutcome(RunOutcome):
 
 @dataclasses.dataclass(frozen=True)
 class AnywhereSettings:
-    """What a robot that starts anywhere does at each bump."""
+    """The filter, the angles and the aim of a robot that starts anywhere."""
 
     filter: WallFilter
     bounces: tuple[float, ...]
     "The angles to choose from, in radians, counter-clockwise."
     radius: float
-    "The robot is known when all places are this near to their middle, in metres."
+    "The robot is localized when all places are this near to their middle, in metres."
     homing: Homing | None = None
-    "Where the robot goes; else it only finds out where it is."
+    "The goal of the robot; `None` if it only finds out where it is."
     seed: int = 0
     "The seed of the draws for a choice."
 
@@ -46,9 +47,9 @@ def run_anywhere(
     **Arguments:**
 
     - `walker`: the robot, anywhere in the room, with any heading that the filter allows.
-    - `settings`: the filter, and what the robot is to do.
-    - `log`: where to write each run as it ends.
-    - `limit`: how many bumps to make at most.
+    - `settings`: the filter, the angles and the aim.
+    - `log`: the log for each run, written when it ends.
+    - `limit`: largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
     `"arrived"` at the goal, or `"refuted"` if no place explains what the robot did.
@@ -74,31 +75,34 @@ def run_anywhere(
     while follower.result is None and follower.bumps < limit:
         run = walker.run_to_wall(longest, errors.displacement / 2)
         follower.observe(run)
+        turn = None if follower.result else follower.choose()
         if log is not None:
             log.event(
                 "observation",
                 observation=1,
                 run=run,
                 extent=round(follower.extent, 4),
+                turn=turn,
                 estimate=np.round(walker.estimate, 4).tolist(),
             )
-        if follower.result is None:
-            walker.rotate(follower.turn())
+        if turn is not None:
+            follower.turn(turn)
+            walker.rotate(turn)
     return finished(follower.outcome(), log)
 
 
 def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutcome:
-    """Give a filter the runs that a robot made.
+    """Replay the runs of a robot through its filter.
 
     **Arguments:**
 
     - `run`: the log of a run.
-    - `settings`: those of that run.
+    - `settings`: the settings of that run.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], that of the run if it
     was not cut off.
 
-    **Raises:** `ValueError` if the log has a run that is no length.
+    **Raises:** `ValueError` if a length or an angle in the log is not a number.
 
     A run that is longer than the room:
 
@@ -110,15 +114,8 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
         'refuted'
     """
     follower = SetFollower(settings)
-    for number, event in enumerate(run.events):
-        if event["event"] != "observation":
-            continue
-        length = event.get("run")
-        if length is not None and not (isinstance(length, float | int) and length >= 0):
-            raise ValueError(f"event {number}: run: expected a length in metres, got {length!r}")
-        follower.observe(length)
-        if follower.result is None:
-            follower.turn()
+    for _ in follower.follow(run):
+        pass
     return follower.outcome()
 
 
@@ -148,19 +145,41 @@ class SetFollower:
         elif self.extent <= 2 * self.settings.radius:
             self.result = "localized"
 
-    def turn(self) -> float:
-        """Choose the angle to turn by now, and take it as made."""
+    def choose(self) -> float:
+        """Choose the angle to turn by at this bump, in radians."""
         filter, bounces = self.settings.filter, self.settings.bounces
         if self.settings.homing is not None:
             chosen = self.settings.homing.choose(self.state, 1, self._rng)
         else:
             chosen = choose_angles(filter, self.state, 1, bounces, self._rng)
-        angle = bounces[int(chosen[0])]
-        self.state = filter.turn(self.state, angle)
-        return angle
+        return bounces[int(chosen[0])]
+
+    def turn(self, angle: float) -> None:
+        """Take in that the robot turned by an angle in radians."""
+        self.state = self.settings.filter.turn(self.state, angle)
+
+    def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
+        """Take in a logged run; yield the length and the turn of each bump before the turn.
+
+        **Raises:** `ValueError` if a length or an angle is not a number.
+        """
+        for number, event in enumerate(run.events):
+            if event["event"] != "observation":
+                continue
+            length, turn = event.get("run"), event.get("turn")
+            if length is not None and not (isinstance(length, float | int) and length >= 0):
+                raise ValueError(
+                    f"event {number}: run: expected a length in metres, got {length!r}"
+                )
+            if turn is not None and not isinstance(turn, float | int):
+                raise ValueError(f"event {number}: turn: expected radians, got {turn!r}")
+            self.observe(length)
+            yield length, turn
+            if turn is not None and self.result is None:
+                self.turn(turn)
 
     def outcome(self) -> AnywhereOutcome:
-        """How the run ended, or stands."""
+        """Make the outcome of the run so far."""
         place, where = None, "nowhere"
         if self.state is not None and self.state.wall.size:
             boundary = self.settings.filter.boundary

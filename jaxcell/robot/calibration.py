@@ -16,9 +16,9 @@ _LEAST, _MOST = 0.5, 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """How far a robot truly goes and turns, where its encoders say one metre and one radian.
+    """The true distance and angle of a robot per metre and radian of its encoders.
 
-    Wheels wear and sink into carpets, and robots of one kind differ by some percent.
+    Wheels wear and sink into carpets, and robots of one kind differ by a few percent.
 
     Of a robot that went 0.98 m for 1 m, and turned by 365 degrees for 360:
 
@@ -40,7 +40,7 @@ class Calibration:
 
     @classmethod
     def measured(cls, distance: float, angle: float) -> "Calibration":
-        """Round two measured ratios to what a rule can tell.
+        """Round two measured ratios to the precision of a ruler.
 
         **Raises:** `ValueError` for one that is not from 0.5 to 2.
         """
@@ -64,7 +64,7 @@ class Calibration:
             raise ValueError(f"{path}: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it, and the folder where it is to be."""
+        """Write the calibration, and make its folder."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
@@ -73,7 +73,7 @@ class Calibration:
 
 
 class Calibrated:
-    """A robot that goes as far as it is asked to by its calibration.
+    """A robot whose distances and angles are corrected by a calibration.
 
     A robot whose wheels slip by a fiftieth, without a serial line:
 
@@ -94,7 +94,7 @@ class Calibrated:
         """**Arguments:**
 
         - `robot`: e.g. [`jaxcell.robot.Create`][], which goes by its encoders.
-        - `calibration`: what they miss.
+        - `calibration`: the errors of its encoders.
         """
         self._robot, self._calibration = robot, calibration
 
@@ -114,7 +114,7 @@ class Calibrated:
 
 
 def calibration_file() -> Path:
-    """The place of the calibration of a user's robot, where no other is given.
+    """Get the default path of the calibration of a user's robot.
 
     **Returns:** `jaxcell/calibration.json` in the folder for settings, `~/.config` if the
     environment has no `XDG_CONFIG_HOME`.

@@ -55,7 +55,7 @@ def camera(device: int = 0) -> Callable[[], Frame]:
 
 
 def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
-    """A source of frames that gives the pictures in a folder in the order of their names.
+    """Make a source of frames from the pictures in a folder, in the order of their names.
 
     After the last it begins again.
 

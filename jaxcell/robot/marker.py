@@ -67,14 +67,14 @@ _SECOND_DIFFERENCES = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32
 
 @dataclass(frozen=True)
 class Marker:
-    """A cross that was found in a frame."""
+    """A cross in a frame."""
 
     centre: tuple[float, float]
-    "How far right and down it is from the middle of the first pixel, pixels."
+    "Pixels to the right of and below the middle of the first pixel."
     arm: float
-    "From the centre to the end of an arm, pixels; the geometric mean over all directions."
+    "Pixels from the centre to the end of an arm; the geometric mean over all directions."
     rotation: float
-    "From the frame's x axis to the next arm, clockwise as one sees it, radians from 0 to pi / 2."
+    "Angle from the frame's x axis to the next arm, clockwise in the frame, 0 to pi / 2 radians."
     score: float
     "The correlation with a perfect marker, at most 1."
 
@@ -143,13 +143,13 @@ def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
 
 @dataclass(frozen=True)
 class CrossLook:
-    """What a patrolling robot sees in each cell: whether the marker is there."""
+    """Look for the marker from each cell of a patrol."""
 
     source: Callable[[], Frame]
-    "Gives a frame of what is before the robot, such as `camera()` or `pictures(folder)`."
+    "Gives a frame of the view ahead of the robot, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
-        """Take a frame, and report the marker if it is there.
+        """Take a frame, and report the marker if it is in the frame.
 
         **Raises:** what the source and `find_cross` raise.
         """
@@ -166,7 +166,7 @@ class CrossLook:
 
 
 def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
-    """The homographies that take what may be a marker to the cross."""
+    """Compute the homographies that take possible markers to the cross."""
     cv2 = import_module("cv2")
     height, width = level.shape
     # The median of second differences estimates the noise (Immerkaer 1996), of which the smoothing
@@ -195,7 +195,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
 
 
 def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3 3"] | None:
-    """The affine map that takes the moments of a shape to those of the cross.
+    """Compute the affine map that takes the moments of a shape to those of the cross.
 
     `None` if its invariants are not those of a cross.
     """
@@ -225,7 +225,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
 def _fit(
     points: Float[np.ndarray, "points 2"], unit: float, width: int
 ) -> Float[np.ndarray, "3 3"] | None:
-    """The homography that takes an outline to that of the cross.
+    """Fit the homography that takes an outline to that of the cross.
 
     In each round a point belongs to the edge nearest to it. `None` if the outline does not fit.
 
@@ -267,7 +267,7 @@ def _fit(
 def _onto_edges(
     points: Float[np.ndarray, "points 2"], edge: Int[np.ndarray, "points"]
 ) -> tuple[Float[np.ndarray, "3 3"], float]:
-    """The homography that puts points on the lines of their edges, by linear least squares.
+    """Fit the homography that puts points on the lines of their edges, by linear least squares.
 
     The pixels of an outline lie within the shape, and a threshold moves it, so that all edges may
     be further inside by the same length, which is the second thing returned.
@@ -295,7 +295,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """The marker as a unit vector, and a basis of light that falls off evenly to one side."""
+    """Make the marker as a unit vector, and a basis of light that falls off evenly to one side."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

@@ -4,14 +4,14 @@ from typing import Literal
 
 @dataclasses.dataclass(frozen=True)
 class RunOutcome:
-    """How a run ended."""
+    """The outcome of a run."""
 
     result: Literal[
         "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
     ]
     """`"localized"`: one configuration is left, or the filter is in a knowledge cycle, the policy
     at an end, or the belief in few cells; `"arrived"`: the plan, or the trajectory, is done;
-    `"patrolled"`: as many cells were visited as were asked for; `"reported"`: an intruder was seen;
+    `"patrolled"`: the number of cells was visited; `"reported"`: an intruder was seen;
     `"refuted"`: what was sensed cannot be; `"stopped"`: the driver has stopped the robot, or a
     person the run; `"unfinished"`: none of these, after as many observations as were allowed."""
     observations: str
@@ -19,11 +19,11 @@ class RunOutcome:
     reason: str
     "A sentence for people."
     colors: tuple[int, ...] = ()
-    "Of the filter after each observation; 0 where a filter without a trap has no state for it."
+    "Colour of the filter after each observation; 0 if a filter without a trap has no state for it."
     cells: tuple[int, ...] = ()
     "The cells where the robot may be, by the filter."
 
 
 def observed(reason: str, observations: str) -> str:
-    """A reason with what the robot sensed, as where it disagrees with the map."""
+    """Add the observations of the robot to a reason."""
     return f"{reason}; the robot observed {observations}"

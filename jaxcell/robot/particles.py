@@ -17,16 +17,16 @@ class Cloud:
     pose: Float[np.ndarray, "particles 3"]
     "Metres and radians."
     believed: Int[np.ndarray, "particles"]
-    "The direction that a robot there believes to look in."
+    "The direction that each particle believes to face."
     observations: int
-    "How many there were."
+    "Number of observations so far."
     matched: float
     "The share of the particles that the last observation did not refute."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Particles:
-    """Monte Carlo localization: many robots that slip, of which those live on that sense the same.
+    """Monte Carlo localization: of many slipping robots, those that agree with the robot survive.
 
     The particles start at the centres of cells and move as [`jaxcell.space.slipping_step`][] says.
     The same seed gives the same run.
@@ -51,7 +51,7 @@ class Particles:
     step: float | None = None
     "Length of a step in metres, by default one cell."
     count: int = 10_000
-    "How many particles."
+    "Number of particles."
     seed: int = 0
     share: float = 0.95
     "The least probability of the configurations of an estimate together."
@@ -73,13 +73,13 @@ class Particles:
         return felt_walls(self.cells.workspace, self.slip.give)
 
     def start(self) -> Cloud:
-        """Particles at the centres of cells, as many in each."""
+        """Put equally many particles at the centre of each cell."""
         chosen = np.random.default_rng([self.seed, 0]).permutation(self.count) % self.cells.size
         pose = np.stack(self.cells.centre(chosen), axis=1)
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """The particles after an observation, 0 or 1."""
+        """Move the particles, and draw those that agree with an observation, 0 or 1."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]
@@ -95,7 +95,7 @@ class Particles:
         return Cloud(pose[kept], believed[kept], state.observations + 1, float(match.mean()))
 
     def estimate(self, state: Cloud) -> Estimate:
-        """The credible set; the robot is nowhere if the last observation refuted all particles."""
+        """Compute the credible set; it is nowhere if the last observation refuted all particles."""
         where = nearest_cell(self.cells, *state.pose.T)
         mass = np.bincount(where, minlength=self.cells.size) / self.count
         return credible(mass, self.share, float(state.matched == 0))

@@ -14,16 +14,16 @@ from .walker import Walker
 
 @dataclasses.dataclass(frozen=True)
 class PatrolOutcome(RunOutcome):
-    """How a patrol ended."""
+    """The outcome of a patrol."""
 
     visited: tuple[int, ...] = ()
     "The positions that were drawn, and reached."
     obstacles: tuple[tuple[int, int], ...] = ()
-    "Where something was in the way that is not in the map: a position, and 0 East to 3 South."
+    "Obstacles that are not in the map: a position, and 0 East to 3 South for each."
     position: int = -1
-    "Where the robot is."
+    "The position of the robot."
     intruder: Any = None
-    "What was reported, if anything."
+    "The report of an intruder, or `None`."
 
 
 class Patrol:
@@ -104,7 +104,7 @@ class Patrol:
         self._intruder: Any = None
 
     def next(self) -> int | None:
-        """The way of the next step, `None` when the patrol is over."""
+        """Choose the way of the next step; `None` when the patrol is over."""
         while not self._result:
             if self.goal is None:
                 self._draw()
@@ -116,7 +116,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Report what the step met."""
+        """Take in whether the step bumped."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -130,7 +130,7 @@ class Patrol:
             self.goal = None
 
     def report(self, intruder: Any) -> None:
-        """Report that an intruder was seen."""
+        """Take in the report of an intruder."""
         self._intruder = intruder
 
     @property
@@ -156,7 +156,7 @@ class Patrol:
         self._distance = wave(self._ways, self.goal)
 
     def outcome(self) -> PatrolOutcome:
-        """How it ended, or stands."""
+        """Make the outcome of the patrol so far."""
         visits, bumps = len(self.visited), len(self.obstacles)
         place = _place(self._task, self.position)
         met = f"; something was in the way {_times(bumps)} where the map is free" if bumps else ""
@@ -241,7 +241,7 @@ def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None)
 
 
 def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
-    """Give a patrol what a robot sensed and saw in a logged run.
+    """Replay the observations and reports of a logged run through a patrol.
 
     **Arguments:**
 

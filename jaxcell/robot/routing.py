@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int
 def grid_steps(
     free: Bool[np.ndarray, "rows columns"], closed: Collection[tuple[int, int]] = ()
 ) -> Int[np.ndarray, "4 positions"]:
-    """The position where a step from each square of a grid leads; itself where there is no way.
+    """Find the position after a step from each square of a grid; a blocked step stays.
 
     **Arguments:**
 
@@ -51,7 +51,7 @@ def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> Non
 
 
 def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "positions"]:
-    """How many steps each position is from a goal, -1 where no way leads there (Lee 1961).
+    """Count the steps from each position to a goal, -1 if it cannot be reached (Lee 1961).
 
     The wave starts at the goal and spreads to all neighbours at once.
 
@@ -107,7 +107,7 @@ def next_way(
 def route(
     steps: Int[np.ndarray, "4 positions"], start: int, goal: int, ahead: int = 0
 ) -> list[int]:
-    """A shortest way through a grid (Lee 1961).
+    """Find a shortest way through a grid (Lee 1961).
 
     **Arguments:**
 

@@ -22,7 +22,7 @@ _VERSION = 1
 
 
 class RunLog:
-    """The log of a run: a JSON object a line, each on the disk before the robot goes on.
+    """The log of a run: a JSON object per line, each on the disk before the robot goes on.
 
     The first line says what was run; each of the others is an event, with the seconds since then.
     A context manager.
@@ -40,7 +40,7 @@ class RunLog:
     """
 
     on_event: Callable[[str, Mapping[str, Any]], None] | None
-    "Called with the name and the fields of each event after it is written, such as to show it."
+    "Called with the name and the fields of each event after it is written, or `None`."
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
         """**Arguments:**
@@ -64,7 +64,7 @@ class RunLog:
             self.on_event(name, {"seconds": seconds, **fields})
 
     def observation(self, walker: Walker, **fields: Any) -> None:
-        """Write what a robot has sensed last, and where it takes itself to be."""
+        """Write the last observation of a robot, and the estimate of its pose."""
         if len(walker.observations) <= len(walker.recalled):
             fields["recalled"] = True
         self.event(
@@ -99,23 +99,23 @@ def _line(values: Mapping[str, Any]) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class LoggedRun:
-    """A log that was read back."""
+    """A log of a run from a file."""
 
     header: Mapping[str, Any]
-    "What was run."
+    "The task that was run."
     events: tuple[Mapping[str, Any], ...]
     "The events in order."
     whole: bool
-    "Whether the last line is: the log of a robot that lost its power may end within one."
+    "Whether the last line is complete: the log ends within a line if the robot lost its power."
 
     @property
     def observations(self) -> str:
-        """What the robot sensed: 0 for a step, 1 for a bump."""
+        """The observations: 0 for a step, 1 for a bump."""
         return "".join(str(event["observation"]) for event in self._observed())
 
     @property
     def direction(self) -> int | None:
-        """The direction that the robot faced at the start, if it was known."""
+        """The direction of the robot at the start, or `None`."""
         direction = self.header.get("direction")
         if direction is not None and (type(direction) is not int or direction < 0):
             raise ValueError(f"direction: expected a whole number or null, got {direction!r}")
@@ -123,12 +123,12 @@ class LoggedRun:
 
     @property
     def colors(self) -> list[int]:
-        """The colours of the filter at each observation, where a filter was run."""
+        """The colours of the filter at each observation; empty without a filter."""
         return [event["color"] for event in self._observed() if "color" in event]
 
     @property
     def stopped(self) -> str | None:
-        """What stopped the run before its end, if something did."""
+        """The reason why the run was stopped before its end, or `None`."""
         last = self.events[-1] if self.events else {}
         return str(last.get("reason", "")) if last.get("event") == "stopped" else None
 
@@ -137,7 +137,7 @@ class LoggedRun:
 
 
 def why_stopped(error: BaseException) -> str:
-    """Why a run was stopped, in words."""
+    """Describe the reason why a run was stopped."""
     match error:
         case RobotStopped():
             return f"the robot was stopped: {error}"
@@ -149,21 +149,21 @@ def why_stopped(error: BaseException) -> str:
 
 
 def stopped(outcome: _O, run: LoggedRun) -> _O:
-    """The outcome of a replay, with what stopped the run, if something did."""
+    """Add the reason why a run was stopped to the outcome of its replay."""
     if run.stopped is None or outcome.result != "unfinished":
         return outcome
     return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")
 
 
 def finished(outcome: _O, log: RunLog | None) -> _O:
-    """Write how a run ended, and return it."""
+    """Write the outcome of a run to its log, and return the outcome."""
     if log is not None:
         log.event("end", result=outcome.result, reason=outcome.reason)
     return outcome
 
 
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:
-    """Read the log of a run, of one that was cut off too.
+    """Read the log of a run, even of a run that was cut off.
 
     **Arguments:**
 
@@ -201,11 +201,11 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{path}: line {number}: {error}") from None
     header = parsed[0] if parsed else {}
-    found = header.get("format"), header.get("version")
-    if found != (_FORMAT, _VERSION):
+    written = header.get("format"), header.get("version")
+    if written != (_FORMAT, _VERSION):
         raise ValueError(
             f"{path}: line 1: expected the log of a robot, format {_FORMAT!r} version {_VERSION}, "
-            f"got {reprlib.repr(found[0])} version {reprlib.repr(found[1])}"
+            f"got {reprlib.repr(written[0])} version {reprlib.repr(written[1])}"
         )
     return LoggedRun(header, tuple(parsed[1:]), not unfinished)
 

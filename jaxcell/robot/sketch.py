@@ -26,9 +26,9 @@ _NEAR_FLASH = 2**16
 
 
 def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int = FLASH) -> str:
-    """A program for an Arduino that runs a localization filter on a Create, without a host.
+    """Write a program for an Arduino that runs a localization filter on a Create, without a host.
 
-    It does what [`jaxcell.robot.run_filter`][] until the cycle does with a
+    It does what [`jaxcell.robot.FilterFollower`][] until the cycle does with a
     [`jaxcell.robot.Walker`][]: the same observations give the same colours. The comment at its top
     says how to wire it, and what stops the robot.
 
@@ -79,9 +79,9 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
 
 
 def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int = FLASH) -> str:
-    """A program for an Arduino that lets a Create choose its angles, without a host.
+    """Write a program for an Arduino that lets a Create choose its angles, without a host.
 
-    It does what [`jaxcell.robot.run_policy`][] does with a [`jaxcell.robot.Walker`][].
+    It does what [`jaxcell.robot.PolicyFollower`][] does with a [`jaxcell.robot.Walker`][].
 
     **Arguments:**
 
@@ -131,7 +131,7 @@ def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int 
 
 
 def bounce_sketch(bounce: float, step: float) -> str:
-    """A program for an Arduino that lets a Create bounce for ever, without a filter.
+    """Write a program for an Arduino that lets a Create bounce forever, without a filter.
 
     Any number of robots can run it, as in the coverage experiment of Alam 2018, section 3.5.4,
     where two robots with an Arduino each turn by the same angle at a wall or at each other.
@@ -170,7 +170,7 @@ def bounce_sketch(bounce: float, step: float) -> str:
 
 
 def table_bytes(filter: Filter) -> dict[str, int]:
-    """Bytes of each table of [`jaxcell.automata.to_c_header`][], by name."""
+    """Count the bytes of each table of [`jaxcell.automata.to_c_header`][], by name."""
     states = len(filter.transition)
     # The number after the last state is that of IMPOSSIBLE, in a type that has room for it.
     largest = {
@@ -183,7 +183,7 @@ def table_bytes(filter: Filter) -> dict[str, int]:
 
 
 def policy_table_bytes(policy: Policy) -> dict[str, int]:
-    """Bytes of each table of [`jaxcell.automata.policy_to_c_header`][], by name."""
+    """Count the bytes of each table of [`jaxcell.automata.policy_to_c_header`][], by name."""
     states, bumps = policy.turn.size, policy.steps.size
     length = {"first": states + 1, "steps": bumps, "target": bumps}
     width = policy_bits(policy)
@@ -193,7 +193,7 @@ def policy_table_bytes(policy: Policy) -> dict[str, int]:
 def _check_direction(
     task: FilterTask | PolicyTask, direction: int | None, field: str, bounces: tuple[float, ...]
 ) -> None:
-    """Raises `ValueError` for a heading that is none, or angles that lead to none."""
+    """Raise `ValueError` if the heading, or an angle, is not a whole number of directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:
@@ -271,11 +271,11 @@ def _fill(
 
 
 def _float(value: float) -> str:
-    """A literal of C: a float, which is all that an AVR computes with."""
+    """Write a literal of C: a float, because an AVR has no doubles."""
     return f"{float(value)!r}f"
 
 
 def _comment(text: str) -> str:
-    """The text as part of a comment, which it neither ends nor seems to begin."""
+    """Write a text as part of a comment, without the marks that begin or end comments."""
     printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     return printable.replace("*/", "* /").replace("/*", "/ *")

@@ -1,5 +1,4 @@
 import dataclasses
-import json
 import math
 import os
 import time
@@ -11,10 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..base.documents import Fields
-from ..base.paths import replacing
 from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
-from .tasks.task import Task, common_fields, robot_fields
+from .tasks.task import Task, common_fields, robot_fields, write_task
 from .walker import Walker
 
 
@@ -26,18 +24,18 @@ KIND = "team"
 
 @dataclasses.dataclass(frozen=True)
 class MemberTask(Task):
-    """What one robot of a team does in a joint trajectory."""
+    """The part of one robot of a team in a joint trajectory."""
 
     robot: int
-    "Its number."
+    "Number of the robot."
     robots: int
     "Number of robots."
     start: tuple[float, float, float]
-    "Where it is put down: x and y in metres, and the heading in radians."
+    "The pose at the start: x and y in metres, and the heading in radians."
     bounce: float
-    "Its bouncing angle, in radians, counter-clockwise."
+    "The bouncing angle, in radians, counter-clockwise."
     actions: str
-    "Its actions, one character each, as [`jaxcell.robot.member_actions`][] has them."
+    "The actions, one character each, as [`jaxcell.robot.member_actions`][] writes them."
 
     @property
     def start_direction(self) -> int:
@@ -59,7 +57,7 @@ def member_actions(
     bumped: Bool[np.ndarray, "steps robots"],
     steps: Int[np.ndarray, "directions positions"],
 ) -> list[str]:
-    """What each robot does in a joint trajectory.
+    """Write the actions of each robot in a joint trajectory.
 
     **Arguments:**
 
@@ -100,7 +98,7 @@ def save_team(
     bounces: Sequence[float],
     actions: Sequence[str],
 ) -> None:
-    """Write what the robots of a team do, for [`jaxcell.robot.load_task`][].
+    """Write the parts of the robots of a team, for [`jaxcell.robot.load_task`][].
 
     **Arguments:**
 
@@ -130,15 +128,11 @@ def save_team(
         }
         for (x, y, theta), bounce, does in zip(starts, bounces, actions, strict=True)
     ]
-    with replacing(path) as temporary:
-        text = json.dumps(
-            {"format": "jaxcell-robot-task", "kind": KIND, **common, "robots": robots}
-        )
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_task(path, KIND, **(common | {"robots": robots}))
 
 
 def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
-    """A robot of a team, from the fields of its file.
+    """Read a robot of a team from the fields of its file.
 
     **Raises:** `ValueError` that names the field.
     """
@@ -159,7 +153,7 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 
 
 class Member:
-    """A robot along its actions. Step by step, so that a log can be replayed through it."""
+    """A robot along its actions, step by step, so that a log can be replayed."""
 
     def __init__(self, actions: str, tries: int) -> None:
         self.observations = ""
@@ -176,15 +170,15 @@ class Member:
 
     @property
     def waits(self) -> bool:
-        """Whether the last step failed, and is to be tried again."""
+        """Whether the last step failed, so that the robot tries it again."""
         return self._bumps > 0
 
     def turn(self) -> None:
-        """Report that an action without a step is done."""
+        """Take in that an action without a step is done."""
         self.index += 1
 
     def observe(self, bumped: bool) -> None:
-        """Report what the step of the action met."""
+        """Take in whether the step of the action bumped."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0
@@ -195,7 +189,7 @@ class Member:
             self._refuted = "no wall"
 
     def replay(self, observations: str) -> None:
-        """Take all that was observed in a run."""
+        """Take in all observations of a run."""
         for observation in observations:
             while self.action in (ROBOT, LEFT, RIGHT):
                 self.turn()
@@ -206,7 +200,7 @@ class Member:
             self.turn()
 
     def outcome(self) -> RunOutcome:
-        """How it ended, or stands."""
+        """Make the outcome of the part so far."""
         count = len(self._actions)
         where = f"action {self.index} of {count}"
         if self._refuted == "bumps":
@@ -232,7 +226,7 @@ def run_member(
     pause: float = 2.0,
     sleep: Callable[[float], object] = time.sleep,
 ) -> RunOutcome:
-    """Let a robot do its part in a joint trajectory (Alam 2018, Alg. 3.4).
+    """Drive a robot through its part of a joint trajectory (Alam 2018, Alg. 3.4).
 
     The robots neither see each other nor share a clock, so they come a little early or late to
     where the trajectory has two of them meet. There each stays for one step and turns, as the
@@ -285,7 +279,7 @@ def run_member(
 
 
 def replay_member(run: LoggedRun) -> RunOutcome:
-    """How a robot of a team ended, or stands, by its log."""
+    """Make the outcome of a robot of a team so far from its log."""
     member = Member(run.header["actions"], TRIES)
     member.replay(run.observations)
     return member.outcome()

@@ -11,7 +11,7 @@ from .create.motion import Moved
 
 @runtime_checkable
 class Drivable(Protocol):
-    """What a walker needs of a robot, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
+    """A robot for a walker, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         """Go straight, back if negative; forward it stops when the bumper is pressed."""
@@ -56,11 +56,11 @@ class Walker:
     """
 
     observations: str
-    "What the robot has sensed so far: 0 for a step, 1 for a bump."
+    "The observations so far: 0 for a step, 1 for a bump."
     recalled: str = ""
-    "Those of them that were sensed in a run before this one."
+    "The observations of the run before this one."
     drives: bool = True
-    "Whether the robot moves by now: not while it recalls."
+    "Whether the robot moves; false while it recalls an earlier run."
 
     def __init__(
         self,
@@ -110,21 +110,21 @@ class Walker:
 
     @property
     def estimate(self) -> tuple[float, float, float]:
-        """Where the wheels say the robot is: ahead and left of its start in metres, and turned."""
+        """The pose by the wheels: metres ahead and left of the start, and radians turned."""
         return self._at.real, self._at.imag, self._facing
 
     @property
     def place(self) -> tuple[float, float, float]:
-        """Where the model has the robot: ahead and left of its start in metres, and turned."""
+        """The pose in the model: metres ahead and left of the start, and radians turned."""
         return self._centre.real, self._centre.imag, self._heading
 
     @property
     def error(self) -> float:
-        """How far that is from the centre where the model has the robot, in metres."""
+        """The distance of the two poses in metres: by the wheels and in the model."""
         return abs(self._at - self._centre)
 
     def step(self) -> bool:
-        """Take a step; return whether it was a bump: then the robot is where it was."""
+        """Take a step; return whether it was a bump, after which the robot is back at its start."""
         ahead = cmath.rect(1.0, self._heading)
         end = self._centre + self._step * ahead
         targets = [end]
@@ -158,8 +158,8 @@ class Walker:
 
         **Arguments:**
 
-        - `most`: how far to go without a bump, in metres.
-        - `back`: how far to back off after it, in metres.
+        - `most`: longest distance without a bump, in metres.
+        - `back`: distance to back off after the bump, in metres.
 
         **Returns:** the length of the run in metres, by the encoders; `None` without a bump.
         """
@@ -194,7 +194,7 @@ class Walker:
         self._face(self._heading)
 
     def _recall(self, target: complex) -> bool:
-        """Take a step as made, by what was sensed in it."""
+        """Take a step of an earlier run as made, by its observation."""
         observation = self.recalled[len(self.observations)]
         if observation == "0":
             self._centre = self._at = target
@@ -202,7 +202,7 @@ class Walker:
         return observation == "1"
 
     def _go(self, target: complex, *, back: bool = False) -> bool:
-        """Drive to a place; return whether something was in the way."""
+        """Drive to a place; return whether a bump ended the drive."""
         way = target - self._at
         if abs(way) < self._tolerance:
             return False
@@ -222,7 +222,7 @@ class Walker:
             self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))
 
     def _count(self, moved: Moved) -> bool:
-        """Take note of a motion; return whether a bump ended it."""
+        """Add a motion to the estimate; return whether a bump ended it."""
         self._at += complex(moved.distance, moved.left) * cmath.rect(1.0, self._facing)
         self._facing += moved.angle
         return moved.bumped

@@ -1,4 +1,4 @@
-"""The state space: maps, and the cells that they are cut into.
+"""The state space: maps, and their cells.
 
 A robot that can be at any pose of the plane has the state space `X = E x S^1`, where `E` is the
 free space: the boundary minus the obstacles, less a margin of the robot's radius. Cell mapping cuts
@@ -11,8 +11,8 @@ of radius `r` may be in
 
     E = { p in F : no wall is nearer to p than r },
 
-which is what Eq. 2.1 and 3.1 leave, with its edge: a robot may touch a wall. Coordinates are metres
-and angles radians, counter-clockwise from the x axis (East).
+as in Eq. 2.1 and 3.1 but with its edge: a robot may touch a wall. Coordinates are metres, and
+angles are radians, counter-clockwise from the x axis (East).
 
 **The cells.** Squares of side `cell` cover the bounding box of `W`, from its lower left corner. A
 square is free if its centre lies in `E`; the `N_E` free ones are the *positions*, counted row by
@@ -21,37 +21,35 @@ are
 
     z = k N_E + position,     0 <= z < N = N_E N_S     (the source counts from 1).
 
-A configuration belongs to the square that holds its point, a point on an edge to the upper or right
-one, and to the nearest direction. All comparisons are made in units of a cell to 1e-9, so that a
-cell is the same on every platform.
+A configuration belongs to the square that holds its point (of an edge, to the upper or right
+square) and to the nearest direction. Comparisons are made in units of a cell to 1e-9, so that cells
+are the same on every platform.
 
 **A step** of length `s` from a centre `p` ends at `p + s (cos theta_k, sin theta_k)`. It is
-possible if its end lies in a free square and in `E`, and, where collisions are *swept*, if all of
-the way lies in `E`. On a grid, where walls run along squares, what a direction does is a *stencil*
-of relative squares, the same for every start, and directions with the same stencil share a *way*.
-Else each wall within reach of a centre is tested. The moves of all cells so cost `O(N_E)` a way, or
-`O(N_S)` for each pair of a centre and a wall near it.
+possible if its end lies in a free square and in `E`, and, if collisions are *swept*, if the whole
+step lies in `E`. On a grid, where walls run along squares, a step is a *stencil* of relative
+squares, the same for every start, and directions with the same stencil share a *way*. Otherwise
+each wall within reach of a centre is tested. So the moves of all cells cost `O(N_E)` per way, or
+`O(N_S)` per pair of a centre and a wall near it.
 
 **Sight.** From a point `p` with reach `l` one sees (Eq. 4.1)
 
     V(p) = { q in F : the segment from p to q stays in F, |p - q| <= l },
 
-and a cell is *wholly visible* if all that is free of its square is in `V(p)` (Alg. 4.3).
+and a cell is *wholly visible* if the free part of its square is in `V(p)` (Alg. 4.3).
 
-What gives which:
-
-- `Box`: equal cells of a box of any number of dimensions, for other dynamics than robots'.
-- `Workspace`: `W`, `O`, `F` and `E` of a map, read from a file or made here.
-- `CellSpace`: the cells, `z` from a configuration and back.
+- `Box`: equal cells of a box of any number of dimensions, for general dynamics.
+- `Workspace`: `W`, `O`, `F` and `E` of a map, read from a file or made in Python.
+- `CellSpace`: the cells, from configurations to `z` and back.
 - `Motion`: the length of a step and the rule of collision; `CELL_BY_CELL`, `ENDPOINT`.
-- `free_steps`: where a step leads, among walls of any shape.
-- `stencil`, `Stencil`: what a step does on a grid.
-- `Slip`, `slipping_step`: a robot that slips, between `felt_walls`; `free_ahead` is how far it is
-    to one. `cell_strides` and `stride_legs` are how a walker makes a step end at a centre, and
-    `nearest_cell` is where a robot is that may have slipped off the map.
+- `free_steps`: the ends of steps, among walls of any shape.
+- `stencil`, `Stencil`: the squares of a step on a grid.
+- `Slip`, `slipping_step`: a robot that slips, between `felt_walls`; `free_ahead` measures the
+    distance to a wall. `cell_strides` and `stride_legs` make a step end at a centre, and
+    `nearest_cell` finds the cell of a robot that may have slipped off the map.
 - `visibility_polygon`: `V(p)`.
-- `visible_cells`: which cells are wholly visible from which, also by a camera that points one way.
-- `visible_centres`: which centres see each other.
+- `visible_cells`: the cells that are wholly visible from each, also by a directed camera.
+- `visible_centres`: the centres that see each other.
 
 No part of this package imports JAX.
 """

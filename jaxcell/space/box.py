@@ -10,7 +10,7 @@ from .cells import TOLERANCE
 
 
 Axis: TypeAlias = Literal["sink", "periodic", "clamp"]
-"""What is beyond the ends of an axis: a sink, the other end, or the cell at the end."""
+"""The place beyond the ends of an axis: a sink, the other end, or the cell at the end."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,8 +22,7 @@ class Box:
     the upper one, to 1e-9 of a cell. After the cells come two sinks: `outside` for points that left
     the box, and `nowhere` for those with a coordinate that is not finite.
 
-    A box is hashable, and what it computes it computes with the arrays of NumPy or JAX that it is
-    given, under `jit` and `vmap` too.
+    A box is hashable. It computes with arrays of NumPy or JAX, under `jit` and `vmap` too.
 
     An angle and a speed, in two by four cells:
 
@@ -41,7 +40,7 @@ class Box:
     cells: tuple[int, ...]
     "Number of cells along each axis."
     axes: tuple[Axis, ...]
-    "What is beyond the ends of each axis."
+    "The place beyond the ends of each axis."
 
     def __init__(
         self,
@@ -54,8 +53,8 @@ class Box:
 
         - `lower`, `upper`: the corners.
         - `cells`: number of cells along each axis.
-        - `axes`: for each axis, or for all, what is beyond its ends: `"sink"`, `"periodic"` or
-            `"clamp"`, by which points count for the cell at the end.
+        - `axes`: the place beyond the ends of each axis, or of all axes: `"sink"`, `"periodic"`, or
+            `"clamp"`, which puts points into the cell at the end.
 
         **Raises:** `ValueError` for a box without volume, lists of unequal length, or more cells
         than 32 bits number.
@@ -68,7 +67,7 @@ class Box:
         lengths = {len(self.lower), len(self.upper), len(self.cells), len(kinds)}
         if len(lengths) > 1 or not self.lower:
             raise ValueError(
-                f"box: expected as many lower ends, upper ends, numbers of cells and axes, got "
+                f"box: expected equal numbers of lower ends, upper ends, cells and axes, got "
                 f"{len(self.lower)}, {len(self.upper)}, {len(self.cells)} and {len(kinds)}"
             )
         for axis, (low, high, count, kind) in enumerate(
@@ -118,30 +117,30 @@ class Box:
         return self.lower[axis] + (np.arange(self.cells[axis]) + 0.5) * self.width[axis]
 
     def coordinates(self, index: Int[Any, "..."]) -> Int[Any, "... axes"]:
-        """The coordinates of cells, counted in cells along each axis."""
+        """Compute the coordinates of cells, in cells along each axis."""
         xp = index.__array_namespace__()
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """How far apart along each axis differences in cells are, by the shorter way round."""
+        """Compute distances along each axis from differences in cells, the shorter way round."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
             here = xp.abs(cells[..., axis])
             if kind == "periodic":
-                # The remainder of numbers with a point is not computed by vector units.
+                # Vector units do not compute the remainder of floating-point numbers.
                 here = here - count * xp.floor(here / count)
                 here = xp.minimum(here, count - here)
             along.append(here)
         return xp.stack(along, axis=-1)
 
     def centre(self, index: Int[Any, "..."], dtype: Any = None) -> Float[Any, "... axes"]:
-        """The centres of cells.
+        """Compute the centres of cells.
 
         **Arguments:**
 
         - `index`: cells, not sinks, in an array of NumPy or JAX.
-        - `dtype`: of the result, by default the widest floating-point type that is in use.
+        - `dtype`: the type of the result, by default the widest floating-point type in use.
         """
         xp = index.__array_namespace__()
         kind = dtype or xp.asarray(0.0).dtype
@@ -152,7 +151,7 @@ class Box:
         )
 
     def index(self, points: Float[Any, "... axes"]) -> Int[Any, "..."]:
-        """The cells of points, or the sinks that they are in.
+        """Find the cells of points, or their sinks.
 
         **Arguments:**
 
@@ -164,17 +163,17 @@ class Box:
         for axis, count in enumerate(self.cells):
             index = index * count + xp.asarray(places[..., axis], dtype=xp.int32)
         finite = xp.all(xp.isfinite(points), axis=-1)
-        found = xp.where(inside, index, self.outside)
-        return xp.asarray(xp.where(finite, found, self.nowhere), dtype=xp.int32)
+        cell = xp.where(inside, index, self.outside)
+        return xp.asarray(xp.where(finite, cell, self.nowhere), dtype=xp.int32)
 
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
-        """The coordinates of the cells of points, or of cells at the ends; and which are inside.
+        """Find the coordinates of the cells of points; points outside count for cells at the ends.
 
         **Arguments:**
 
         - `points`: coordinates along the last dimension, in an array of NumPy or JAX.
 
-        **Returns:** whole numbers as points have them, not integers, and a Boolean for each point.
+        **Returns:** whole numbers of the type of the points, and a mask of the points inside.
         """
         xp = points.__array_namespace__()
         inside = xp.ones(points.shape[:-1], dtype=bool)
@@ -184,7 +183,7 @@ class Box:
             place = xp.floor((points[..., axis] - low) / width + TOLERANCE)
             if kind == "periodic":
                 place = place - count * xp.floor(place / count)
-            # Beyond a face by one cell is as good as by many, and no integer overflows.
+            # One cell beyond a face is enough, and no integer overflows.
             place = xp.clip(place, -1, count)
             if kind == "sink":
                 inside = inside & (place >= 0) & (place < count)
@@ -192,9 +191,9 @@ class Box:
         return xp.stack(along, axis=-1), inside
 
     def wrapped(self, points: Float[Any, "... axes"]) -> Float[Any, "... axes"]:
-        """The same points, with coordinates along periodic axes between the ends of the box.
+        """Bring the coordinates along periodic axes between the ends of the box.
 
-        What is mapped again and again would grow along them until its fractions are lost.
+        Points that are mapped many times would otherwise grow until their fractions are lost.
         """
         xp = points.__array_namespace__()
         along = []

@@ -75,9 +75,8 @@ class CellSpace:
         - `cell`: side of a cell, in metres.
         - `directions`: number of directions.
 
-        **Raises:** `ValueError` if a number is out of range, if no centre is free, or if there
-        would be more than `2**31 - 1` cells; `MemoryError` if there are more squares than fit the
-        free memory.
+        **Raises:** `ValueError` for a number out of range, no free centre, or more than
+        `2**31 - 1` cells; `MemoryError` if the squares do not fit the free memory.
         """
         if not (math.isfinite(cell) and cell > 0):
             raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
@@ -103,11 +102,11 @@ class CellSpace:
 
         - `path`: as for [`Workspace.load`][].
         - `cell`: side of a cell, in metres.
-        - `directions`: number of directions; 8 where the map suggests none.
+        - `directions`: number of directions; 8 if the map suggests none.
         - `robot_radius`: radius of a disc robot, in metres.
 
         **Raises:** as [`Workspace.load`][] and [`CellSpace.of`][]; `ValueError` if neither `cell`
-        nor the map says how large a cell is.
+        nor the map gives the side of a cell.
 
         A lab whose map suggests cells of 1 m:
 
@@ -127,11 +126,11 @@ class CellSpace:
         cell: float = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> "CellSpace":
-        """The space of a grid whose blocked squares are the obstacles; row 0 is the lowest.
+        """Make the space of a grid whose blocked squares are the obstacles.
 
         **Arguments:**
 
-        - `free`: which squares are free.
+        - `free`: the free squares; row 0 is the lowest.
         - `directions`: number of directions.
         - `cell`: side of a square, in metres.
         - `origin`: lower left corner of the grid, in metres.
@@ -162,7 +161,7 @@ class CellSpace:
 
     @functools.cached_property
     def gridded(self) -> bool:
-        """Whether all walls run along edges of squares, so that `free` says all about them."""
+        """True if all walls run along edges of squares, so that `free` determines them."""
         if self.workspace is None:
             return True
         return along_grid(self.walls[:, 1:])
@@ -174,13 +173,13 @@ class CellSpace:
         The unit is a cell, from the origin. The free space lies to the left of an edge.
         """
         if self.workspace is None:
-            raise ValueError("a space made from a grid has no walls but the edges of its squares")
+            raise ValueError("a space made from a grid has no walls except edges of squares")
         return (edges(self.workspace.free_space) - np.array(self.origin)) / self.cell
 
     def centre(
         self, z: Int[np.ndarray, "..."] | int
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-        """The configuration `(x, y, theta)` of the centre of each cell, in metres and radians.
+        """Compute the centre `(x, y, theta)` of each cell, in metres and radians.
 
         **Raises:** `ValueError` if a cell does not exist.
         """
@@ -201,16 +200,16 @@ class CellSpace:
         y: Float[np.ndarray, "..."] | float,
         theta: Float[np.ndarray, "..."] | float = 0.0,
     ) -> Int[np.ndarray, "..."]:
-        """The cell that holds each configuration; the nearest direction counts.
+        """Find the cell that holds each configuration, in the nearest direction.
 
-        A point on an edge between cells belongs to the upper or right one. `theta` is in radians.
+        A point on an edge between cells belongs to the upper or right cell. `theta` is in radians.
 
         **Raises:** `ValueError` if a point is off the map or its cell is not free.
         """
         x, y, theta = np.broadcast_arrays(
             np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
         )
-        if not all((np.abs(one) <= _LARGEST).all() for one in (x, y, theta)):
+        if not all((np.abs(values) <= _LARGEST).all() for values in (x, y, theta)):
             raise ValueError(
                 f"a configuration needs finite numbers x, y, theta of at most {_LARGEST:g}"
             )
@@ -240,7 +239,7 @@ def suggested(
     directions: int | None,
     robot_radius: float | None,
 ) -> tuple[Workspace, float, int]:
-    """A map, and the side of a cell and the number of directions, as for [`CellSpace.load`][]."""
+    """Read a map, and choose the side of a cell and the directions as [`CellSpace.load`][] does."""
     workspace = Workspace.load(path)
     if robot_radius is not None:
         workspace = dataclasses.replace(workspace, robot_radius=robot_radius)
@@ -253,7 +252,7 @@ def suggested(
 
 
 def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:
-    """Whether walls, from end to end in cells, run along edges of squares."""
+    """Test whether walls, from end to end in cells, run along edges of squares."""
     on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
     level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
     return bool(on_lines.all() and level.any(axis=1).all())

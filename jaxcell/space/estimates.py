@@ -1,7 +1,7 @@
-"""How much memory a study of a cell space takes at its peak, before it begins.
+"""Estimates of the memory that a study of a cell space takes at its peak, in bytes.
 
-The numbers are bytes as measured on maps of up to some 10^8 cells, without what Python and its
-libraries take themselves, `jaxcell.base.memory.LIBRARIES`.
+The numbers were measured on maps of up to 10^8 cells. They leave out the memory of Python and its
+libraries, `jaxcell.base.memory.LIBRARIES`.
 """
 
 import dataclasses
@@ -20,32 +20,30 @@ from .segments import STEPS_AT_ONCE
 
 Need: TypeAlias = Callable[[Extent], float | int]
 
-# Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a choice of angles
-# to localize with.
+# Bytes per cell: an image with groups and steps; a roadmap; a choice of angles to localize with.
 IMAGE, ROADMAP, CHOICE = 30, 40, 250
 
-# Bytes of a cell for coverage: a policy; a branch of a chain with its matrix; the groups and the
+# Bytes per cell for coverage: a policy; a branch of a chain with its matrix; the groups and the
 # limiting distribution of an angle; in a persistent cell the solve, and its part for each branch.
 POLICY, CHAIN, KEPT, SOLVE, SOLVED = 30, 16, 45, 620, 9
 
-# Bytes of compiling what finds groups on a section, what covers, what drives a team, and what
-# patrols a map.
+# Bytes of compiled programs: groups on a section, coverage, a team, and the patrol of a map.
 SECTION, COVER, TEAM, PATROL = 80_000_000, 70_000_000, 150_000_000, 350_000_000
 
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
 
-# Sides of cells that people choose.
+# Round sides of cells to suggest.
 _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
 def cutting(extent: Extent) -> float | int:
-    """Bytes of the squares and the positions."""
+    """Estimate the squares and the positions."""
     return cutting_bytes(extent.squares, extent.positions)
 
 
 def moves(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of where a step leads from every position."""
+    """Estimate the ends of steps from every position."""
     ways = extent.ways(motion)
     any_shape = (50 + extent.directions) * extent.near_walls(motion)
     listed = 16 * extent.directions
@@ -53,68 +51,66 @@ def moves(extent: Extent, motion: Motion) -> float | int:
 
 
 def section(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of the periodic groups known at the walls: the runs between these, and the section."""
-    ways = extent.ways(motion)
-    walls = ways * extent.bumps(motion) / extent.directions
-    return _known(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
+    """Estimate the periodic groups at walls: the runs between walls, and the section."""
+    walls = extent.ways(motion) * extent.bumps(motion) / extent.directions
+    return _walls(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
 
 def groups(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of the periodic groups, and of the runs from all positions."""
-    ways = extent.ways(motion)
-    return section(extent, motion) + 8 * ways * extent.positions
+    """Estimate the periodic groups, and the runs from all positions."""
+    return section(extent, motion) + 8 * extent.ways(motion) * extent.positions
 
 
 def counts(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of the numbers of periodic groups, which are found from the walls."""
+    """Estimate the numbers of periodic groups, which are found at walls."""
     ways = extent.ways(motion)
     if ways > MAX_WALL_WAYS:
         return section(extent, motion)
-    return _known(extent, motion, 18 * ways**2 * extent.bumps(motion) / extent.directions)
+    return _walls(extent, motion, 18 * ways**2 * extent.bumps(motion) / extent.directions)
 
 
-def _known(extent: Extent, motion: Motion, walls: float | int) -> float | int:
-    """Bytes of what is known of walls, if so many, or of the tests of which steps these block."""
+def _walls(extent: Extent, motion: Motion, tables: float | int) -> float | int:
+    """Estimate tables of walls, or the tests of blocked steps if these take more."""
     tested = min(extent.near_walls(motion) * extent.directions, STEPS_AT_ONCE)
-    return (5 if extent.gridded else 10) * extent.squares + max(walls, 40 * tested)
+    return (5 if extent.gridded else 10) * extent.squares + max(tables, 40 * tested)
 
 
 def images(extent: Extent, angles: int, motion: Motion) -> float | int:
-    """Bytes of the groups, and of images and steps of all cells for some bouncing angles."""
+    """Estimate the groups, and the images and steps of all cells for several angles."""
     return groups(extent, motion) + IMAGE * angles * extent.size
 
 
 def by_direction(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of the groups on the section, and of the cells of one direction at a time."""
+    """Estimate the groups on the section, and the cells of one direction at a time."""
     return section(extent, motion) + 50 * extent.positions
 
 
 def localization(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of the images and a filter.
+    """Estimate the images and a filter.
 
-    How many states a filter has is not known before: that it takes the longer to localize the
-    larger the map was measured. States are watched while they are made too.
+    The number of states of a filter is not known beforehand. Measured localization takes longer on
+    larger maps. States are also watched while they are made.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
     return moves(extent, motion) + (IMAGE + filter) * extent.size
 
 
 def plans(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of a roadmap and the plan to one goal."""
-    ways = extent.ways(motion)
-    return _known(extent, motion, 8 * ways * extent.positions) + ROADMAP * extent.size
+    """Estimate a roadmap and the plan to one goal."""
+    runs = 8 * extent.ways(motion) * extent.positions
+    return _walls(extent, motion, runs) + ROADMAP * extent.size
 
 
 def choice(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of a roadmap and the choice of angles by which a robot localizes itself."""
+    """Estimate a roadmap and the choice of angles that localizes a robot."""
     return plans(extent, motion) + CHOICE * extent.size
 
 
 def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> float | int:
-    """Bytes of the noisy maps of some bouncing angles, one at a time, and what is kept of them.
+    """Estimate the noisy maps of several angles, one at a time, and what is kept of them.
 
-    Cells are persistent, as measured, where turns spread over three of eight directions; where they
-    spread less, as many fewer.
+    As measured, all cells are persistent if turns spread over three of eight directions, and
+    proportionally fewer if they spread less.
     """
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
     solve = persistent * (SOLVE + SOLVED * branches)
@@ -123,44 +119,27 @@ def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> f
 
 
 def team(extent: Extent, motion: Motion) -> float | int:
-    """Bytes of the moves, and of the trajectories of a team."""
+    """Estimate the moves, and the trajectories of a team."""
     return TEAM + moves(extent, motion) + 80 * extent.size
 
 
 def drift(cells: Sequence[int]) -> float | int:
-    """Bytes of the maps of a drifter in some layers, and of the solves for one at a time.
-
-    **Arguments:**
-
-    - `cells`: cells of water of each layer.
-    """
+    """Estimate the maps of drifters in layers with these cells, and the solves for a layer."""
     return 200 * sum(cells) + 1500 * max(cells)
 
 
 def draws(cells: int, samples: int) -> float | int:
-    """Bytes of what is asked of every cell for each of some draws of observed drifters.
-
-    **Arguments:**
-
-    - `cells`, `samples`: their numbers.
-    """
+    """Estimate a bootstrap of observed drifters: numbers per cell and sample."""
     return 80 * cells * samples
 
 
 def walk(vertices: int, edges: int, weighted: bool) -> float | int:
-    """Bytes of a walk on a graph with what is measured between all pairs of vertices.
-
-    **Arguments:**
-
-    - `vertices`, `edges`: their numbers.
-    - `weighted`: whether weights of edges are sought for short commutes, by a matrix of all pairs
-        of edges.
-    """
+    """Estimate a walk on a graph; weights of least commute take a matrix of pairs of edges."""
     return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
 
 
 def patrol(extent: Extent) -> float | int:
-    """Bytes of the patrol of a map: matrices of cells by cells, and of edges by edges on few."""
+    """Estimate the patrol of a map: matrices of cells by cells, and of edges by edges if few."""
     cells = min(extent.positions, MAX_CELLS)
     return PATROL + cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 
@@ -172,16 +151,15 @@ def check(
 
     **Arguments:**
 
-    - `extent`: how large the cell space is.
-    - `need`: the bytes that the study of a cell space takes.
-    - `doing`: what takes them.
-    - `step`: length of a step in metres, which no cell may be larger than, or `None`.
-    - `also`: what else would fit.
+    - `extent`: the size of the cell space.
+    - `need`: estimates the bytes of the study on a cell space.
+    - `doing`: the name of the study.
+    - `step`: length of a step in metres, the largest side of a cell, or `None`.
+    - `also`: an alternative that would fit, as the begin of a sentence.
 
     **Returns:** the bytes.
 
-    **Raises:** `MemoryError`, in one line with the numbers, and with the smallest cell that would
-    fit.
+    **Raises:** `MemoryError` with the numbers, and with the smallest cell that would fit.
     """
     needed = need(extent)
     memory.check(needed, doing, lambda free: also + _instead(extent, need, free, step))
@@ -219,8 +197,8 @@ def _instead(extent: Extent, need: Need, available: int, step: float | None) -> 
 def _larger(cell: float, most: float) -> Iterator[float]:
     exponent = math.floor(math.log10(cell))
     while 10.0**exponent <= most:
-        for one in _ROUND:
-            larger = float(f"{one}e{exponent}")
+        for digits in _ROUND:
+            larger = float(f"{digits}e{exponent}")
             if cell < larger <= most:
                 yield larger
         exponent += 1

@@ -11,15 +11,15 @@ from .stencils import stencil
 from .workspace import Workspace, edges
 
 
-# With more directions, steps of a few squares do nothing new.
+# More directions give no new ways for steps of a few squares.
 _MAX_DIRECTIONS = 3600
-# Stencils that cross more squares take long to list.
+# Stencils that cross more squares take too long to list.
 _MAX_CROSSED = 50_000
 
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """How large a cell space is, or will be: what its memory is estimated from."""
+    """The size of a cell space that is or will be made, from which its memory is estimated."""
 
     workspace: Workspace | None
     rows: int
@@ -28,7 +28,7 @@ class Extent:
     directions: int
     cell: float
     gridded: bool
-    "Whether all walls run along edges of squares."
+    "True if all walls run along edges of squares."
     walls: int
     "Number of walls."
     wall_length: float
@@ -36,11 +36,11 @@ class Extent:
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """The extent of a cell space that is not cut yet; its positions are as many as their area.
+        """Estimate the extent of a cell space before it is cut, its positions by their area.
 
         **Arguments:** as for [`CellSpace.of`][].
 
-        **Returns:** the extent, or `None` where `CellSpace.of` says why there is no such space.
+        **Returns:** the extent, or `None` if `CellSpace.of` refuses the space.
 
         A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
 
@@ -65,7 +65,7 @@ class Extent:
 
     @classmethod
     def of(cls, cells: CellSpace) -> "Extent":
-        """The extent of a cell space."""
+        """Measure the extent of a cell space."""
         walls = np.empty((0, 3, 2)) if cells.workspace is None else cells.walls
         rows, columns = cells.free.shape
         return cls._of(
@@ -105,7 +105,7 @@ class Extent:
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
         if not self.gridded:
-            # Slanted walls part directions that do the same on a grid; not all, as measured.
+            # Slanted walls part directions that are one way on a grid; not all, as measured.
             return min(self.directions, 32 + round(0.45 * self.directions))
         if motion.collision != "endpoint" and length * directions > _MAX_CROSSED:
             ends = stencil(directions, Motion(length, "endpoint"), grid)

@@ -65,7 +65,7 @@ RULES: dict[Collision, Rule] = {
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """How a robot moves: the length of a step, and the rule by which walls block a step.
+    """The motion of a robot: the length of a step, and the rule by which walls block a step.
 
     **Raises:** `ValueError` for an unknown rule.
 

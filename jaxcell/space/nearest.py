@@ -8,14 +8,14 @@ from .cells import CellSpace
 
 
 def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray, "..."]:
-    """The cell of each configuration, or where its square is not free that of the nearest one.
+    """Find the cell of each configuration, or of the nearest free square.
 
     **Arguments:**
 
     - `cells`: the cell space.
     - `x`, `y`, `theta`: arrays of metres and radians.
 
-    **Returns:** the cells; unlike those of [`jaxcell.space.CellSpace.index`][], for all points.
+    **Returns:** the cells, of points off the map too, unlike [`jaxcell.space.CellSpace.index`][].
 
     A robot that has slipped a little off a map of three squares:
 
@@ -37,7 +37,7 @@ def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray
 
 @functools.lru_cache(maxsize=8)
 def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
-    # A robot that carries a filter has no need of SciPy.
+    # A robot that only carries a filter does not have SciPy.
     from scipy import ndimage
 
     row, column = ndimage.distance_transform_edt(

@@ -25,26 +25,20 @@ def blocked_rings(
 ) -> list[Int[np.ndarray, "_ 2"]]:
     """Cut the blocked squares of a grid into simple polygons that do not overlap.
 
-    An obstacle is one ring and so cannot hold free squares inside it. The squares are therefore cut
-    as in a boustrophedon decomposition: a run of blocked squares in a row continues the polygon of
-    the run below it only where each of the two overlaps no other run of the other's row. A wall
-    around a room becomes four polygons, and whatever is free inside stays free.
+    An obstacle is one ring, so it cannot hold free squares inside. The squares are therefore cut as
+    in a boustrophedon decomposition: a run of blocked squares in a row continues the polygon of the
+    run below it only if neither overlaps another run of the other row. A wall around a room becomes
+    four polygons, and the squares inside stay free.
 
-    **Arguments:**
-
-    - `blocked`: true for blocked squares, row 0 at the bottom.
-
-    **Returns:**
-
-    The vertices of each polygon, counter-clockwise, in units of squares.
+    **Returns:** the vertices of each polygon, counter-clockwise, in units of squares.
     """
     columns = blocked.shape[1]
     steps = np.diff(np.pad(blocked, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, left = np.nonzero(steps == 1)
     right = np.nonzero(steps == -1)[1]
 
-    # Runs are sorted by row, then column, so in these keys the runs of another row that overlap
-    # a run are consecutive.
+    # Runs are sorted by row and column, so the runs of another row that overlap a run have
+    # consecutive keys.
     stride = columns + 1
     left_key, right_key = row * stride + left, row * stride + right
     first_above = np.searchsorted(right_key, left_key + stride, side="right")
@@ -67,7 +61,7 @@ def blocked_rings(
 
 
 def _outline(left: list[int], right: list[int], bottom: int) -> Int[np.ndarray, "_ 2"]:
-    """The ring around runs stacked upwards from row `bottom`, without collinear vertices."""
+    """Trace the ring around runs stacked upwards from row `bottom`, without collinear vertices."""
     going_up, going_down = [(right[0], bottom)], [(left[0], bottom)]
     for side, ends in ((going_up, right), (going_down, left)):
         for height, (lower, upper) in enumerate(itertools.pairwise(ends), bottom + 1):
@@ -82,33 +76,29 @@ def rasterise(
     bounds: tuple[float, float, float, float],
     cell: float,
 ) -> Bool[np.ndarray, "rows columns"]:
-    """The occupancy grid of a polygonal environment.
+    """Make the occupancy grid of a polygonal environment.
 
     **Arguments:**
 
-    - `environment`: a polygon, or several that do not overlap, in metres.
-    - `bounds`: the box to cover (xmin, ymin, xmax, ymax), in metres; squares start at its lower
-        left corner, and the last ones reach over its far sides if need be.
+    - `environment`: a polygon, or several polygons that do not overlap, in metres.
+    - `bounds`: the box to cover (xmin, ymin, xmax, ymax), in metres. Squares start at its lower
+        left corner; the last squares may reach over its far sides.
     - `cell`: side of the squares, in metres.
 
-    **Returns:**
+    **Returns:** a mask of the squares whose centre is farther than 10^-9 of a square from the
+    environment; row 0 at the bottom.
 
-    True where the centre of a square lies neither in the environment nor within 10^-9 of a square
-    of it; row 0 at the bottom.
-
-    **Raises:**
-
-    `ValueError` where the grid would have more than 2^30 squares; `MemoryError` where it would not
-    fit the free memory with what a [`jaxcell.space.CellSpace`][] knows of it.
+    **Raises:** `ValueError` for more than 2^30 squares; `MemoryError` if the grid and the arrays of
+    a [`jaxcell.space.CellSpace`][] do not fit the free memory.
     """
     xmin, ymin, xmax, ymax = bounds
     # A width of 0.3 holds three squares of 0.1, although 0.3 / 0.1 may round to more than 3.
     width, height = (xmax - xmin) / cell - 1e-9, (ymax - ymin) / cell - 1e-9
-    # Of a cell next to 0 they are infinite, and have no ceiling.
+    # For a cell close to 0 they are infinite, and have no ceiling.
     if max(width, 1.0) * max(height, 1.0) > MOST_SQUARES:
         raise ValueError(
             f"cell: squares of {cell:g} m make a grid of {width:.0f} x {height:.0f}, "
-            f"more than the {MOST_SQUARES} squares of the largest grid there can be"
+            f"more than the {MOST_SQUARES} squares of the largest grid"
         )
     check(
         cutting_bytes(width * height, environment.area / cell / cell),
@@ -116,7 +106,7 @@ def rasterise(
         "expected a larger cell",
     )
     columns, rows = math.ceil(width), math.ceil(height)
-    # The margin makes a centre that lies on a wall free whatever the rounding.
+    # With the margin a centre that lies on a wall is free, whatever the rounding.
     closed = environment.buffer(TOLERANCE * cell, join_style="mitre")
     row, column = _crossings(closed, np.array([xmin, ymin]), cell, rows)
     free = np.zeros((rows, columns + 1), bool)
@@ -129,7 +119,7 @@ def rasterise(
 def _crossings(
     environment: shapely.Geometry, corner: Float[np.ndarray, "2"], cell: float, rows: int
 ) -> tuple[Int[np.ndarray, "crossings"], Int[np.ndarray, "crossings"]]:
-    """The rows of squares whose middle each wall crosses, and the first column to the right."""
+    """Find the rows whose middle line each wall crosses, and the first column to the right."""
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(environment)), return_index=True
     )
@@ -146,5 +136,5 @@ def _crossings(
 
 
 def cutting_bytes(squares: float, positions: float | int) -> float:
-    """The memory that a grid and its positions take while cells are cut, as measured."""
+    """Estimate the memory of a grid and its positions while cells are cut, as measured."""
     return 6 * squares + 16 * positions

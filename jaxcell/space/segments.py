@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float, Int
 from .cells import TOLERANCE
 
 
-# Steps that are tested with a wall at once.
+# Pairs of a step and a wall that are tested at once.
 STEPS_AT_ONCE = 2**21
 
 
@@ -61,9 +61,15 @@ def meets_wall(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Whether each step meets a wall; `near` and `wall` are the pairs in reach.
+    """Test steps for walls, in units of a cell from the origin.
 
-    All is in units of a cell from the origin, and `walls` as those of the cell space.
+    **Arguments:**
+
+    - `walls`: as [`jaxcell.space.CellSpace.walls`][].
+    - `centres`, `steps`: the starts of steps, and the steps.
+    - `near`, `wall`: the pairs of a centre and a wall in its reach.
+
+    **Returns:** the centres with a wall in reach, and a mask of their steps that meet a wall.
     """
     order = np.argsort(near, kind="stable")
     near, wall = near[order], wall[order]
@@ -71,15 +77,14 @@ def meets_wall(
     corner, passes, leaves = _corners(walls, steps)
     length = np.linalg.norm(steps, axis=1)
     unit = steps / length[:, None]
-    # A corner at the end is not passed, unless the end cell lies beyond it: the upper right one of
-    # four.
+    # A corner at the end is not passed, unless the end cell is the upper right one, beyond it.
     beyond = (np.abs((steps + 0.5) % 1) < TOLERANCE).all(axis=1) & (steps > 0).all(axis=1)
     reach = length + np.where(beyond, TOLERANCE, -TOLERANCE)
 
     blocked = np.empty((len(places), len(steps)), bool)
     chunks = -(-len(near) * len(steps) // STEPS_AT_ONCE)
-    for some in np.array_split(np.arange(len(places)), chunks) if chunks else ():
-        pairs = slice(first[some[0]], first[some[-1] + 1] if some[-1] + 1 < len(first) else None)
+    for part in np.array_split(np.arange(len(places)), chunks) if chunks else ():
+        pairs = slice(first[part[0]], first[part[-1] + 1] if part[-1] + 1 < len(first) else None)
         centre, w = centres[near[pairs]], wall[pairs]
         a, b = walls[w, 1] - centre, walls[w, 2] - centre
         along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
@@ -89,17 +94,17 @@ def meets_wall(
         stop = start + cross(along[:, None], steps)
         side_a, side_b = cross(unit, a[:, None]), cross(unit, b[:, None])
         meets = _opposite(start, stop) & _opposite(side_a, side_b)
-        # A centre on a wall may not step through it, one on a corner has to step into the free
+        # A centre on a wall may not step through it. From a corner the step has to be into the free
         # side.
         on_corner = (np.hypot(*a.T) < TOLERANCE)[:, None]
         on_wall = (np.abs(start) < TOLERANCE) & (np.vecdot(a, b)[:, None] < -TOLERANCE)
         meets |= on_wall & (stop < -TOLERANCE)
         meets |= on_corner & ~leaves[corner[w]]
-        # A corner on the way has to be passed on its free side.
+        # The step has to pass corners on their free side.
         distance = a @ unit.T
         on_way = (distance > TOLERANCE) & (distance < reach)
         meets |= on_way & (np.abs(side_a) < TOLERANCE) & ~passes[corner[w]]
-        blocked[some] = np.logical_or.reduceat(meets, first[some] - first[some[0]], axis=0)
+        blocked[part] = np.logical_or.reduceat(meets, first[part] - first[part[0]], axis=0)
     return places, blocked
 
 
@@ -116,11 +121,11 @@ def _corners(
     Bool[np.ndarray, "corners directions"],
     Bool[np.ndarray, "corners directions"],
 ]:
-    """The corner where each wall starts, and in which directions each can be passed and left.
+    """Find the corner where each wall starts, and the directions in which it is passed and left.
 
     The free space at the start of a wall is the wedge that opens counter-clockwise from this wall
-    to the next one that ends there. Where obstacles meet in a point, several wedges share it, and a
-    robot has to stay in one of them.
+    to the next wall that ends there. If obstacles meet in a point, several wedges share it, and a
+    robot has to stay in one wedge.
     """
     before, start, end = np.moveaxis(walls, 1, 0)
     _, corner = np.unique(np.round(start, 9), axis=0, return_inverse=True)
@@ -131,7 +136,7 @@ def _corners(
         wedge[wall] = _turn(closes[corner == corner[wall]] - opens[wall]).min()
     wedge, into = wedge[:, None], _turn(_angle(steps) - opens[:, None])
     inside = into <= wedge + TOLERANCE
-    # Passing takes the free half plane on one side of the way.
+    # Passing takes the free half plane on one side of the step.
     left, right = into + np.pi <= wedge + TOLERANCE, into >= np.pi - TOLERANCE
     passes, leaves = np.zeros((2, corner.max() + 1, len(steps)), bool)
     np.logical_or.at(passes, corner, inside & (left | right))
@@ -144,7 +149,7 @@ def _angle(vector: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]
 
 
 def _turn(angle: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """The angle in [0, 2 pi); what is a rounding error short of a full turn is none."""
+    """Reduce angles to [0, 2 pi); a full turn less a rounding error becomes 0."""
     angle = angle % (2 * np.pi)
     return np.where(angle > 2 * np.pi - TOLERANCE, 0.0, angle)
 

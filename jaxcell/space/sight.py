@@ -23,17 +23,15 @@ def visible_cells(
     field_of_view: float | int | None = None,
     heading: Float[np.ndarray, "..."] | float | int | None = None,
 ) -> Bool[np.ndarray, "*views positions positions"]:
-    """Which cells are wholly visible from the centre of each (Alam 2018, Eq. 4.1 and Alg. 4.3).
+    """Find the cells that are wholly visible from each centre (Alam 2018, Eq. 4.1 and Alg. 4.3).
 
-    A point is visible if it is no farther than `reach` and the way to it stays in the closed
+    A point is visible if it is no farther than `reach` and the segment to it stays in the closed
     environment. A cell is wholly visible if each point of its square that lies in the environment
-    is; what an obstacle takes of a square need not be seen. (If it had to be, nobody could see the
-    cells along a slanted wall.) A cell that a thin wall cuts in two may be visible from nowhere,
-    not even from its own centre.
+    is visible; otherwise cells along a slanted wall could never be seen. A cell that a thin wall
+    cuts in two may be visible from nowhere, not even from its own centre.
 
     Sight runs along walls and grazes corners. It does not pass between two obstacles that meet in a
-    point. What hides less than 1e-9 of a cell hides nothing. The radius of the robot plays no part:
-    it keeps the robot from the walls, but not its sight.
+    point. Shadows of less than 1e-9 of a cell are ignored, and so is the radius of the robot.
 
     This is exact for polygons of any shape: a wall hides a cell if its shadow overlaps it, and two
     convex polygons do not overlap if their projections onto the normal of some edge do not.
@@ -42,20 +40,18 @@ def visible_cells(
 
     - `cells`: the cell space.
     - `reach`: range of sight, in metres; may be infinite.
-    - `field_of_view`: angle that a camera sees at once, in radians, up to `2 * pi`; `None` for all
-        around. A camera that sees less than all around does not wholly see the cell it stands in.
-    - `heading`: where the middle of its view points, in radians counter-clockwise from East: a
-        number, or an array whose last axis has an entry for each position (or a single one for
-        all). Axes before it are views, each of which gets a matrix of its own:
-        `2 * pi * np.arange(d)[:, None] / d` is the directions of a space that has `d`.
+    - `field_of_view`: angle of the view of a camera, in radians, up to `2 * pi`; `None` for all
+        around. A camera that sees less than all around does not wholly see its own cell.
+    - `heading`: heading of the middle of the view, in radians counter-clockwise from East: a
+        number, or an array whose last axis has an entry for each position (or one entry for all).
+        Axes before the last are views, each of which gets a matrix of its own:
+        `2 * pi * np.arange(d)[:, None] / d` are the directions of a space that has `d`.
 
-    **Returns:**
+    **Returns:** `visible[..., i, j]`, true if `j` is wholly visible from the centre of `i`, a byte
+    per pair: 100 MB for 10,000 positions.
 
-    `visible[..., i, j]`: whether `j` is wholly visible from the centre of `i`. It takes a byte for
-    each pair: 100 MB for 10,000 positions.
-
-    **Raises:** `ValueError` if a number is out of range, or if only one of `field_of_view` and
-    `heading` is given; `MemoryError` where the pairs would not fit the free memory.
+    **Raises:** `ValueError` for a number out of range, or only one of `field_of_view` and
+    `heading`; `MemoryError` if the pairs do not fit the free memory.
 
     In a corridor of three squares; the far corners of the next one are 1.58 m away:
 
@@ -70,7 +66,7 @@ def visible_cells(
     _check_pairs(cells, math.prod(views))
     scene = _Scene.of(cells)
     visible = np.zeros((*views, cells.positions, cells.positions), bool)
-    # What a viewer may see, from its centre or, where that is fewer cells, from the origin.
+    # The places that a viewer may see, from its centre or, if these are fewer, from the origin.
     offset = _offsets(cells, reach)
     local = len(offset) < cells.positions
     place = offset if local else scene.centre
@@ -97,7 +93,7 @@ def visible_cells(
 def visible_centres(
     cells: CellSpace, reach: float | int
 ) -> Bool[np.ndarray, "positions positions"]:
-    """Which centres of cells are visible from which; a symmetric relation.
+    """Find the pairs of centres of cells that see each other.
 
     The rule at walls and corners is that of a swept step: sight runs along walls and grazes
     corners, and does not pass between two obstacles that meet in a point.
@@ -107,10 +103,10 @@ def visible_centres(
     - `cells`: the cell space.
     - `reach`: range of sight, in metres; may be infinite.
 
-    **Returns:** `visible[i, j]`: whether the centres of `i` and `j` see each other.
+    **Returns:** the symmetric relation of positions.
 
-    **Raises:** `ValueError` if `reach` is not more than 0; `MemoryError` where the pairs would not
-    fit the free memory.
+    **Raises:** `ValueError` for a `reach` of 0 or less; `MemoryError` if the pairs do not fit the
+    free memory.
 
     In a corridor of three squares:
 
@@ -127,14 +123,14 @@ def visible_centres(
     lines = shapely.linestrings(scene.walls[wall, 1:])
     distance = shapely.distance(shapely.points(scene.centre[near]), lines)
     visible = np.eye(cells.positions, dtype=bool)
-    # Each pair is looked at from one of its ends, the lower left one.
+    # Each pair is tested from its lower left end.
     offset = _offsets(cells, reach)
     offset = offset[(offset[:, 1] > 0) | ((offset[:, 1] == 0) & (offset[:, 0] > 0))]
-    everybody = np.arange(cells.positions)
+    positions = np.arange(cells.positions)
     lengths, same = np.unique(np.hypot(*offset.T), return_inverse=True)
     for i, length in enumerate(lengths):
         steps = offset[same == i]
-        target = _at(cells, everybody, steps)
+        target = _at(cells, positions, steps)
         met = distance <= length + TOLERANCE
         if met.any():
             places, blocked = meets_wall(
@@ -156,13 +152,13 @@ def _check_pairs(cells: CellSpace, matrices: int) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Scene:
-    """What there is to see and what hides it, in units of a cell from the origin of the cells."""
+    """The squares and the walls that hide them, in units of a cell from the origin of the cells."""
 
     centre: Float[np.ndarray, "positions 2"]
     walls: Float[np.ndarray, "walls 3 2"]
     "Edges of the environment, as `CellSpace.walls` has those of the free space."
     part: Float[np.ndarray, "parts 4 2"]
-    "Convex parts that make up what is free of the squares: the square, or triangles (closed)."
+    "Convex parts of the free part of each square: the square itself, or triangles (closed)."
     first: Int[np.ndarray, "bounds"]
     "The parts of position `i` are `first[i]` to `first[i + 1]`."
 
@@ -195,7 +191,7 @@ class _Scene:
         return cls(centre, walls, part[order], first)
 
     def walls_near(self, reach: float) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """The pairs of a position and a wall in its reach, by position."""
+        """List the pairs of a position and a wall in its reach, by position."""
         tree = shapely.STRtree(shapely.linestrings(self.walls[:, 1:]))
         points = shapely.points(self.centre)
         near, wall = tree.query(points, predicate="dwithin", distance=reach + TOLERANCE)
@@ -205,7 +201,7 @@ class _Scene:
     def parts_seen(
         self, viewer: Int[np.ndarray, "pairs"], target: Int[np.ndarray, "pairs"]
     ) -> tuple[Int[np.ndarray, "parts"], Float[np.ndarray, "parts 4 2"]]:
-        """The parts of the target of each pair: which pair, and the corners, from the viewer."""
+        """List the parts of the target of each pair: the pair, and the corners from the viewer."""
         count = self.first[target + 1] - self.first[target]
         pair = np.repeat(np.arange(len(target)), count)
         within = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
@@ -220,12 +216,12 @@ def _squares(centre: Float[np.ndarray, "squares 2"], side: float) -> np.ndarray:
 def _of_all(
     part: Int[np.ndarray, "parts"], true: Bool[np.ndarray, "parts"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """What holds for each pair: that which is true of all its parts."""
+    """Find the pairs all parts of which are true."""
     return np.logical_and.reduceat(true, np.flatnonzero(np.diff(part, prepend=-1)))
 
 
 def _offsets(cells: CellSpace, reach: float) -> Int[np.ndarray, "offsets 2"]:
-    """The squares whose centres are in reach, as columns and rows from that of the viewer."""
+    """List the squares whose centres are in reach, as columns and rows from the viewer."""
     most = [int(min(reach + TOLERANCE, size - 1)) for size in cells.free.shape]
     up, across = (x.ravel() for x in np.mgrid[tuple(slice(-m, m + 1) for m in most)])
     near = np.hypot(up, across) <= reach + TOLERANCE
@@ -235,7 +231,7 @@ def _offsets(cells: CellSpace, reach: float) -> Int[np.ndarray, "offsets 2"]:
 def _at(
     cells: CellSpace, viewers: Int[np.ndarray, "viewers"], offset: Int[np.ndarray, "offsets 2"]
 ) -> Int[np.ndarray, "viewers offsets"]:
-    """The positions at offsets from others, -1 where there is none."""
+    """Find the positions at offsets from viewers, -1 for none."""
     rows, columns = cells.free.shape
     row, column = np.divmod(cells.square[viewers, None], columns)
     row, column = row + offset[:, 1], column + offset[:, 0]
@@ -244,11 +240,11 @@ def _at(
 
 
 def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
-    """Viewers, a few at a time, and the ends of the walls in reach that they are behind.
+    """List viewers, a few at a time, and the ends of the walls in reach that they are behind.
 
-    What an obstacle hides lies beyond a wall whose free side is the far one. (The near walls of the
-    obstacle would do as well, but not where the viewer stands on one of them.) A wall whose line
-    passes through the viewer hides nothing.
+    The shadow of an obstacle lies beyond a wall whose free side is the far side. (The near walls of
+    the obstacle fail if the viewer stands on one of them.) A wall whose line passes through the
+    viewer hides nothing.
     """
     viewer, wall = scene.walls_near(reach)
     a, b = (scene.walls[wall, end] - scene.centre[viewer] for end in (1, 2))
@@ -274,23 +270,23 @@ def _hidden(
     place: Num[np.ndarray, "places 2"],
     origin: Float[np.ndarray, "viewers 2"],
 ) -> Bool[np.ndarray, "viewers places"]:
-    """Whether some shadow overlaps what is free of each target.
+    """Find the targets whose free part a shadow overlaps.
 
     `row` counts the viewers, and the centre of a target lies at `place - origin` from its viewer.
     """
     hidden = np.zeros(target.shape, bool)
     if not len(row):
         return hidden
-    # How deep the centre of each square lies in each shadow, and at most a corner.
+    # The depth of the centre of each square in each shadow, and the most of a corner.
     centre, corner = np.full((2, len(row), len(place)), np.inf)
     for normal, least in _sides(a, b, 1.0):
         depth = normal @ place.T - (least + np.vecdot(normal, origin[row]))[:, None]
         np.minimum(centre, depth, out=centre)
         depth += np.abs(normal).sum(axis=1, keepdims=True) / 2
         np.minimum(corner, depth, out=corner)
-    # A shadow on a centre, which is free, is on something free around it.
-    some, first = np.unique(row, return_index=True)
-    hidden[some] = np.logical_or.reduceat(centre > TOLERANCE, first, axis=0)
+    # A shadow on a centre hides free points around it, because centres are free.
+    viewed, first = np.unique(row, return_index=True)
+    hidden[viewed] = np.logical_or.reduceat(centre > TOLERANCE, first, axis=0)
     # Squares that a shadow may graze.
     shadow, at = np.nonzero((corner > TOLERANCE) & ~hidden[row] & (target[row] >= 0))
     part, corners = scene.parts_seen(viewers[row[shadow]], target[row[shadow], at])
@@ -302,7 +298,7 @@ def _hidden(
 def _sides(
     a: Float[np.ndarray, "shadows 2"], b: Float[np.ndarray, "shadows 2"], start: float
 ) -> Iterator[tuple[Float[np.ndarray, "shadows 2"], Float[np.ndarray, "shadows"]]]:
-    """The inner unit normal of each side of a shadow, and its product with the points there.
+    """List the inner unit normal of each side of a shadow, and its product with points there.
 
     The shadow is `s a + t b` with `s, t >= 0` and `s + t >= start`; `a` is to the left of `b`.
     """
@@ -317,7 +313,7 @@ def _overlap(
     b: Float[np.ndarray, "parts 2"],
     start: float,
 ) -> Bool[np.ndarray, "parts"]:
-    """Whether each convex part and its shadow overlap: no normal of a side of either parts them."""
+    """Find the convex parts that overlap their shadow: no normal of a side separates the two."""
     overlap = np.ones(len(corners), bool)
     for normal, least in _sides(a, b, start):
         overlap &= (corners @ normal[:, :, None])[..., 0].max(axis=1) - least > TOLERANCE
@@ -325,7 +321,7 @@ def _overlap(
     most = cross(corners, edge)
     least = np.minimum(cross(a[:, None], edge), cross(b[:, None], edge))
     least = np.where(least < 0, -np.inf, start * least)
-    # An edge of no length, which closes a triangle, parts nothing.
+    # An edge of no length, which closes a triangle, separates nothing.
     overlap &= ~(least > most - TOLERANCE * np.hypot(*np.moveaxis(edge, -1, 0))).any(axis=1)
     return overlap
 
@@ -338,7 +334,7 @@ class _Camera:
     def holds(
         self, corners: Float[np.ndarray, "parts 4 2"], heading: Float[np.ndarray, "parts"]
     ) -> Bool[np.ndarray, "parts"]:
-        """Whether each convex part, its corners taken from the viewer, is wholly in the view."""
+        """Find the convex parts, with corners from the viewer, that are wholly in the view."""
         right, left = (
             np.stack([np.cos(angle), np.sin(angle)], axis=1)
             for angle in (heading - self.field_of_view / 2, heading + self.field_of_view / 2)
@@ -346,7 +342,7 @@ class _Camera:
         if sees_all_around(self.field_of_view):
             return np.ones(len(corners), bool)
         if self.field_of_view > np.pi:
-            # What the camera does not see is convex, and behind it as the shadow of a point.
+            # The unseen area is convex, and lies behind the camera as the shadow of a point.
             return ~_overlap(corners, right, left, 0.0)
         in_view = np.minimum(cross(right[:, None], corners), cross(corners, left[:, None]))
         return (in_view >= -TOLERANCE).all(axis=1)

@@ -11,23 +11,23 @@ from .workspace import Workspace, edges
 
 
 ERRORS = 9
-"How many errors a step has, each a standard normal number."
+"Number of errors of a step, each a standard normal number."
 TURNING = 7
-"Which of them is that of the turn after a bump."
+"Index of the error of the turn after a bump."
 MISSED = 1e-3
-"How probable it is that a particle's observation is not the robot's, whatever the cause."
-# Metres between the two rays that tell the slope of a wall.
+"Probability that the observation of a particle differs from that of the robot by any cause."
+# Metres between the two rays that measure the slope of a wall.
 _BESIDE = 1e-4
-# A wall is longer by this share at either end, so that nothing gets out through a corner.
+# A wall is longer by this share at either end, so that no ray leaves through a corner.
 _CORNER = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Slip:
-    """What keeps the base of a robot from doing as it is told, unseen by its wheels.
+    """The errors of the base of a robot, which its wheels do not measure.
 
-    The errors are normal, drawn anew for each stretch and turn; where a model has bounds in their
-    place, these are the bounds.
+    The errors are normal, and drawn for each stretch and turn. A model of bounded errors takes
+    these numbers as bounds.
 
         >>> from jaxcell import space
         >>> space.Slip.of(0.02)
@@ -41,14 +41,14 @@ class Slip:
     heading: float = 0.0
     "Standard deviation of the drift of the heading along a metre, in radians, 0 to 1."
     bumper: float = 0.0
-    """Standard deviation of where a wall is felt, in metres: before it, so that a bump comes too
-    soon, or behind it, so that one is missed at the end of a step."""
+    """Standard deviation of the place where a wall is felt, in metres: before the wall, so that a
+    bump comes too soon, or behind it, so that a bump is missed at the end of a step."""
     give: float = 0.0
-    "How far the bumper goes in before it is felt, in metres."
+    "Distance that the bumper goes in before it is felt, in metres."
     bump_turn: float = 0.0
     """Turn toward the wall by a bump at 45 degrees of incidence, in radians, -1 to 1. It is the
-    same at each bump, and the wheels do not show it; at an incidence i it is `sin(2 i)` times as
-    much, so that a bump head-on turns the robot to neither side."""
+    same at each bump, and the wheels do not measure it. At an incidence i it is `sin(2 i)` times as
+    much, so that a head-on bump turns the robot to neither side."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):
@@ -66,19 +66,19 @@ class Slip:
 
     @classmethod
     def of(cls, slip: float, **others: float) -> "Slip":
-        """The same error of steps, turns and heading, as that of an emulated robot is given."""
+        """Make equal errors of steps, turns and heading, as an emulated robot has."""
         return cls(step=slip, turn=slip, heading=slip, **others)
 
 
 def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
-    """Where walls stop a robot whose bumper goes in a little, from corner to corner, in metres.
+    """Move the walls back to where they stop a robot whose bumper goes in a little.
 
     **Arguments:**
 
     - `workspace`: the map.
-    - `give`: how far the bumper goes in, in metres.
+    - `give`: distance that the bumper goes in, in metres.
 
-    **Returns:** the ends of each wall.
+    **Returns:** the ends of each wall, in metres.
 
     A room whose walls give 2 cm:
 
@@ -96,17 +96,16 @@ def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 
 def free_ahead(
     walls: Float[Any, "walls 2 2"], place: Float[Any, "*batch 2"], heading: Float[Any, "*batch"]
 ) -> Float[Any, "*batch"]:
-    """How far it is to the first wall.
+    """Measure the distance to the first wall ahead.
 
-    Arrays of NumPy give those of NumPy, and arrays of JAX those of JAX, under `jit` and `vmap` too.
+    It computes with arrays of NumPy or JAX, under `jit` and `vmap` too.
 
     **Arguments:**
 
     - `walls`: as of [`felt_walls`][].
-    - `place`: from where, in metres.
-    - `heading`: which way, in radians.
+    - `place`, `heading`: the start in metres, and the heading in radians.
 
-    **Returns:** the distances in metres, `inf` where there is no wall.
+    **Returns:** the distances in metres, `inf` for no wall.
 
     In a room of 3 m, from its middle to the East:
 
@@ -131,7 +130,7 @@ def to_wall(
     ux: Float[Any, "*batch"],
     uy: Float[Any, "*batch"],
 ) -> Float[Any, "*batch"]:
-    """How far it is to one wall along a unit vector, `inf` where that does not meet it."""
+    """Measure the distance to one wall along a unit vector, `inf` if they do not meet."""
     xp = place.__array_namespace__()
     wide, high = wall[1, 0] - wall[0, 0], wall[1, 1] - wall[0, 1]
     x, y = wall[0, 0] - place[..., 0], wall[0, 1] - place[..., 1]
@@ -155,9 +154,9 @@ def turned_by_bump(
 
     **Arguments:**
 
-    - `place`, `heading`: where the robot comes from, in metres and radians.
-    - `ahead`: how far it is to the wall, in metres.
-    - `ahead_of`: gives how far it is from places with these headings.
+    - `place`, `heading`: the start of the robot, in metres and radians.
+    - `ahead`: the distance to the wall, in metres.
+    - `ahead_of`: measures this distance from other places with these headings.
 
     At a wall that the robot meets at 45 degrees, on its right:
 
@@ -189,26 +188,25 @@ def slipping_step(
     *,
     ahead_of: Callable[[Any, Any, Any], Any] = free_ahead,
 ) -> tuple[Float[Any, "*batch 3"], Any]:
-    """Where a robot that slips is after a step, or after a bump and the turn that follows it.
+    """Move a robot that slips by a step, or by a bump and the turn after it.
 
-    It drives the stretches of the step; where it meets a wall it drives back to where it began, by
-    its wheels, and turns by the bouncing angle. Arrays of NumPy give those of NumPy, and arrays of
-    JAX those of JAX, under `jit` and `vmap` too.
+    The robot drives the stretches of the step. If it meets a wall it drives back to the start of
+    the step, by its wheels, and turns by the bouncing angle. It computes with arrays of NumPy or
+    JAX, under `jit` and `vmap` too.
 
     **Arguments:**
 
     - `pose`: x and y in metres, and the heading in radians.
-    - `legs`: what it takes the step to be, a row of [`stride_legs`][].
+    - `legs`: the stretches that the robot intends, a row of [`stride_legs`][].
     - `bounce`: the bouncing angle in radians.
     - `errors`: standard normal numbers.
     - `walls`: as of [`felt_walls`][].
-    - `slip`: how large the errors are.
-    - `ahead_of`: how far it is to the first wall; in place of [`free_ahead`][] another that does
-        the same.
+    - `slip`: the sizes of the errors.
+    - `ahead_of`: a function in place of [`free_ahead`][].
 
-    **Returns:** the poses, and whether the robot bumped.
+    **Returns:** the poses, and a mask of the robots that bumped.
 
-    One that does not slip, in a room of 3 m, with a step of 1 m:
+    A robot that does not slip, in a room of 3 m, with a step of 1 m:
 
         >>> import math
         >>> import numpy as np
@@ -227,11 +225,11 @@ def slipping_step(
     place, heading = pose[..., :2], pose[..., 2]
     felt = slip.bumper * e[8]
 
-    def stretch(place, heading, told, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """The end of a stretch, its heading, and how far the wall lets it go, `inf` if all."""
-        length = told * (1 + slip.step * relative)
-        drift = slip.heading * xp.sqrt(xp.abs(told)) * drifts
-        chord = heading + drift / 2 + slip.heading * xp.sqrt(xp.abs(told) / 12) * sways
+    def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
+        """Drive a stretch: its end, headings, the distance to a wall or `inf`, and its turn."""
+        length = leg * (1 + slip.step * relative)
+        drift = slip.heading * xp.sqrt(xp.abs(leg)) * drifts
+        chord = heading + drift / 2 + slip.heading * xp.sqrt(xp.abs(leg) / 12) * sways
         ahead = ahead_of(walls, place, chord)
         end = place + length[..., None] * _unit(xp, chord)
         gain = 0.0
@@ -249,24 +247,24 @@ def slipping_step(
     bumped = xp.isfinite(ahead) | xp.isfinite(beyond)
     goes = xp.where(straight, drifted, last - turn * (1 + slip.turn * e[7]))
 
-    # The way back has errors of its own: twice the variance of the way to the wall, and two thirds
-    # of it across, since the robot backs along another heading than it came with.
-    way = xp.where(xp.isfinite(ahead), ahead, first + xp.where(xp.isfinite(beyond), beyond, 0.0))
-    along = slip.step * math.sqrt(2) * way * e[4]
-    across = slip.heading * math.sqrt(2 / 3) * way**1.5 * e[5]
+    # The drive back has errors of its own: twice the variance of the drive to the wall, and two
+    # thirds of it across, since the robot backs along another heading.
+    run = xp.where(xp.isfinite(ahead), ahead, first + xp.where(xp.isfinite(beyond), beyond, 0.0))
+    along = slip.step * math.sqrt(2) * run * e[4]
+    across = slip.heading * math.sqrt(2 / 3) * run**1.5 * e[5]
     if slip.bump_turn:
-        # The robot backs along the heading that the bump has left it with.
+        # The robot backs along its heading after the bump.
         gain = xp.where(xp.isfinite(ahead), gain, later)
-        across = across - way * xp.sin(gain)
+        across = across - run * xp.sin(gain)
     back = place + along[..., None] * _unit(xp, chord)
     back = back + across[..., None] * _unit(xp, chord + math.pi / 2)
     aside = xp.where(xp.isfinite(ahead), 0.0, math.sqrt(2) * turn * slip.turn * e[6])
-    veered = heading + slip.heading * xp.sqrt(2 * way) * e[1] + aside + gain
+    veered = heading + slip.heading * xp.sqrt(2 * run) * e[1] + aside + gain
     faces = veered + math.remainder(bounce, 2 * math.pi) * (1 + slip.turn * e[TURNING])
 
-    there = xp.where(bumped[..., None], back, xp.where(straight[..., None], middle, end))
+    after = xp.where(bumped[..., None], back, xp.where(straight[..., None], middle, end))
     facing = xp.where(bumped, faces, goes)
-    return xp.concatenate([there, facing[..., None]], axis=-1), bumped
+    return xp.concatenate([after, facing[..., None]], axis=-1), bumped
 
 
 def _unit(xp: Any, angle: Float[Any, "*batch"]) -> Float[Any, "*batch 2"]:

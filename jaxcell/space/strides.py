@@ -4,12 +4,12 @@ import numpy as np
 from jaxtyping import Float
 
 
-# A target so far behind is reached in reverse: the robot has just come from there.
+# A target at a larger angle lies behind the robot, which reaches it in reverse.
 BEHIND = math.radians(170.0)
 
 
 def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
-    """Where the cell that holds the end of a step has its centre.
+    """Locate the centre of the cell that holds the end of a step.
 
     **Arguments:**
 
@@ -17,9 +17,8 @@ def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray,
     - `cell`: side of a cell, in metres.
     - `step`: length of a step, in metres.
 
-    **Returns:** for each direction, how far ahead of the centre where the step began that of the
-    end is, and how far to the left, in metres. In the directions along an axis, and a step of a
-    cell, it is the step itself.
+    **Returns:** for each direction, the distance ahead and to the left, in metres, of that centre
+    from the centre where the step began.
 
     To the East, and to the North East, where the step ends short of the centre of its cell:
 
@@ -29,25 +28,22 @@ def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray,
     """
     angle = 2 * np.pi * np.arange(directions) / directions
     heading = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    # As the cell space counts: ties go to the upper and right cell, on every platform.
+    # As in the cell space, ties go to the upper and right cell on every platform.
     hop = np.floor(np.round(np.round(step / cell * heading, 9) + 0.5, 9)) * cell
     left = np.stack([-heading[:, 1], heading[:, 0]], axis=1)
     return np.stack([(hop * heading).sum(axis=1), (hop * left).sum(axis=1)], axis=1)
 
 
 def stride_legs(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 3"]:
-    """The stretches that a walker makes a step of, which ends at the centre of a cell.
+    """Compute the straight stretches of one step of a walker, which ends at the centre of a cell.
 
-    **Arguments:**
-
-    - `directions`, `cell`, `step`: as for [`cell_strides`][].
+    **Arguments:** as for [`cell_strides`][].
 
     **Returns:** for each direction the length of the first stretch in metres, the angle of the turn
-    after it in radians, and the length of the second, negative in reverse; both are 0 where the
-    first leads to the centre.
+    after it in radians, and the length of the second stretch, negative in reverse. The last two are
+    0 if the first stretch ends at the centre.
 
-    To the East one stretch does; 15 degrees to the left of it a second one leads to the line of the
-    centres:
+    To the East one stretch is enough; 15 degrees to the left a second one leads to the centre:
 
         >>> from jaxcell import space
         >>> space.stride_legs(24, 1.0, 1.0)[:2].round(3).tolist()

@@ -20,19 +20,19 @@ def visibility_polygon(
     heading: float | int = 0.0,
     quad_segs: int = 16,
 ) -> shapely.Polygon | shapely.MultiPolygon:
-    """What is visible from a point, as a polygon (Alam 2018, Eq. 4.1).
+    """Compute the polygon that is visible from a point (Alam 2018, Eq. 4.1).
 
-    It is what [`visible_cells`][] looks at: the environment, without a margin for the radius of the
-    robot. It falls into pieces only where the point is one in which obstacles meet.
+    Sight is that of [`visible_cells`][], in the environment, without a margin for the radius of the
+    robot. The polygon has several pieces only if obstacles meet in the point.
 
     **Arguments:**
 
     - `workspace`: the map.
-    - `point`: where the viewer is, in metres.
+    - `point`: the point of the viewer, in metres.
     - `reach`: range of sight, in metres; may be infinite.
-    - `field_of_view`, `heading`: what a camera sees, and where its middle points, in radians.
-    - `quad_segs`: chords for a quarter of the circle of radius `reach`. The chords lie within the
-        circle; 16 of them miss 0.16 percent of its area.
+    - `field_of_view`, `heading`: the angle of a camera, and the heading of its middle, in radians.
+    - `quad_segs`: chords per quarter of the circle of radius `reach`. The chords lie within the
+        circle; 16 chords miss 0.16 percent of its area.
 
     **Returns:** the polygon, in metres, or polygons that meet in the point.
 
@@ -64,8 +64,8 @@ def visibility_polygon(
     turn = field_of_view / 2 * np.linspace(-1, 1, chords + 1)
     rim = min(reach, 2 * size) * np.stack([np.cos(heading + turn), np.sin(heading + turn)], axis=1)
     sector = shapely.Polygon(rim[:-1] if sees_all_around(field_of_view) else [*rim, (0.0, 0.0)])
-    # The sector holds all of the way to each of its points, so that nothing else has to be known
-    # of the range and the field of view.
+    # The sector holds the whole segment to each of its points, so it replaces the range and the
+    # field of view.
     around = shapely.transform(workspace.environment, lambda xy: xy - here)
     walls = edges(shapely.intersection(around, sector))
     if not len(walls):
@@ -74,7 +74,7 @@ def visibility_polygon(
     polygon = shapely.make_valid(
         shapely.Polygon(ring + here), method="structure", keep_collapsed=False
     )
-    # What is left of spikes as thin as a rounding error would make it invalid again.
+    # Spikes as thin as a rounding error would make the polygon invalid again.
     rounding = coordinate_rounding(workspace.boundary, workspace.obstacles)
     return shapely.set_precision(polygon, rounding)
 
@@ -82,7 +82,7 @@ def visibility_polygon(
 def _star(
     walls: Float[np.ndarray, "walls 3 2"], tolerance: float
 ) -> Float[np.ndarray, "corners 2"]:
-    """The ring around what is visible from the origin, which lies in what the walls enclose.
+    """Trace the ring around the area that is visible from the origin, within the walls.
 
     Between the directions of two successive corners, sight ends on one wall.
     """
@@ -100,7 +100,7 @@ def _star(
         distance = side / cross(middle[:, None], b - a)
     distance[~(across & (distance > 0))] = np.inf
     nearest = distance.argmin(axis=1)
-    # Behind the wall that it would meet first, or with none to meet, sight starts in an obstacle.
+    # Sight starts in an obstacle if it meets no wall, or comes from behind the first wall.
     seen = np.isfinite(distance.min(axis=1)) & (side[nearest] > 0)
     a, b = a[nearest], b[nearest]
     ring = np.zeros((len(middle), 2, 2))

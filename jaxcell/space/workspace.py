@@ -36,9 +36,9 @@ class Workspace:
     - `boundary`: vertices of the boundary, in order, the first not repeated.
     - `obstacles`: vertices of each obstacle, likewise.
     - `robot_radius`: radius of a disc robot; 0 for a point.
-    - `name`: one line that says which map this is.
-    - `cell`: side of the cells that the map suggests, in metres, or `None`.
-    - `directions`: number of directions that the map suggests, or `None`.
+    - `name`: the name of the map, one line.
+    - `cell`: the suggested side of cells, in metres, or `None`.
+    - `directions`: the suggested number of directions, or `None`.
 
     A room with a pillar, for a robot of radius 0.5 m:
 
@@ -74,12 +74,9 @@ class Workspace:
         - `obstacles`: polygons, likewise.
         - `robot_radius`, `name`, `cell`, `directions`: as the attributes.
 
-        **Raises:**
-
-        `ValueError` that names the field and the place: a polygon that crosses or touches itself,
-        has fewer than three distinct vertices, no area, or a vertex that is not finite or lies
-        beyond 10^7 m; an obstacle wholly outside the boundary; obstacles that leave nothing free; a
-        robot that fits nowhere; a number out of range.
+        **Raises:** `ValueError` that names the field and the place, for a polygon that crosses or
+        touches itself or has no area; a vertex beyond 10^7 m; an obstacle wholly outside the
+        boundary; obstacles that leave nothing free; a robot that fits nowhere.
         """
         boundary = _ring("boundary", boundary)
         rings = tuple(_ring(f"obstacles[{i}]", ring) for i, ring in enumerate(obstacles))
@@ -120,14 +117,14 @@ class Workspace:
 
     @functools.cached_property
     def environment(self) -> shapely.Polygon | shapely.MultiPolygon:
-        """What is free for a point: the boundary minus the union of the obstacles.
+        """The free space of a point: the boundary minus the union of the obstacles.
 
         Vertices are rounded to 10^-13 of the power of ten above the largest coordinate (10^-12 m in
-        a map of 8 m), so that polygons meant to touch, whose vertices differ by the rounding of
-        float64, do touch and leave neither a sliver nor a gap between them.
+        a map of 8 m). So polygons that are meant to touch do touch, although their vertices differ
+        by the rounding of float64.
         """
         rounding = coordinate_rounding(self.boundary, self.obstacles)
-        # GEOS meets denormal numbers in slivers, of which NumPy would warn.
+        # NumPy would warn of the denormal numbers that GEOS meets in slivers.
         with np.errstate(all="ignore"):
             union = shapely.disjoint_subset_union_all([shapely.Polygon(r) for r in self.obstacles])
             return shapely.normalize(
@@ -136,16 +133,16 @@ class Workspace:
 
     @functools.cached_property
     def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
-        """Where the centre of the robot can be: the environment less a margin of its radius.
+        """The free space of the centre of the robot: the environment less a margin of its radius.
 
-        Around a convex corner of an obstacle the margin is an arc, drawn with 16 chords a quarter;
-        they lie within 0.13 percent of the radius of it, on the side of the obstacle. It may fall
-        into several pieces, and all are kept.
+        Around a convex corner of an obstacle the margin is an arc of 16 chords per quarter. The
+        chords lie within 0.13 percent of the radius of the arc, on the side of the obstacle. The
+        free space may have several pieces.
         """
-        # A margin too small for float64 to hold makes GEOS turn the polygons inside out.
+        # GEOS turns polygons inside out for margins below the rounding of float64.
         if self.robot_radius <= coordinate_rounding(self.boundary, self.obstacles):
             return self.environment
-        # GEOS may get the margin within pieces that touch wrong; around each polygon it does not.
+        # GEOS may get the margin of touching pieces wrong; the margin of each polygon is right.
         margin = self.robot_radius
         inside = shapely.Polygon(self.boundary).buffer(-margin, quad_segs=16)
         solid = [shapely.Polygon(r).buffer(margin, quad_segs=16) for r in self.obstacles]
@@ -158,7 +155,7 @@ class Workspace:
         return len(shapely.get_parts(self.free_space))
 
     def describe(self) -> str:
-        """The map in a line: its name and size, and in how many pieces its free space is."""
+        """Describe the map in one line: its name, its size, and the pieces of its free space."""
         width, height = np.ptp(self.boundary, axis=0)
         text = f"{self.name}: " if self.name else ""
         count = len(self.obstacles)
@@ -178,12 +175,9 @@ class Workspace:
         **Arguments:**
 
         - `path`: a `.json` map of ours, a ROS map_server `.yaml` with its image, or an ASCII grid
-            (`.txt` or `.map`). A map without a name takes that of the file.
+            (`.txt` or `.map`). A map without a name takes the name of the file.
 
-        **Raises:**
-
-        `ValueError` that names the file, the field, and what is wrong with it;
-        `FileNotFoundError` where there is no file.
+        **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
         """
         fields = read_map(path)
         try:
@@ -192,21 +186,18 @@ class Workspace:
             raise ValueError(f"{os.fspath(path)}: {error}") from error
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a map file in the format of its suffix; no reader ever sees half a file.
+        """Write a map file in the format of its suffix, whole or not at all.
 
-        A `.json` file keeps everything. A grid keeps for each square of side `cell` whether its
-        centre is free, and a map_server file has no place for the name, the radius and the number
-        of directions.
+        A `.json` file keeps everything. A grid keeps the squares of side `cell` whose centre is
+        free. A map_server file has no place for the name, the radius and the number of directions.
 
         **Arguments:**
 
         - `path`: ends in `.json`, in `.txt` or `.map` (ASCII grid), or in `.yaml` or `.yml`
             (map_server; the image stands beside it, with the suffix `.pgm`).
 
-        **Raises:**
-
-        `ValueError` where the suffix is another, or where a grid is asked for and `cell` is `None`
-        or leaves no square free.
+        **Raises:** `ValueError` for another suffix, or for a grid if `cell` is `None` or leaves no
+        square free.
         """
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_map(path, fields, self.environment)
@@ -257,36 +248,36 @@ def coordinate_rounding(
     boundary: Float[np.ndarray, "vertices 2"],
     obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
 ) -> float:
-    """The unit that vertices are rounded to: large beside float64's, small beside any real wall."""
+    """Compute the unit of rounded vertices: above the rounding of float64, below any real wall."""
     largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
     return 10.0 ** (math.ceil(math.log10(largest)) - 13)
 
 
 def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polygons"]]:
-    """The polygons that geometries are made of, and which geometry each is from."""
+    """Split geometries into polygons, and find the geometry of each polygon."""
     parts, of = shapely.get_parts(geometries, return_index=True)
     polygonal = shapely.area(parts) > 0
     return parts[polygonal], of[polygonal]
 
 
 def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """The corner before each edge, its start and its end; what is free lies to its left."""
+    """List the corner before each edge, its start and its end; free space lies to its left."""
     pieces, _ = polygons(np.array([environment]))
     rings = shapely.get_rings(shapely.orient_polygons(pieces))
     corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]
-    found = [np.stack([np.roll(c, 1, 0), c, np.roll(c, -1, 0)], axis=1) for c in corners]
-    return np.concatenate([np.empty((0, 3, 2)), *found])
+    walls = [np.stack([np.roll(c, 1, 0), c, np.roll(c, -1, 0)], axis=1) for c in corners]
+    return np.concatenate([np.empty((0, 3, 2)), *walls])
 
 
 def _check_polygons(
     boundary: Float[np.ndarray, "vertices 2"],
     obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
 ) -> None:
-    """Refuse polygons without area, those that meet themselves, and obstacles outside."""
+    """Refuse polygons without area, polygons that meet themselves, and obstacles outside."""
     fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]
     shapes = np.array([shapely.Polygon(ring) for ring in (boundary, *obstacles)])
 
-    # The hull and not the polygon: the two halves of a bow tie have areas that cancel.
+    # The hull, because the areas of the two halves of a bow tie cancel.
     hulls = shapely.convex_hull(shapes)
     flat = np.flatnonzero(
         shapely.area(hulls) <= coordinate_rounding(boundary, obstacles) * shapely.length(hulls)

@@ -8,13 +8,13 @@ datasets and recordings, and what a program calls:
     >>> from jaxcell import bundled, study
     >>> lab = bundled("maps/lab_a.json")
     >>> angles = dict(bounces=(45.0, 90.0), error=45.0, directions=8)
-    >>> asked = study.Cover(map=lab, reliability=0.7, **angles)
-    >>> found = asked.run()
-    >>> found.mixture.shape, round(found.total_variation, 3)
+    >>> result = study.Cover(map=lab, reliability=0.7, **angles).run()
+    >>> result.mixture.shape, round(result.total_variation, 3)
     ((19,), 0.355)
 
-A class of your own that derives from [`Study`][jaxcell.study.Study] is served like these by
-`jaxcell run FILE.py:CLASS` and as the task of a sweep.
+`STUDIES` lists the studies of jaxcell: a study in it has its command, its page of help, its task in
+sweeps and its tests. A class of your own that derives from [`Study`][jaxcell.study.Study] is served
+like these by `jaxcell run FILE.py:CLASS` and as the task of a sweep.
 
 Studies know nothing of terminals, files and engines. Importing this imports no JAX.
 """
@@ -27,21 +27,36 @@ from .groups import Groups as Groups
 from .localize import Localize as Localize
 from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
 from .navigate import Navigate as Navigate, Plans as Plans
-from .patrol_graph import PatrolGraph as PatrolGraph
-from .patrol_map import PatrolMap as PatrolMap
-from .rooms import Rooms as Rooms
-from .study import (
+from .parameters import (
     AtLeastOne as AtLeastOne,
     Days as Days,
     Degrees as Degrees,
     Limit as Limit,
     Metres as Metres,
+    Needed as Needed,
+    Only as Only,
     Seconds as Seconds,
-    Study as Study,
     WholeNumber as WholeNumber,
     parameters as parameters,
-    refuse as refuse,
-    require as require,
-    silent as silent,
 )
+from .patrol_graph import PatrolGraph as PatrolGraph
+from .patrol_map import PatrolMap as PatrolMap
+from .rooms import Rooms as Rooms
+from .study import Study as Study, silent as silent
 from .team import Team as Team
+
+
+STUDIES: tuple[type[Study], ...] = (
+    Cover,
+    Drift,
+    Drifters,
+    Dynamics,
+    Groups,
+    Localize,
+    Navigate,
+    PatrolGraph,
+    PatrolMap,
+    Plans,
+    Rooms,
+    Team,
+)

@@ -1,12 +1,13 @@
-"""Robots that start anywhere, and know neither their place nor a compass."""
+"""Studies of robots that start anywhere, without knowing their place or a compass."""
 
 import dataclasses
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from .map_study import MapStudy
-from .study import AtLeastOne, Degrees, Length, Say, numbers, refuse
+from .parameters import AtLeastOne, Degrees, Length, Only
+from .study import Say, numbers
 
 
 if TYPE_CHECKING:
@@ -15,61 +16,51 @@ if TYPE_CHECKING:
     from ..walls import Errors, Trial, WallFilter
 
 
+_DEGREE = math.pi / 180
+# The factors from the numbers of `errors` to metres, shares and radians.
 _ERRORS = {"run": 1.0, "distance": 1.0, "late": 1.0, "displacement": 1.0}
-_ERRORS |= dict.fromkeys(("turn", "heading"), math.pi / 180)
+_ERRORS |= {"turn": _DEGREE, "heading": _DEGREE}
+# The number of starts whose plans of cells are compared.
 _PLANS = 20
+_ANYWHERE = Only(anywhere=True)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AnywhereStudy(MapStudy):
-    """A question about a robot on a map that may start anywhere."""
+    """A study of a robot on a map that may start anywhere."""
 
     seed: int = 0
     """Seed of random starts, errors and draws."""
-    anywhere: bool = False
-    """Put robots down anywhere, and follow them by sets of places on the walls in place of a filter
-    of cells: they drive straight until they bump, and count the steps of each run."""
-    heading: Literal["known", "unknown"] = "known"
-    """Whether robots that start anywhere begin with one of the directions, or with any heading."""
-    errors: tuple[str, ...] = ()
-    """Bounds of the errors of robots that start anywhere: of a run as a share of it (run=0.02) and
-    in metres (distance=0.05), of a turn and of the first heading in degrees (turn=1 heading=2), how
-    late a bump is felt and how far from the wall a run begins in metres (late=0.01
-    displacement=0.03)."""
-    measured: bool = False
-    """Let robots that start anywhere measure how far they run, in place of counting steps."""
-    robots: AtLeastOne = 1000
-    """Number of robots that start anywhere."""
-    bumps: AtLeastOne = 30
-    """Number of bumps of robots that start anywhere."""
-    radius: Length | None = None
-    """Distance within which a robot that starts anywhere is to be known, in metres; by default half
-    a cell."""
-    slices: AtLeastOne = 360
-    """Number of slices of headings, where headings are not known exactly."""
+    anywhere: Annotated[bool, Only(collision="swept")] = False
+    """Put robots down anywhere, and follow each by sets of places on the walls in place of a filter
+    of cells. The robots drive straight until they bump, and count the steps of each run."""
+    heading: Annotated[Literal["known", "unknown"], _ANYWHERE] = "known"
+    """First heading of the robots: one of the directions (known), or any heading (unknown)."""
+    errors: Annotated[tuple[str, ...], _ANYWHERE] = ()
+    """Bounds of the errors: of a run as a share of it (run=0.02) and in metres (distance=0.05), of
+    a turn and of the first heading in degrees (turn=1 heading=2), of the distance at which a bump
+    is felt late (late=0.01) and of the start of a run from the wall (displacement=0.03) in
+    metres."""
+    measured: Annotated[bool, _ANYWHERE] = False
+    """Let the robots measure the length of each run, in place of counting steps."""
+    robots: Annotated[AtLeastOne, _ANYWHERE] = 1000
+    """Number of robots."""
+    bumps: Annotated[AtLeastOne, _ANYWHERE] = 30
+    """Number of bumps of each robot."""
+    radius: Annotated[Length | None, _ANYWHERE] = None
+    """Distance in metres within which a robot counts as localized; by default half a cell."""
+    slices: Annotated[AtLeastOne, _ANYWHERE] = 360
+    """Number of slices of headings, if headings are not known exactly."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.anywhere:
-            refuse(self, "without anywhere", *_OWN[1:])
-            return
-        refuse(self, "for robots that start anywhere", *self.of_cells)
-        self.bounds()
-
-    @property
-    def of_cells(self) -> tuple[str, ...]:
-        """The parameters that have no meaning for robots that start anywhere."""
-        return ("collision",)
-
-    def spec(self, result: Any) -> dict[str, Any]:
-        absent = {self.spec_name(name) for name in (self.of_cells if self.anywhere else _OWN)}
-        spec = super().spec(result)
-        return {name: spec[name] for name in spec if name not in absent}
+        if self.anywhere:
+            self.bounds()
 
     def bounds(self) -> "Errors":
         """Read the bounds of the errors.
 
-        **Raises:** `ValueError` that says which one is wrong.
+        **Raises:** `ValueError` that names the bound.
         """
         from ..walls import Errors
 
@@ -86,7 +77,7 @@ class AnywhereStudy(MapStudy):
         return 0 if self.anywhere else super().needed(extent)
 
     def filter(self, cells: Any) -> "WallFilter":
-        """Find the filter of the walls of a room."""
+        """Build the filter of the walls of a room."""
         from ..walls import WallFilter
 
         step = cells.cell if self.step is None else self.step
@@ -99,7 +90,7 @@ class AnywhereStudy(MapStudy):
         )
 
     def save_task(self, result: "Anywhere", out: Path) -> None:
-        """Write what a robot is to do, for `jaxcell robot run`."""
+        """Write the task file for `jaxcell robot run`."""
         from ..bounce import HomeFromAnywhere
         from ..robot.tasks.anywhere_task import save_anywhere
 
@@ -127,17 +118,10 @@ class AnywhereStudy(MapStudy):
         self, bounces: tuple[Degrees, ...], start: str | None, say: Say
     ) -> "Anywhere":
         """Localize robots that start anywhere."""
-        import numpy as np
-
         from ..bounce import Anywhere
 
-        cells = self.cells()
-        say("finding the chords of the room")
-        filter = self.filter(cells)
-        angles = np.radians(bounces)
-        trial = self._drive(cells, filter, angles.tolist(), start, say)
-        radius = cells.cell / 2 if self.radius is None else self.radius
-        return Anywhere(cells, filter, self._known_headings(cells), angles, radius, trial)
+        driven = self._driven(bounces, start, say)
+        return Anywhere(**driven)
 
     def home_from_anywhere(
         self,
@@ -148,47 +132,50 @@ class AnywhereStudy(MapStudy):
         say: Say,
     ) -> "HomeFromAnywhere":
         """Bring robots that start anywhere to a goal."""
+        from ..bounce import HomeFromAnywhere
+
+        driven = self._driven(bounces, start, say, (goal, goal_radius))
+        planned = _planned(driven["cells"], driven["bounces"], driven["trial"], goal)
+        return HomeFromAnywhere(**driven, **planned)
+
+    def _driven(
+        self,
+        bounces: tuple[Degrees, ...],
+        start: str | None,
+        say: Say,
+        goal: tuple[tuple[float, float], float] | None = None,
+    ) -> dict[str, Any]:
+        """Drive the robots, to a goal and its radius if there is one."""
         import numpy as np
 
-        from ..bounce import HomeFromAnywhere
-        from ..walls import Homing
+        from ..walls import Homing, drive_anywhere
 
         cells = self.cells()
+        workspace = cells.workspace
+        assert workspace is not None
         say("finding the chords of the room")
         filter = self.filter(cells)
         angles = np.radians(bounces)
-        homing = Homing(filter, goal, goal_radius, tuple(angles.tolist()))
-        say("counting bumps to the goal")
-        trial = self._drive(cells, filter, angles.tolist(), start, say, homing)
-        radius = cells.cell / 2 if self.radius is None else self.radius
-        planned = _planned(cells, angles, trial, goal)
-        return HomeFromAnywhere(
-            cells, filter, self._known_headings(cells), angles, radius, trial, homing, *planned
-        )
-
-    def _drive(
-        self,
-        cells: Any,
-        filter: "WallFilter",
-        angles: list[float],
-        start: str | None,
-        say: Say,
-        homing: Any = None,
-    ) -> "Trial":
-        from ..walls import drive_anywhere
-
-        return drive_anywhere(
-            cells.workspace,
+        homing = None
+        if goal is not None:
+            homing = Homing(filter, *goal, tuple(angles.tolist()))
+            say("counting bumps to the goal")
+        trial = drive_anywhere(
+            workspace,
             filter,
-            angles,
+            angles.tolist(),
             robots=self.robots,
             bumps=self.bumps,
             headings=self._known_headings(cells),
             goal=homing,
-            start=None if start is None else pose_at(cells.workspace, start, "start"),
+            start=None if start is None else pose_at(workspace, start, "start"),
             seed=self.seed,
             say=say,
         )
+        radius = cells.cell / 2 if self.radius is None else self.radius
+        driven = {"cells": cells, "filter": filter, "headings": self._known_headings(cells)}
+        driven |= {"bounces": angles, "radius": radius, "trial": trial}
+        return driven if homing is None else driven | {"homing": homing}
 
 
 def pose_at(workspace: "Workspace", text: str, parameter: str) -> tuple[float, float, float]:
@@ -204,16 +191,10 @@ def pose_at(workspace: "Workspace", text: str, parameter: str) -> tuple[float, f
     return x, y, math.radians(heading)
 
 
-# The parameters of robots that start anywhere.
-_OWN = [name for name in vars(AnywhereStudy)["__annotations__"] if name != "seed"]
+def _planned(cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float]) -> dict[str, Any]:
+    """Return the median bumps and metres of plans of cells, which know their starts.
 
-
-def _planned(
-    cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float]
-) -> tuple[float | None, float | None]:
-    """The medians of the bumps and the metres of plans of cells that know their starts.
-
-    `None` where cells have no such angles.
+    Both are `None` if an angle is no multiple of the angle between directions.
     """
     import numpy as np
 
@@ -222,18 +203,19 @@ def _planned(
 
     step = 2 * math.pi / cells.directions
     if np.abs(angles / step - np.round(angles / step)).max() > 1e-9:
-        return None, None
+        return {"planned_bumps": None, "planned_metres": None}
     end = int(cells.index(*goal, 0.0)) % cells.positions
     plans = []
     for place, heading in zip(trial.start[:_PLANS], trial.heading[:_PLANS, 0], strict=True):
         start = int(nearest_cell(cells, place[0], place[1], heading))
-        ways = [
+        candidates = [
             plan(cells, bounces=angles, start=start, goal=direction * cells.positions + end)
             for direction in range(0, cells.directions, max(1, cells.directions // 8))
         ]
-        least = min((way for way in ways if way.found), key=lambda way: way.bumps, default=None)
+        arriving = [candidate for candidate in candidates if candidate.found]
+        least = min(arriving, key=lambda candidate: candidate.bumps, default=None)
         plans.append(
             (math.inf, math.inf) if least is None else (least.bumps, least.steps * cells.cell)
         )
     bumps, metres = np.median(plans, axis=0).tolist()
-    return bumps, metres
+    return {"planned_bumps": bumps, "planned_metres": metres}

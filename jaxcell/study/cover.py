@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from .map_study import MapStudy
-from .study import AtLeastOne, Degrees, Limit, Say, silent
+from .parameters import AtLeastOne, Degrees, Limit
+from .study import Say, silent
 
 
 if TYPE_CHECKING:
@@ -18,17 +19,21 @@ class Cover(MapStudy):
     """Find the shares of time of bouncing angles with which an imprecise robot covers a map."""
 
     name: ClassVar[str] = "coverage"
+    command: ClassVar[str] = "cover"
+    example: ClassVar[str] = "@complex --bounces 30 75 315 --error 5 --reliability 0.8"
+    task: ClassVar[str] = "cover"
 
     bounces: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
-    error: Annotated[Degrees, Limit("a whole number of directions", lambda x: x >= 0)]
-    """Largest error of a turn in degrees, a whole number of directions."""
-    reliability: Annotated[float, Limit("above 0 and at most 1", lambda x: 0 < x <= 1)]
-    """Probability of a turn without error, above 0 and at most 1."""
+    error: Annotated[Degrees, Limit(ge=0)]
+    """Largest error of a turn in degrees: a multiple of the angle between directions."""
+    reliability: Annotated[float, Limit(gt=0, le=1)]
+    """Probability of a turn without error."""
     target: str = "uniform"
-    """What to cover: uniform, an image whose bright parts are worth more, or FILE.nc:VARIABLE."""
+    """Shares of time to reach: uniform, an image (brighter parts get more), or FILE.nc:VARIABLE."""
     weights: Literal["basin", "size"] = "basin"
-    """What persistent groups of an angle weigh: the chance of ending there, or their cells."""
+    """Weight of each persistent group of an angle: the probability of ending in it (basin), or its
+    number of cells (size)."""
     directions: AtLeastOne | None = 360
     """Number of directions."""
 

@@ -2,12 +2,13 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from .sea_study import Count, SeaStudy
-from .study import Length, Limit, Metres, Say, Seconds, about, numbers, refuse, require, silent
+from .parameters import AtLeastOne, Duration, Length, Limit, Metres, Only, Share
+from .sea_study import SeaStudy
+from .study import Say, about, numbers, silent
 
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
 _PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
-_Duration: TypeAlias = Annotated[Seconds, Limit("more than 0 seconds", lambda x: x > 0)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,67 +26,73 @@ class Drift(SeaStudy):
     """Find where an ocean current carries drifters, where to drop them, and their way to a goal."""
 
     name: ClassVar[str] = "drift"
+    command: ClassVar[str] = "drift"
+    example: ClassVar[str] = "@gyres --depths 0 --out runs/drift"
+    task: ClassVar[str] = "drift"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Currents: NetCDF files whose records or velocities go together, a pattern such as
-    "2016_*.nc", a Zarr store, an address of OPeNDAP, or @gyres."""
+    """Currents: NetCDF files that together hold the records or the velocities, a pattern such as
+    "2016_*.nc", a Zarr store, an OPeNDAP address, or @gyres."""
     grid: Path | None = None
-    """File of the grid, where it is not in those of the currents, as mesh_mask.nc of NEMO."""
+    """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack it."""
     time: int | str | None = None
-    """One record, by its number from 0 or its moment (2016-02-02T12:00); by default all records."""
+    """One record, by its number from 0 or its time (2016-02-02T12:00); by default all records."""
     current: Literal["changing", "mean"] | None = None
-    """What drifters go with: the records one after the other, again and again (changing), or their
-    mean. By default it changes, but for --method source."""
+    """Current that carries drifters: the records in turn, repeated at their end (changing), or the
+    mean of the records (mean). By default changing, and mean with --method source."""
     depths: tuple[Metres, ...] = ()
-    """Depths of the layers in metres; by default those of the file, or the surface."""
+    """Depths of the layers in metres; by default the depths in the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
     """West, south, east and north of the part to read, in degrees."""
     variables: tuple[str, str] | None = None
-    """Names of the velocities towards the East and North, where the file leaves it open."""
-    windage: Annotated[float, Limit("a share from 0 to 1", lambda x: 0 <= x <= 1)] = 0.0
-    """Share of the speed of the wind that drifters at the surface have too, of a file with wind."""
+    """Names of the velocities towards the East and North, if the file does not identify them."""
+    windage: Share = 0.0
+    """Share of the wind's speed to add to drifters at the surface; the file must have wind."""
     stokes: bool = False
-    """Whether they have the Stokes drift of waves too, of a file that has it."""
-    duration: _Duration | None = None
-    """Seconds that a step takes; by default what brings the map nearest to drifters, or for the
-    source the time in which they drift by one cell on average in the slowest layer."""
+    """Add the Stokes drift of waves at the surface; the file must have it."""
+    duration: Duration | None = None
+    """Duration of a step in seconds. By default the duration at which the map agrees best with
+    simulated drifters; with --method source the time in which drifters of the slowest layer move by
+    one cell on average."""
     method: Literal["drifters", "source"] = "drifters"
-    """How cells are mapped: as points in them drift, which may leave the map (drifters); or by the
-    rules of the dissertation, with turned disturbances and a closed edge (source)."""
-    rho: Annotated[float, Limit("a probability from 0 to 1", lambda x: 0 <= x <= 1)] = 0.8
-    """Probability that a step goes where the current says, for --spread turned or all."""
+    """Map of the cells: by sample points in each cell, which drift and may leave the map
+    (drifters); or by the rules of the dissertation, with turned disturbances and a closed edge
+    (source)."""
+    rho: Annotated[Share, Only(spread=("turned", "all")), Only(method="source", spread=False)] = 0.8
+    """Probability that a step follows the current without a disturbance."""
     spread: Literal["turned", "all", "sampled"] | None = None
-    """Where a step may go instead: along the current turned by 45 degrees to either side; to all
-    cells around its end; or, for a known current, wherever points of the cell go. By default that
-    of --method."""
+    """Ends of a step: along the current, or along the current turned by 45 degrees to either side
+    (turned); the cell at the end and all cells around it (all); or the cells to which sample points
+    of the cell drift (sampled). By default turned with --method source, and else sampled."""
     edge: Literal["uniform", "exit"] | None = None
-    """Whether drifters at a coast or the edge of the map go on to any cell beside them, as in the
-    dissertation, or drift like others and may leave the map. By default that of --method."""
-    diffusivity: Annotated[float, Limit("0 m2/s or more", lambda x: x >= 0)] = 0.0
-    """Horizontal diffusivity in m2/s, of what the current does not resolve."""
+    """Rule for drifters at a coast or at the edge of the map: they move to any neighbouring cell,
+    as in the dissertation (uniform), or drift like all others and may leave the map (exit). By
+    default uniform with --method source, and else exit."""
+    diffusivity: Annotated[float, Limit(ge=0)] = 0.0
+    """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     backward: bool = False
-    """Whether drifters go back in time, from the last record on: where do they come from?"""
+    """Follow drifters back in time from the last record, to find where they come from."""
     start: str | None = None
-    """Where a drifter is dropped, "lon,lat" in degrees."""
+    """Place where a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
-    """Where it is to be, "lon,lat,depth" in degrees and metres; it may go up and down."""
+    """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None
-    """GeoJSON file of polygons: how do drifters at the surface go from one to another?"""
-    after: _Duration = 432_000.0
-    """Seconds after which it is asked in which of the regions they are, and how many on beaches."""
-    beaching: _Duration | None = None
-    """Seconds in which half of the drifters in a cell at a coast strand, at the surface."""
-    resuspension: _Duration | None = None
-    """Seconds in which half of those on a beach are afloat again; by default they stay there."""
+    """GeoJSON file of polygons between which drifters at the surface are followed."""
+    after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
+    """Seconds after which drifters are counted in the regions and on beaches."""
+    beaching: Duration | None = None
+    """Half-life in seconds of drifters afloat in a cell at a coast, at the surface."""
+    resuspension: Annotated[Duration | None, Only(beaching=True)] = None
+    """Half-life in seconds of drifters on a beach; by default they stay there."""
     range: Length | None = None
-    """How far a drifter that looks at the sea bed sees, in metres."""
-    search: _Duration | None = None
-    """Seconds to look for the fewest of these views; by default they are chosen greedily."""
-    nearly_closed: Count | None = None
-    """How many parts of the water to find in each layer that drifters hardly leave in a day; they
-    change less with the duration of a step than persistent groups."""
-    discount: Annotated[float, Limit("more than 0 and less than 1", lambda x: 0 < x < 1)] = 0.99
-    """What a step later is worth, for the way to the goal."""
+    """Distance in metres within which a drifter sees the sea bed: find views of all of it."""
+    search: Annotated[Duration | None, Only(range=True)] = None
+    """Seconds to search for the fewest views; by default views are chosen greedily."""
+    nearly_closed: AtLeastOne | None = None
+    """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
+    leave in a day. They depend less on the duration of a step than persistent groups."""
+    discount: Annotated[float, Limit(gt=0, lt=1), Only(goal=True)] = 0.99
+    """Discount factor per step."""
     seed: int = 0
     """Seed of the drifters that are recorded."""
 
@@ -94,17 +100,6 @@ class Drift(SeaStudy):
         super().__post_init__()
         self._place("start")
         self._place("goal")
-        # Which is the spread of the method "drifters".
-        if (self.spread or self.method) in ("sampled", "drifters"):
-            refuse(self, "for a spread that is sampled", "rho")
-        if self.beaching is None:
-            refuse(self, "without beaching", "resuspension")
-            if self.regions is None:
-                refuse(self, "without regions or beaching", "after")
-        if self.range is None:
-            refuse(self, "without a range", "search")
-        if self.goal is None:
-            refuse(self, "without a goal", "discount")
 
     def currents(self) -> "xr.Dataset":
         """Read the currents."""
@@ -130,13 +125,12 @@ class Drift(SeaStudy):
         currents = self.currents()
         waters = [Water.of(currents, layer) for layer in range(currents.sizes["layer"])]
         fewest = min(water.cells for water in waters)
-        expected = f"at most {fewest}, the cells of a layer"
-        require("nearly_closed", self.nearly_closed, expected, lambda n: n <= fewest)
+        Limit(le=fewest).check("nearly_closed", self.nearly_closed, ", the cells of a layer")
         if self.range is not None:
             check_reach(waters[0], self.range, "range")
         start, goal = self._start(waters[0]), self._goal(waters)
         regions = None if self.regions is None else read_regions(self.regions, waters[0])
-        found = SeaDrift.of(
+        result = SeaDrift.of(
             currents,
             self._step,
             start=start,
@@ -147,7 +141,7 @@ class Drift(SeaStudy):
             diffusivity=self.diffusivity,
             say=say,
         )
-        surface = found.layers[0].behaviour
+        surface = result.layers[0].behaviour
         more: dict[str, Any] = {}
         if regions is not None:
             say("following drifters between regions")
@@ -156,25 +150,25 @@ class Drift(SeaStudy):
             say("stranding drifters")
             halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}
             more["beaching"] = Stranded.of(waters[0], surface, self.after, **halves)
-            if found.step > self.beaching:
+            if result.step > self.beaching:
                 rough = (
-                    f"A step takes {found.step:g} s, and those that pass a coast meanwhile do not "
-                    f"strand; give a --duration below the {self.beaching:g} s of beaching."
+                    f"A step takes {result.step:g} s, and drifters that pass a coast during a step "
+                    f"do not strand; give a --duration below the {self.beaching:g} s of --beaching."
                 )
-                more["notices"] = (*found.notices, rough)
+                more["notices"] = (*result.notices, rough)
         if (count := self.nearly_closed) is not None:
             say("finding nearly closed sets")
-            chains = [layer.behaviour.chain for layer in found.layers]
-            more["nearly_closed_sets"] = ClosedSets.of(found.waters, chains, found.step, count)
-        found = dataclasses.replace(found, **more)
+            chains = [layer.behaviour.chain for layer in result.layers]
+            more["nearly_closed_sets"] = ClosedSets.of(result.waters, chains, result.step, count)
+        result = dataclasses.replace(result, **more)
         if goal is not None:
-            say(f"finding the way to the goal from {found.cells:,} cells")
-            found = found.towards(goal, self.discount)
+            say(f"finding the way to the goal from {result.cells:,} cells")
+            result = result.towards(goal, self.discount)
         if self.range is not None:
             say("choosing where to see the sea bed")
-            # Kept by the result, so last.
-            _ = found.views
-        return found
+            # The result caches its views, so this comes after the last `replace`.
+            _ = result.views
+        return result
 
     def spec(self, result: Any) -> dict[str, Any]:
         rules = {"spread": self._step.spread, "edge": self._step.edge}
@@ -200,7 +194,7 @@ class Drift(SeaStudy):
 
     @property
     def _mean(self) -> bool:
-        """Whether maps are by the mean of the records."""
+        """Whether the mean of the records carries drifters."""
         return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
     def _place(self, end: Literal["start", "goal"]) -> list[float] | None:
@@ -214,14 +208,14 @@ class Drift(SeaStudy):
             return int(water.cell(*place))
 
     def _goal(self, waters: "list[Water]") -> int | None:
-        """The number of the goal among the cells of all layers."""
+        """Return the number of the goal among the cells of all layers."""
         if (place := self._place("goal")) is None:
             return None
         lon, lat, depth = place
         depths = [water.depth for water in waters]
-        near = [layer for layer, one in enumerate(depths) if abs(one - depth) < 0.005]
+        near = [layer for layer, known in enumerate(depths) if abs(known - depth) < 0.005]
         if not near:
-            listed = ", ".join(f"{one:g}" for one in depths)
+            listed = ", ".join(f"{known:g}" for known in depths)
             raise ValueError(
                 f"goal {self.goal}: expected one of the depths {listed} m, got {depth:g}"
             )
@@ -230,7 +224,7 @@ class Drift(SeaStudy):
         return cell + sum(water.cells for water in waters[: near[0]])
 
 
-# The currents are read once for the members of a sweep.
+# Cached, because all members of a sweep read the same currents.
 @functools.lru_cache(maxsize=8)
 def _currents(
     file: tuple[Path, ...],

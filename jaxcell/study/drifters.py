@@ -1,11 +1,12 @@
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from .sea_study import Count, SeaStudy
-from .study import Days, Degrees, Limit, Say, WholeNumber, require, silent
+from .parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
+from .sea_study import SeaStudy
+from .study import Say, silent
 
 
 if TYPE_CHECKING:
@@ -13,11 +14,8 @@ if TYPE_CHECKING:
 
 
 _DAY = 86_400.0
-# Later is the long run, which is the default.
+# Longer times are the long run, which is the default.
 _MAX_MOVES = 10_000
-_Side: TypeAlias = Annotated[
-    Degrees, Limit("more than 0 and at most 90 degrees", lambda x: 0 < x <= 90)
-]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -25,33 +23,36 @@ class Drifters(SeaStudy):
     """Find where observed drifters end up, and how sure that is, from their trajectories."""
 
     name: ClassVar[str] = "drifters"
+    command: ClassVar[str] = "drifters"
+    example: ClassVar[str] = "@drifters --nearly-closed 2 --out runs/drifters"
+    task: ClassVar[str] = "drifters"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
     """Trajectories of the Global Drifter Program, OpenDrift, Parcels or any CF file of them, a
     pattern, a Zarr store, an address of OPeNDAP, or @drifters."""
-    lag: Annotated[Days, Limit("more than 0 days", lambda x: x > 0)] = 5.0
-    """Days that a move takes."""
-    cell: _Side = 1.0
-    """Side of a cell of longitude and latitude."""
+    lag: Annotated[Days, Limit(gt=0)] = 5.0
+    """Duration of a move in days."""
+    cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0
+    """Side of a cell in degrees of longitude and latitude."""
     bounds: tuple[float, float, float, float] | None = None
-    """West, south, east and north of the part to cut into cells, in degrees; drifters may go
-    through the date line."""
-    least: Count = 1
-    """Moves that must be known from a cell; cells of fewer are off the map."""
+    """West, south, east and north of the part to cut into cells, in degrees; it may contain the
+    date line."""
+    least: AtLeastOne = 1
+    """Least number of observed moves from a cell; cells with fewer are left out of the map."""
     after: Days | None = None
-    """Days after which it is asked where drifters are; by default in the long run."""
-    nearly_closed: Count | None = None
-    """How many parts of the water to find that drifters hardly leave."""
-    samples: Annotated[int, Limit("2 or more", lambda n: n >= 2)] = 100
-    """How often drifters are drawn anew, with replacement, for the errors."""
+    """Days after which the places of drifters are computed; by default in the long run."""
+    nearly_closed: AtLeastOne | None = None
+    """Number of nearly closed sets to find: parts of the water that drifters hardly leave."""
+    samples: Annotated[int, Limit(ge=2)] = 100
+    """Number of bootstrap samples, which estimate the errors: drifters drawn with replacement."""
     seed: WholeNumber = 0
-    """Seed of these draws."""
+    """Seed of the samples."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         longest = _MAX_MOVES * self.lag
-        expected = f"more than 0 and at most {longest:g} days, {_MAX_MOVES:,} times the lag"
-        require("after", self.after, expected, lambda x: 0 < x <= longest)
+        after = f" days, {_MAX_MOVES:,} times the lag"
+        Limit(gt=0, le=longest).check("after", self.after, after)
 
     def run(self, say: Say = silent) -> "ObservedDrift":
         from ..base import memory
@@ -64,8 +65,7 @@ class Drifters(SeaStudy):
         say(f"counting moves between {water.cells:,} cells")
         moves = count_moves(seen, water, self.lag * _DAY, least=self.least)
         cells = moves.water.cells
-        expected = f"at most {cells}, the cells"
-        require("nearly_closed", self.nearly_closed, expected, lambda n: n <= cells)
+        Limit(le=cells).check("nearly_closed", self.nearly_closed, ", the number of cells")
         needed = estimates.drift([cells]) + estimates.draws(cells, self.samples)
         memory.check(needed, f"drifters in {cells:,} cells", "give larger cells, or fewer samples")
         return ObservedDrift.of(

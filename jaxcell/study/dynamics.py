@@ -6,14 +6,15 @@ import tyro
 
 from ..base import memory
 from .loading import load_module
-from .study import Say, Study, WholeNumber, silent
+from .parameters import WholeNumber
+from .study import Say, Study, silent
 
 
 if TYPE_CHECKING:
     from ..dynamics import Basins, Continuation, System
 
 
-# While a result is made, of the result, and of a chunk of cells while they are mapped.
+# Memory per cell during the computation and of its result, and memory of a chunk being mapped.
 _BYTES_PER_CELL = 24
 _KEPT_PER_CELL = 18
 _CHUNK_BYTES = 150e6
@@ -24,26 +25,29 @@ class Dynamics(Study):
     """Find the attractors of any dynamics and their basins, by cells of a box."""
 
     name: ClassVar[str] = "dynamics"
+    command: ClassVar[str] = "dynamics"
+    example: ClassVar[str] = "pendulum --params T=0.1:0.9:17"
+    task: ClassVar[str] = "dynamics"
 
     system: tyro.conf.Positional[str]
     """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
     lorenz84 and thomas."""
     params: tuple[str, ...] = ()
-    """Parameters in place of the system's own, as T=0.5; T=0.1:0.9:17 follows the attractors along
-    17 values."""
+    """Values of the system's parameters in place of its own, such as T=0.5; T=0.1:0.9:17 follows
+    the attractors along 17 values."""
     cells: tuple[int, ...] = ()
-    """Cells along each axis, or along all of them; the system's own by default."""
+    """Number of cells along each axis, or one number for all axes; by default the system's."""
     follow: WholeNumber = 0
-    """How often the image of a point outside the box is mapped on before it counts as lost."""
+    """Number of times that a point outside the box is mapped again before it counts as lost."""
     by: Literal["cells", "orbits"] = "cells"
-    """What takes a cell to its attractor: the map of the cells, or the orbit of its centre, which
-    takes longer and is right where cells are too coarse."""
+    """Method that assigns a cell to an attractor: the map of the cells (cells), or the orbit of the
+    cell's centre (orbits), which takes longer and is right even if cells are too coarse."""
     seed: WholeNumber = 0
-    """Seed of the points from which attractors are found."""
+    """Seed of the points from which attractors are sought."""
 
     @functools.cached_property
-    def asked(self) -> "System":
-        """The system with the cells that are asked for.
+    def chosen(self) -> "System":
+        """The system with the parameter `cells` in place of its own.
 
         **Raises:** `ValueError` if there is none, or its box cannot be cut so.
         """
@@ -57,9 +61,9 @@ class Dynamics(Study):
         return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
 
     def memory(self, written: bool = False) -> float | int:
-        given = read_params(self.params, dict(self.asked.params)).values()
-        members = max((len(value) for value in given if isinstance(value, list)), default=1)
-        cells = self.asked.box.size
+        values = read_params(self.params, dict(self.chosen.params)).values()
+        members = max((len(value) for value in values if isinstance(value, list)), default=1)
+        cells = self.chosen.box.size
         needed = _CHUNK_BYTES + cells * (_BYTES_PER_CELL + _KEPT_PER_CELL * (members - 1))
         memory.check(needed, "dynamics", "give fewer --cells")
         return needed
@@ -68,7 +72,7 @@ class Dynamics(Study):
         from .. import dynamics
 
         self.memory()
-        system = self.asked
+        system = self.chosen
         params = read_params(self.params, dict(system.params))
         options: dict[str, Any] = {
             "follow": self.follow,
@@ -81,20 +85,20 @@ class Dynamics(Study):
         return dynamics.basins(system.map, system.box, params, say=say, **options)
 
     def headline(self, spec: dict[str, Any]) -> str:
-        return self.asked.about or f"The system {self.system}"
+        return self.chosen.about or f"The system {self.system}"
 
 
 def load_system(reference: str) -> "System":
-    """A system of a file, or one of ours by its name.
+    """Load a system from a file, or a system of jaxcell by its name.
 
-    **Raises:** `ValueError` that says what is wrong with the reference.
+    **Raises:** `ValueError` for a reference to no system.
     """
     module, colon, name = reference.rpartition(":")
     try:
         found = getattr(load_module(module), name) if colon else None
     except (ImportError, AttributeError, SyntaxError) as error:
         raise ValueError(f"system: {reference}: {error}") from None
-    # This takes seconds.
+    # This import takes seconds.
     from ..dynamics import System, systems
 
     if not colon:
@@ -110,9 +114,9 @@ def load_system(reference: str) -> "System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Parameters with those that are given as text, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`.
+    """Replace parameters by the values in texts, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`.
 
-    **Raises:** `ValueError` for a name that is not known, or numbers that cannot be read.
+    **Raises:** `ValueError` for an unknown name, or for text that is no number.
     """
     params = dict(known)
     for text in given:

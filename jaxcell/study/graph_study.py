@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
-from .study import AtLeastOne, Limit, Say, Study, refuse
+from .parameters import AtLeastOne, Limit, Needed, Only
+from .study import Say, Study
 
 
 if TYPE_CHECKING:
@@ -13,74 +14,73 @@ if TYPE_CHECKING:
     from ..patrol import GraphPatrol
 
 
-_Positive: TypeAlias = Annotated[float, Limit("more than 0, and finite", lambda x: x > 0)]
+_Positive: TypeAlias = Annotated[float, Limit(gt=0)]
+
+
+# One walk on a part of a graph cannot have parameters that name vertices elsewhere.
+_OF_ALL = Only(
+    robots=True, vertex=False, emphasis=False, visits=False, attack_times=False, constraints=False
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GraphStudy(Study):
-    """A question about robots on a graph, in steps or in seconds."""
+    """A question about robots that walk on a graph, in steps or in seconds."""
 
     file: tyro.conf.Positional[Path]
     """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
-    patrolling_sim, or a list of vertices and edges .edges or .txt. Vertices may have no positions;
-    edges are then alike."""
-    attack_time: int | None = None
-    """Steps that an attack takes, or seconds with a speed, for "capture", which is by all."""
+    patrolling_sim, or a list of vertices and edges .edges or .txt. If vertices have no positions,
+    all edges have the same length."""
+    attack_time: Annotated[int | None, Needed(strategy="capture", attack_times=False)] = None
+    """Duration of an attack in steps, or in seconds with --speed."""
     robots: AtLeastOne = 1
-    """How many patrollers walk, each by itself."""
-    division: Literal["shared", "partition"] | None = None
-    """Whether robots share the graph or have a part of it each; both are then compared. Without it
-    they share it."""
+    """Number of patrollers, which walk independently."""
+    division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
+    """Use of the graph by several robots: all of them share it (shared), or each has a part of it
+    (partition). The result compares both. By default robots share the graph."""
     speed: _Positive | None = None
-    """Metres a second, by which edges take as long as their lengths say; without it, a step."""
-    time_unit: _Positive = 1.0
+    """Speed in metres per second: an edge takes the time for its length. By default an edge takes
+    one step."""
+    time_unit: Annotated[_Positive, Only(speed=True)] = 1.0
     """Seconds to which the times of edges are rounded."""
     base: str | None = None
-    """A vertex where robots tell what they saw; how old news are there."""
-    charger: str | None = None
-    """A vertex where a robot must be every so many steps; what becomes of the walk, or for
-    "capture" the best that is there in time."""
-    every: int | None = None
-    """The most steps between two times at the charger."""
+    """Base station: a vertex where robots report. The result has the age of the news there."""
+    charger: Annotated[str | None, Only(speed=False)] = None
+    """Vertex that each robot must visit in time: change the walk so that it does, or for capture
+    find the best walk that does."""
+    every: Annotated[int | None, Needed(charger=True)] = None
+    """Most steps between two visits of the charger."""
     baselines: bool = False
-    """Also simulate how long vertices wait for a visit, by this walk, by robots on a tour, by those
-    that go anywhere and by those that go where nobody was for longest."""
+    """Simulate how long vertices wait for a visit: with this walk, with robots on a tour, with
+    robots that choose a neighbour uniformly, and with robots that choose the neighbour that waited
+    longest."""
     seed: int = 0
-    """Seed of the walk that is recorded, and of simulations."""
+    """Seed of the recorded walk, and of simulations."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.charger is None) != (self.every is None):
-            raise ValueError("every: expected with a charger, and only then")
-        if self.speed is not None:
-            refuse(self, "with a speed", "charger")
-        if self.robots == 1:
-            refuse(self, "for one robot", "division")
-
-    def more(self, found: "GraphPatrol", say: Say) -> dict[str, Any]:
-        """What else was asked of the walks."""
+    def more(self, patrolled: "GraphPatrol", say: Say) -> dict[str, Any]:
+        """Compute the parts of a result that parameters beside the strategy ask for."""
         from .. import patrol
 
         more: dict[str, Any] = {}
-        times = self.times(found.graph)
+        times = self.times(patrolled.graph)
         seconds = None if times is None else times * self.time_unit
         if seconds is not None:
-            walks = found.matrices, found.shares
-            more["timed"] = patrol.team.timed(found.graph, *walks, seconds, self.time_unit)
+            walks = patrolled.matrices, patrolled.shares
+            more["timed"] = patrol.team.timed(patrolled.graph, *walks, seconds, self.time_unit)
         if self.base is not None:
             say("following news")
-            (base,) = self.vertices(found.names, "base", self.base)
+            (base,) = self.vertices(patrolled.names, "base", self.base)
             more["news"] = patrol.team.age_of_news(
-                found.graph,
-                found.matrices,
+                patrolled.graph,
+                patrolled.matrices,
                 base,
                 times=times,
                 unit=1.0 if times is None else self.time_unit,
                 name=self.base,
             )
         if self.charger is not None and self.every is not None:
-            (charger,) = self.vertices(found.names, "charger", self.charger)
-            walk = found.graph, found.matrices, charger, self.every
+            (charger,) = self.vertices(patrolled.names, "charger", self.charger)
+            walk = patrolled.graph, patrolled.matrices, charger, self.every
             if self.attack_time is None:
                 more["charged"] = patrol.team.charged(*walk, name=self.charger)
             else:
@@ -90,8 +90,8 @@ class GraphStudy(Study):
         if self.baselines:
             say("simulating patrols")
             more["idleness"] = patrol.team.simulate_idleness(
-                found.graph,
-                found.matrices,
+                patrolled.graph,
+                patrolled.matrices,
                 times=seconds,
                 attack_time=self.attack_time,
                 seed=self.seed,
@@ -99,13 +99,13 @@ class GraphStudy(Study):
         return more
 
     def times(self, graph: "Graph") -> Any:
-        """How many units of time each edge takes, if that is asked for."""
+        """Return the time of each edge in units of time, or `None` without a speed."""
         from ..patrol.team import whole_times
 
         return None if self.speed is None else whole_times(graph, self.speed, self.time_unit)
 
     def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
-        """The numbers of vertices that a parameter names."""
+        """Return the numbers of the vertices that a parameter names."""
         for name in wanted:
             if name not in names:
                 listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

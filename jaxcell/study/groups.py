@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..base import memory
 from .map_study import MapStudy
-from .study import Degrees, Say, silent
+from .parameters import Degrees
+from .study import Say, silent
 
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-# Cells of which all is held at once, written to a dataset, and drawn.
+# The most cells that are held at once, written to one dataset, and drawn.
 _MAX_AT_ONCE = 20_000_000
 
 
@@ -23,15 +24,18 @@ _MAX_AT_ONCE = 20_000_000
 class Groups(MapStudy):
     """Find the periodic groups of a bouncing robot and how every cell reaches them.
 
-    What more than 20 million cells do, or more than fit the memory, is written a direction at a
-    time, to a Zarr store in place of a dataset and a recording.
+    More than 20 million cells, or more than fit in memory, are written one direction at a time to a
+    Zarr store, in place of a dataset and a recording.
     """
 
     name: ClassVar[str] = "groups"
+    command: ClassVar[str] = "groups"
+    example: ClassVar[str] = "@lab_a --bounce 45 90 135"
+    task: ClassVar[str] = "groups"
     batch: ClassVar[str | None] = "bounce"
 
     bounce: tuple[Degrees, ...]
-    """Bouncing angles in degrees, counter-clockwise; several make one batched run."""
+    """Bouncing angles in degrees, counter-clockwise."""
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
@@ -60,12 +64,10 @@ class Groups(MapStudy):
 
     @functools.cached_property
     def _free(self) -> int | None:
-        """What is free at first, by which it is settled once for all how results are written."""
+        """The memory that is free at the first call, which decides how results are written."""
         return memory.free()
 
     def run(self, say: Say = silent) -> "BounceGroups":
-        if not self.bounce:
-            raise ValueError("bounce: expected at least one angle in degrees")
         import numpy as np
 
         from ..bounce import BounceGroups

@@ -2,19 +2,22 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from .anywhere import AnywhereStudy
-from .map_study import Slip, cell_at
-from .study import Degrees, Say, refuse, silent
+from .map_study import cell_at
+from .parameters import Degrees, Only, Share
+from .study import Say, silent
 
 
 if TYPE_CHECKING:
-    from ..base.quantities import Result
     from ..bounce import AdaptivelyLocalized, Anywhere, Localized, OffsetLocalized, Slipped
     from ..space import CellSpace
     from ..space.extent import Extent
     from ..verify import Comparison
+
+
+_CHOICE = Only(bounces=True, anywhere=False, slip=False)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -23,55 +26,37 @@ class Localize(AnywhereStudy):
     angles, and localize a simulated robot with it."""
 
     name: ClassVar[str] = "localization"
+    command: ClassVar[str] = "localize"
+    example: ClassVar[str] = "@lab_a --bounce 135 --out runs/lab"
+    task: ClassVar[str] = "localize"
+    one_of: ClassVar[tuple[str, ...]] = ("bounce", "bounces")
 
-    bounce: Degrees | None = None
-    """Bouncing angle in degrees, counter-clockwise; it or --bounces is needed."""
-    bounces: tuple[Degrees, ...] = ()
-    """Instead of one: bouncing angles to choose from at each bump. A robot that slips takes the one
-    after which its belief has the least entropy at the next bump, in the mean."""
-    goal: Literal["cell", "position", "class"] = "cell"
-    """What a choice of angles is to find out: the cell, the position whatever the heading, or what
-    these angles can tell apart."""
-    aim: Literal["worst", "mean"] = "worst"
-    """Whether it is to take few bumps at worst, or in the mean over all starts."""
-    start: str | None = None
-    """Start of the simulated robot: "x,y,heading" in m and degrees, or a cell; else random."""
-    offsets: bool = False
-    """Put the robot down anywhere in a cell, where walls run along the edges of cells: the filter
-    loses no robot whose walker knows the heading."""
-    open_world: bool = False
+    bounce: Annotated[Degrees | None, Only(bounces=False)] = None
+    """Bouncing angle in degrees, counter-clockwise."""
+    bounces: Annotated[tuple[Degrees, ...], Only(bounce=False)] = ()
+    """Bouncing angles among which the robot chooses at each bump. A robot that slips takes the
+    angle after which the expected entropy of its belief at the next bump is least."""
+    goal: Annotated[Literal["cell", "position", "class"], _CHOICE] = "cell"
+    """Knowledge to reach: the cell, the position at any heading, or the class of cells that these
+    angles cannot tell apart."""
+    aim: Annotated[Literal["worst", "mean"], _CHOICE] = "worst"
+    """Number of bumps to minimize: the largest over all starts (worst), or their mean."""
+    start: Annotated[str | None, Only(offsets=False)] = None
+    """Start of the simulated robot: "x,y,heading" in m and degrees, or a cell number; by default a
+    random cell."""
+    offsets: Annotated[bool, Only(collision="swept", anywhere=False, bounces=False, slip=False)] = (
+        False
+    )
+    """Put the robot down anywhere in a cell, on a map whose walls run along the edges of cells. The
+    filter loses no robot whose walker knows the heading."""
+    open_world: Annotated[bool, Only(anywhere=False, bounces=False, slip=False)] = False
     """Give the filter a trap for observations that cannot occur on the map."""
-    slip: Slip | None = None
-    """How much the robot slips: the relative error of its steps and turns, and its veer in radians
-    a metre. Then a belief localizes it, in place of a filter."""
-    bump_turn: Degrees = 0.0
-    """With a slip: turn of the robot toward the wall by a bump at 45 degrees, unseen by its wheels,
-    in degrees; at an incidence i it is sin(2 i) times as much."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.slip is not None and self.collision != "swept":
-            raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
-        if (self.bounce is None) == (not self.bounces):
-            raise ValueError("bounce: expected one angle, or several in bounces")
-        if self.anywhere:
-            return
-        if self.offsets:
-            if self.bounces:
-                raise ValueError("offsets: expected one angle, in bounce, got several")
-            refuse(self, "with offsets", "collision", "start", "slip")
-        if self.slip is not None:
-            refuse(self, "for a robot that slips", "open_world", "goal", "aim")
-            return
-        refuse(self, "without a slip", "bump_turn")
-        if self.bounces:
-            refuse(self, "for several bounces, which always have a trap", "open_world")
-        else:
-            refuse(self, "for one angle, which leaves no choice", "goal", "aim")
-
-    @property
-    def of_cells(self) -> tuple[str, ...]:
-        return (*super().of_cells, "open_world", "goal", "aim", "slip", "offsets")
+    slip: Annotated[Share | None, Only(collision="swept", anywhere=False)] = None
+    """Error of the robot: the relative error of its steps and turns, and its veer in radians per
+    metre. A belief then localizes the robot, in place of a filter."""
+    bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
+    """Turn of the robot toward the wall by a bump at an incidence of 45 degrees, in degrees, which
+    the wheels do not measure; at an incidence i it is sin(2 i) times as much."""
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
@@ -90,19 +75,7 @@ class Localize(AnywhereStudy):
     def smaller(self) -> str:
         if self.bounces or self.slip is not None:
             return ""
-        return "`jaxcell groups` writes the groups alone a direction at a time, or "
-
-    def spec(self, result: "Result") -> dict[str, Any]:
-        if self.anywhere:
-            return super().spec(result)
-        absent = {"bounce_deg", "open_world"} if self.bounces else {"bounces_deg", "goal", "aim"}
-        if not self.offsets:
-            absent |= {"offsets"}
-        if self.slip is not None:
-            absent |= {"goal", "aim"}
-        elif self.bounces:
-            absent |= {"slip"}
-        return {name: one for name, one in super().spec(result).items() if name not in absent}
+        return "`jaxcell groups` writes the groups one direction at a time, or "
 
     def run(
         self, say: Say = silent
@@ -195,18 +168,15 @@ class Localize(AnywhereStudy):
         spec = self.spec(result)
         if self.anywhere:
             self.save_task(result, out)
-            return
-        if self.slip is not None:
+        elif self.slip is not None:
             dataclasses.replace(result.hidden, metadata=spec).save(out / "belief.jxb")
-            return
-        if self.bounces:
+        elif self.bounces:
             dataclasses.replace(result.policy, metadata=spec).save(out / "policy.jxf")
-            return
-        if self.offsets:
+        elif self.offsets:
             result.of_cells(spec).save(out / "filter.jxf")
-            return
-        dataclasses.replace(result.filter, metadata=spec).save(out / "filter.jxf")
-        record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")
+        else:
+            dataclasses.replace(result.filter, metadata=spec).save(out / "filter.jxf")
+            record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..bounce import bounce_map
@@ -216,7 +186,6 @@ class Localize(AnywhereStudy):
             return []
         if self.slip is not None:
             return compare_slip(result)
-
         if self.bounces:
             return compare_policy(result)
         if self.offsets:

@@ -8,7 +8,8 @@ import tyro
 
 from ..base import memory
 from ..base.limits import Collision
-from .study import AtLeastOne, Length, Limit, Metres, Study, about, numbers
+from .parameters import AtLeastOne, Length, Limit, Metres
+from .study import Study, about, numbers
 
 
 if TYPE_CHECKING:
@@ -18,9 +19,8 @@ if TYPE_CHECKING:
 
 # A map, the side of a cell, the directions, and the radius of the robot.
 _Cut: TypeAlias = tuple[Path, float | None, int | None, float | None]
-# A heading in degrees may be rounded by as much.
+# The rounding that a heading in degrees may have.
 _DIRECTION_DEG = 0.01
-Slip: TypeAlias = Annotated[float, Limit("a number from 0 to 1", lambda x: 0 <= x <= 1)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -30,21 +30,21 @@ class CellStudy(Study):
     map: tyro.conf.Positional[Path]
     """Map: our .json, a ROS map_server .yaml, an ASCII grid .txt, or a name such as @lab_a."""
     cell: Length | None = None
-    """Side of a cell in metres; by default what the map suggests."""
+    """Side of a cell in metres; by default the side that the map suggests."""
 
     def needed(self, extent: "Extent") -> float | int:
-        """The bytes that the answer takes on cells of such an extent."""
+        """Estimate the bytes that the answer takes on the cells of a map."""
         from ..space import estimates
 
         return estimates.cutting(extent)
 
     def written(self, extent: "Extent") -> float | int:
-        """The same with what its files take."""
+        """Estimate the bytes of the answer and of writing its files."""
         return self.needed(extent)
 
     @property
     def smaller(self) -> str:
-        """What may fit where this does not, beside larger cells, as the begin of a choice."""
+        """An alternative that takes less memory, as the beginning of `A, or larger cells`."""
         return ""
 
     def memory(self, written: bool = False) -> float | int:
@@ -60,10 +60,10 @@ class CellStudy(Study):
         try:
             return estimates.check(extent, self.written, f"{self.name} in files", *about[1:])
         except MemoryError as error:
-            if (numbers := self.needed(extent)) == self.written(extent):
+            if (needed := self.needed(extent)) == self.written(extent):
                 raise
             estimates.check(extent, self.needed, *about)
-            fits = f"without files, about {memory.gigabytes(numbers)} would do"
+            fits = f"without files, about {memory.gigabytes(needed)} would do"
             raise MemoryError(f"{error}; {fits}") from None
 
     def cells(self) -> "CellSpace":
@@ -89,16 +89,16 @@ class CellStudy(Study):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MapStudy(CellStudy):
-    """A question about a robot on a map: what the cells and their images depend on."""
+    """A question about a bouncing robot on a map."""
 
     directions: AtLeastOne | None = None
-    """Number of directions; by default what the map suggests, or 8."""
-    robot_radius: Annotated[Metres, Limit("0 m or more", lambda x: x >= 0)] | None = None
-    """Radius of a disc robot in metres; by default what the map says."""
+    """Number of directions; by default the number that the map suggests, or 8."""
+    robot_radius: Annotated[Metres, Limit(ge=0)] | None = None
+    """Radius of a disc robot in metres; by default the radius that the map names, or 0."""
     step: Length | None = None
     """Length of a step in metres; by default one cell."""
     collision: Collision = "swept"
-    """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
+    """Part of a step that must be free: all of it (swept), or its end, as in the dissertation."""
 
     @property
     def _cut(self) -> _Cut:
@@ -132,7 +132,7 @@ class MapStudy(CellStudy):
 
 
 def cell_at(cells: "CellSpace", text: str, parameter: str) -> int:
-    """The cell that a parameter names: `x,y,heading` in metres and degrees, or a cell number.
+    """Return the cell that a text names: `x,y,heading` in metres and degrees, or a cell number.
 
     **Raises:** `ValueError` that names the parameter, if there is no such cell or pose.
     """
@@ -159,7 +159,7 @@ def _chosen(cut: _Cut) -> "tuple[Workspace, float, int]":
     return suggested(*cut)
 
 
-# The cells of a map keep what has been found out about them, for the members of a sweep.
+# Cached for the members of a sweep: the cells of a map keep results of earlier computations.
 @functools.lru_cache(maxsize=8)
 def _cells(cut: _Cut) -> "CellSpace":
     from ..space import CellSpace

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
 from .anywhere import AnywhereStudy
-from .map_study import MapStudy, Slip, cell_at
-from .study import Degrees, Length, Limit, Say, numbers, refuse, silent
+from .map_study import MapStudy, cell_at
+from .parameters import Degrees, Length, Limit, Only, Share
+from .study import Say, numbers, silent
 
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-_Cost: TypeAlias = Annotated[float, Limit("a finite cost above 0", lambda x: x > 0)]
+_Cost: TypeAlias = Annotated[float, Limit(gt=0)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -22,18 +23,14 @@ class Plans(MapStudy):
     """Find what the plans of a bouncing robot cost between all pairs of cells."""
 
     name: ClassVar[str] = "plans"
+    task: ClassVar[str] = "plans"
 
     bounces: tuple[Degrees, ...]
     """Bouncing angles to choose from, in degrees, counter-clockwise."""
     keep: _Cost = 1.0
-    """What a step costs, and a bump with the same angle as the bump before."""
+    """Cost of a step, and of a bump with the same angle as the bump before."""
     change: _Cost = 100.0
-    """What a bump with another angle costs."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.bounces:
-            raise ValueError("bounces: expected at least one angle in degrees")
+    """Cost of a bump with another angle."""
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
@@ -49,7 +46,7 @@ class Plans(MapStudy):
 
     @property
     def choices(self) -> dict[str, Any]:
-        """What the robot chooses from, for the functions of `jaxcell.bounce`."""
+        """The angles and the costs, for the functions of `jaxcell.bounce`."""
         import numpy as np
 
         return {
@@ -69,30 +66,28 @@ class Navigate(AnywhereStudy, Plans):
     """Plan how a bouncing robot that chooses an angle at each bump gets to a goal."""
 
     name: ClassVar[str] = "navigation"
+    command: ClassVar[str] = "navigate"
+    example: ClassVar[str] = "@complex --bounces 45 90 135 --start 0.5,1.5,0 --goal 12.5,9.5,0"
+    task: ClassVar[str] = ""
 
     start: str | None = None
-    """Where the robot is: "x,y,heading" in m and degrees, or a cell."""
+    """Start of the robot: "x,y,heading" in m and degrees, or a cell number; with --anywhere random
+    by default."""
     goal: str
-    """Where it is to be, as for the start; for robots that start anywhere "x,y" in m."""
-    goal_radius: Length | None = None
-    """Distance from the goal within which a robot that starts anywhere is home, in metres; by
-    default a cell, or half a metre where cells are smaller."""
-    slip: Slip | None = None
-    """How much the robot slips, as for `jaxcell localize`: then also how probable it is that the
+    """Goal, in the form of the start; with --anywhere "x,y" in m."""
+    goal_radius: Annotated[Length | None, Only(anywhere=True)] = None
+    """Distance from the goal at which a robot is home, in metres; by default a cell, or half a
+    metre if cells are smaller."""
+    keep: Annotated[_Cost, Only(anywhere=False)] = 1.0
+    change: Annotated[_Cost, Only(anywhere=False)] = 100.0
+    slip: Annotated[Share | None, Only(anywhere=False, collision="swept")] = None
+    """Error of the robot, as for `jaxcell localize`. The result then has the probability that the
     plan arrives, and the policy that surely does."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.anywhere:
-            refuse(self, "without anywhere", "goal_radius")
-            if self.start is None:
-                raise ValueError("start: expected where the robot is, or --anywhere")
-        if self.slip is not None and self.collision != "swept":
-            raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
-
-    @property
-    def of_cells(self) -> tuple[str, ...]:
-        return (*super().of_cells, "slip", "keep", "change")
+        if not self.anywhere and self.start is None:
+            raise ValueError("start: expected the start of the robot, or `anywhere`")
 
     def needed(self, extent: "Extent") -> float | int:
         if self.slip is None:
@@ -109,17 +104,12 @@ class Navigate(AnywhereStudy, Plans):
         cells = self.cells()
         start, goal = (cell_at(cells, getattr(self, end), end) for end in ("start", "goal"))
         say(f"planning among {cells.size:,} cells")
-        found = plan(cells, start=start, goal=goal, **self.choices, motion=self.motion)
+        planned = plan(cells, start=start, goal=goal, **self.choices, motion=self.motion)
         if self.slip is None:
-            return found
+            return planned
         from .slipped_plan import slipped_plan
 
-        return slipped_plan(found, self.slip, self.bounces, self.step, say)
-
-    def spec(self, result: "Result") -> dict[str, Any]:
-        spec = super().spec(result)
-        absent = () if self.anywhere else ("goal_radius_m", "seed")
-        return {name: spec[name] for name in spec if name not in absent}
+        return slipped_plan(planned, self.slip, self.bounces, self.step, say)
 
     def _home(self, say: Say) -> "Result":
         x, y = numbers("goal", self.goal, 2, '"x,y" in metres, for robots that start anywhere')
@@ -137,5 +127,5 @@ class Navigate(AnywhereStudy, Plans):
 
 
 def _whole(cost: float) -> int | float:
-    """A whole number if it is one: plans of whole costs cost whole numbers."""
+    """Convert a whole number to `int`, so that plans of whole costs cost whole numbers."""
     return int(cost) if cost == int(cost) else cost

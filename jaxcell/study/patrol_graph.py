@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from ..base.limits import MAX_VERTICES
 from .graph_study import GraphStudy
-from .study import AtLeastOne, Limit, Say, about, refuse, silent
+from .parameters import AtLeastOne, Needed, Only, Share
+from .study import Say, about, silent
 
 
 if TYPE_CHECKING:
@@ -18,14 +19,6 @@ if TYPE_CHECKING:
 
 
 _CHANCE = "least chance that"
-# The parameters that only some strategies have.
-_OF_STRATEGIES = {
-    "constraints": ("commute",),
-    "vertex": ("toward",),
-    "visits": ("mixing", "kemeny", "entropy", "return-time"),
-    "attack_time": ("capture",),
-    "attack_times": ("capture",),
-}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -33,67 +26,52 @@ class PatrolGraph(GraphStudy):
     """Find a random walk with which to patrol a graph, and play against an adversary."""
 
     name: ClassVar[str] = "patrol"
+    command: ClassVar[str] = "patrol graph"
+    example: ClassVar[str] = "@random --robots 2"
+    task: ClassVar[str] = "patrol"
 
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
-    """What the walk is for: a short time there and back (commute), --vertex (toward), forgetting
-    its start (mixing), a short time to any vertex (kemeny), steps that are hard to guess (entropy),
-    returns that are (return-time), or capture within --attack-time (capture). For mixing, kemeny
-    and return-time it spends the same time at all vertices, and may wait."""
-    emphasis: tuple[str, ...] = ()
-    """Two or more vertices to visit more often, for "commute" and the game."""
-    share: Annotated[float, Limit("0 to 1", lambda x: 0 <= x <= 1)] = 0.8
-    """Least share of steps on the shortest closed tour through them."""
-    constraints: Path | None = None
-    """JSON file of bounds on the shares of steps along edges and of time at vertices, for
-    "commute": {"constraints": [{"edges": [["a", "b"]], "most": 0.2}]}."""
-    vertex: str | None = None
-    """The vertex that "toward" is toward."""
-    paths: AtLeastOne = 1
-    """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
-    the dissertation's table, the walk goes straight there."""
-    attack_times: Path | None = None
-    """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, or
-    seconds with a speed, for "capture"."""
-    visits: Path | None = None
-    """File of a line "vertex share" for each vertex: how often the walk is there, relative to the
-    others, for mixing, kemeny, entropy and return-time."""
-    values: Path | None = None
-    """File of a line "vertex value" for each vertex, what its goods are worth in the game; or
-    "vertex value value reward cost": what they are worth to the patroller and to the adversary, and
-    what the patroller that catches the adversary there gains, and the adversary pays."""
+    """Aim of the walk: a short mean commute time (commute), the shortest ways to --vertex (toward),
+    forgetting its start fast (mixing), a short mean time to a vertex (kemeny), maximal entropy of
+    steps (entropy) or of return times (return-time), or a great probability of capture within
+    --attack-time (capture). With mixing, kemeny and return-time the walk spends the same time at
+    all vertices, or the times of --visits, and may wait."""
+    emphasis: Annotated[tuple[str, ...], Only(strategy="commute"), Only(game=True)] = ()
+    """Two or more vertices to visit more often."""
+    share: Share = 0.8
+    """Least share of steps on the shortest closed tour through the vertices of --emphasis."""
+    constraints: Annotated[Path | None, Only(strategy="commute", speed=False)] = None
+    """JSON file of bounds on the shares of steps along edges and of time at vertices:
+    {"constraints": [{"edges": [["a", "b"]], "most": 0.2}]}."""
+    vertex: Annotated[str | None, Needed(strategy="toward")] = None
+    """Vertex to walk toward."""
+    paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
+    """Number of shortest paths from each vertex to count. Along one path, as in the dissertation's
+    table, the walk goes straight to the vertex."""
+    attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
+    """File of a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
+    in seconds with --speed."""
+    visits: Annotated[
+        Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
+    ] = None
+    """File of a line "vertex share" for each vertex: the share of time there, up to a factor."""
+    values: Annotated[Path | None, Only(game=True)] = None
+    """File of a line for each vertex: "vertex value", the value of its goods; or "vertex value
+    value reward cost": their value for the patroller and for the adversary, the reward of a
+    patroller who catches the adversary there, and the cost for the adversary."""
     game: bool = False
-    """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
+    """Also find the best mixture of the walks toward each vertex and of the commute walk, against
+    an adversary who knows the mixture."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.division is not None:
-            for_all = "vertex", "emphasis", "visits", "attack_times", "constraints"
-            refuse(self, "with a division: it is for all robots", *for_all)
-        for name, strategies in _OF_STRATEGIES.items():
-            if self.strategy not in strategies:
-                refuse(self, f"for {self.strategy!r}", name)
-        if not self.game:
-            refuse(self, "without a game", "values")
-        if self.strategy != "commute" and not self.game:
-            refuse(self, f"for {self.strategy!r} without a game", "emphasis")
-        if self.speed is not None:
-            refuse(self, "with a speed: they are on steps", "constraints")
         if len(self.emphasis) == 1:
             raise ValueError("emphasis: expected two or more vertices, got one")
         for i, name in enumerate(self.emphasis):
             if name in self.emphasis[:i]:
                 raise ValueError(f"emphasis: vertex {name!r} comes twice")
-        if self.attack_times is not None and self.attack_time is not None:
-            raise ValueError("attack_times: expected either this file or one attack_time, got both")
-        given = self.attack_time if self.attack_times is None else self.attack_times
-        for name, strategy, value in (
-            ("vertex", "toward", self.vertex),
-            ("attack_time", "capture", given),
-        ):
-            if self.strategy == strategy and value is None:
-                raise ValueError(f"{name}: {strategy!r} needs it")
 
     def memory(self, written: bool = False) -> float | int:
         from ..base import memory
@@ -128,8 +106,8 @@ class PatrolGraph(GraphStudy):
         options["weights_unused"] = has_weights(self.file)
         by_steps = ("mixing", "kemeny", "entropy", "return-time")
         options["by_steps"] = self.speed is not None and self.strategy in by_steps
-        found = GraphPatrol.of(graph, **walk, game=game, **options)
-        return dataclasses.replace(found, **self.more(found, say))
+        patrolled = GraphPatrol.of(graph, **walk, game=game, **options)
+        return dataclasses.replace(patrolled, **self.more(patrolled, say))
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{self.file}: {self.strategy}"
@@ -137,12 +115,12 @@ class PatrolGraph(GraphStudy):
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..verify import compare_commute, compare_game, compare_walk
 
-        found = compare_walk(result)
+        compared = compare_walk(result)
         if self.strategy == "commute" and self.division != "partition":
             emphasis = self.vertices(result.names, "emphasis", *self.emphasis)
             rules = self._constraints(result.graph, result.names)
-            found += compare_commute(result, emphasis, self.share, rules)
-        return found if result.game is None else [*found, *compare_game(result.game)]
+            compared += compare_commute(result, emphasis, self.share, rules)
+        return compared if result.game is None else [*compared, *compare_game(result.game)]
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:
         """Refuse a graph that is too large or not connected, and an attack that is too short."""
@@ -167,7 +145,7 @@ class PatrolGraph(GraphStudy):
             self._check_reach(graph, names)
 
     def _check_reach(self, graph: "Graph", names: Sequence[str]) -> None:
-        """Refuse an attack that is over before a robot can come."""
+        """Refuse an attack that ends before a robot can arrive."""
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
@@ -182,14 +160,14 @@ class PatrolGraph(GraphStudy):
         if self.attack_time < away.max() * unit:
             start, end = (names[v] for v in np.unravel_index(away.argmax(), away.shape))
             raise ValueError(
-                f"attack_time: {self.attack_time} {of} are over before a patroller comes from "
-                f"vertex {start!r} to {end!r}, which takes {away.max() * unit:g}"
+                f"attack_time: an attack of {self.attack_time} {of} ends before a patroller comes "
+                f"from vertex {start!r} to {end!r}, which takes {away.max() * unit:g}"
             )
 
     def _walks(
         self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
     ) -> dict[str, Any]:
-        """The walks of all robots, and what comes of sharing and of dividing the graph."""
+        """Find the walks of all robots, shared or divided, and compare both with a division."""
         import numpy as np
         import scipy.sparse
 
@@ -212,7 +190,7 @@ class PatrolGraph(GraphStudy):
             parts.append(self._walk(part, called, None, 1))
             within = parts[-1]["chain"].to_scipy().toarray()
             matrices.append(patrol.team.walk_in_part(graph, inside, within))
-        worst = min(parts, key=lambda one: one["value"] or 0.0)
+        worst = min(parts, key=lambda part: part["value"] or 0.0)
         divided = worst | {
             "chain": Chain.from_scipy(scipy.sparse.csr_array(matrices[0])),
             "team": np.stack(matrices),
@@ -237,7 +215,7 @@ class PatrolGraph(GraphStudy):
     def _walk(
         self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
     ) -> dict[str, Any]:
-        """The chain that the strategy finds, with its certificate, goal and value."""
+        """Find the chain of the strategy, with its certificate, goal and value."""
         import numpy as np
 
         from .. import optimize, patrol
@@ -245,7 +223,7 @@ class PatrolGraph(GraphStudy):
         if self.strategy == "toward":
             (vertex,) = self.vertices(names, "vertex", str(self.vertex))
             return {"chain": patrol.toward(graph, vertex, self.paths), "value": None}
-        # Without given shares of time, the best walks leave some vertices out.
+        # With free shares of time, the best walks leave some vertices out.
         even = np.full(graph.vertices, 1 / graph.vertices)
         visits = None
         if self.visits is not None:
@@ -313,20 +291,20 @@ class PatrolGraph(GraphStudy):
 def _compared(
     shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
 ) -> "Division":
-    """What robots achieve that share the graph, if they can, and that divide it."""
+    """Compare robots that share the graph, if they can, with robots that divide it."""
     import numpy as np
 
     from ..patrol.team import Division, long_run, steps_between_visits
 
     rows, nothing = [], np.full(region.size, np.nan)
-    for found in (shared, divided):
+    for walks in (shared, divided):
         visits = nothing
-        if found is not None:
-            team = found["team"]
+        if walks is not None:
+            team = walks["team"]
             if team is None:
-                team = np.stack([found["chain"].to_scipy().toarray()] * robots)
+                team = np.stack([walks["chain"].to_scipy().toarray()] * robots)
             visits = steps_between_visits(long_run(team))
-        value = np.nan if found is None or found["value"] is None else found["value"]
+        value = np.nan if walks is None or walks["value"] is None else walks["value"]
         rows.append((visits.mean(), visits.max(), value))
     mean, worst, value = np.array(rows).T
     caught = value if str(divided["goal"]).startswith(_CHANCE) else None

@@ -5,91 +5,81 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .map_study import CellStudy
-from .study import AtLeastOne, Limit, Metres, Say, about, numbers, refuse, silent
+from .parameters import AtLeastOne, Limit, Metres, Needed, Only
+from .study import Say, about, numbers, silent
 
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ..optimize import Graph
-    from ..patrol import PatrolledMap
+    from ..patrol import Capture, PatrolledMap
     from ..patrol.map import Policy, Regions
     from ..space import CellSpace
     from ..space.extent import Extent
     from ..verify import Comparison
 
 
-# The emphases among which "auto" chooses.
+# The shares among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
-# So many robots are tried.
+# The most robots that "auto" tries.
 _MAX_ROBOTS = 20
-_Chance: TypeAlias = Annotated[float, Limit("more than 0 and less than 1", lambda x: 0 < x < 1)]
-_Steps: TypeAlias = Annotated[int, Limit("at least 1 step", lambda n: n >= 1)]
-_Reach: TypeAlias = Annotated[Metres, Limit("more than 0 m, and finite", lambda x: x > 0)]
-_Share: TypeAlias = Annotated[float, Limit("0 or more and less than 1", lambda x: 0 <= x < 1)]
+_Reach: TypeAlias = Annotated[Metres, Limit(gt=0)]
+_Floor: TypeAlias = Annotated[float, Limit(ge=0, lt=1)]
+_CAPTURE = Only(strategy="capture")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PatrolMap(CellStudy):
-    """Patrol a map with robots that see only so far, and compute how vulnerable it is then."""
+    """Patrol a map with robots of limited sight, and compute how vulnerable the map then is."""
 
     name: ClassVar[str] = "patrol_map"
+    command: ClassVar[str] = "patrol map"
+    example: ClassVar[str] = "@depot --robots 2 --range 6"
 
     robots: AtLeastOne | Literal["auto"] = 2
-    """How many robots patrol; "auto" takes the fewest, up to 20, that reach --capture."""
-    capture: _Chance | None = None
-    """The least probability of capture in the first of the attack times that is wanted, with as
-    many robots as that takes."""
+    """Number of robots; "auto" takes the fewest, up to 20, that reach --capture."""
+    capture: Annotated[Annotated[float, Limit(gt=0, lt=1)] | None, Needed(robots="auto")] = None
+    """Least probability of capture in the first of the attack times to reach."""
     range: _Reach = 6.0
-    """How far a robot sees, in metres; walls are in the way."""
+    """Distance in metres at which a robot sees; walls block its view."""
     strategy: Literal["commute", "capture"] = "commute"
-    """What the walks are for: a short time there and back between cells (commute), or a great least
-    probability of capture in the first of the attack times (capture), a local optimum."""
-    share: _Share | Literal["auto"] = "auto"
-    """Least share of steps on the shortest closed tour through the cells from which all is seen,
-    for "commute"; "auto" takes the one of 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more
-    than 2,000 cells."""
+    """Aim of the walks: a short mean commute time between cells (commute), or a great least
+    probability of capture in the first of the attack times, a local optimum (capture)."""
+    share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
+    """Least share of steps on the shortest closed tour through the cells that see the whole map;
+    "auto" takes the share among 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more than 2,000
+    cells."""
     start: Literal["uniform", "stationary", "worst"] = "uniform"
-    """Where robots are, out of view, as an attack begins: anywhere alike (uniform), as often as in
-    the long run (stationary), or where an adversary who sees them likes it best (worst)."""
-    randomness: _Share = 0.0
-    """Least share of its steps in which a robot goes to any neighbour alike, for "capture"."""
-    frontier: tuple[_Share, ...] = ()
-    """Values of the randomness at which "capture" is compared with entropy."""
-    starts: AtLeastOne = 3
-    """How many starts "capture" tries."""
-    base: str | None = None
+    """Places of the robots, out of view of the target, as an attack begins: all equally probable
+    (uniform), as in the long run (stationary), or the best for the adversary (worst)."""
+    randomness: Annotated[_Floor, _CAPTURE] = 0.0
+    """Least share of steps in which a robot chooses a neighbour uniformly."""
+    frontier: Annotated[tuple[_Floor, ...], _CAPTURE] = ()
+    """Values of the randomness at which capture and entropy are compared."""
+    starts: Annotated[AtLeastOne, _CAPTURE] = 3
+    """Number of starts of the search."""
+    base: Annotated[str | None, Only(strategy="commute", capture=False)] = None
     """Base station to report to, around which each robot has a region: "x,y" in metres, or "auto"
-    for a central place that sees much. Without it each robot patrols the whole map."""
-    base_range: _Reach | None = None
-    """How far the base station sees, in metres; by default as far as a robot."""
-    lost: int | None = None
-    """A robot that stops reporting to the base station; the others divide the map anew."""
+    for a central place with a wide view. By default each robot patrols the whole map."""
+    base_range: Annotated[_Reach | None, Only(base=True)] = None
+    """Distance in metres at which the base station sees; by default that of a robot."""
+    lost: Annotated[int | None, Only(base=True)] = None
+    """Number of a robot that stops reporting; the other robots divide the map among them."""
     target: str | None = None
-    """The cell that is attacked, "x,y" in metres; by default the one that is most vulnerable to the
-    first of the attack times."""
-    attack_times: tuple[_Steps, ...] = (20, 30, 40, 50, 100, 500)
-    """The steps that an attack takes."""
-    runs: Annotated[int, Limit("2 or more, up to 10,000,000", lambda n: 2 <= n <= 1e7)] = 5000
-    """How often to simulate an attack."""
+    """Cell to attack, "x,y" in metres; by default the most vulnerable cell at the first of the
+    attack times."""
+    attack_times: tuple[Annotated[int, Limit(ge=1)], ...] = (20, 30, 40, 50, 100, 500)
+    """Durations of an attack in steps."""
+    runs: Annotated[int, Limit(ge=2, le=10_000_000)] = 5000
+    """Number of simulated attacks."""
     seed: int = 0
-    """Seed of the simulation, and of the patrol that is recorded."""
+    """Seed of the simulation, and of the recorded patrol."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.robots == "auto") != (self.capture is not None):
-            raise ValueError('robots: expected "auto" with a wanted capture, and only then')
-        if self.robots == "auto":
-            refuse(self, 'with robots "auto"', "base", "lost")
-        if self.strategy == "capture":
-            refuse(self, 'for "capture", whose robots do not report', "base")
-            refuse(self, 'for "capture"', "share")
-        else:
-            refuse(self, f"for {self.strategy!r}", "randomness", "frontier", "starts")
         if not self.attack_times:
             raise ValueError("attack_times: expected at least one")
-        if self.base is None:
-            refuse(self, "without a base", "base_range", "lost")
         if self.robots == "auto" or self.lost is None:
             return
         if not 0 <= self.lost < self.robots:
@@ -118,53 +108,50 @@ class PatrolMap(CellStudy):
         target = None if self.target is None else _position(cells, self.target, "target")
         regions = self._regions(cells, graph)
 
-        found = self._patrolled(graph, visible, regions, say)
-        policies = found["policies"]
+        patrolled = self._patrolled(graph, visible, regions, say)
+        policies = patrolled["policies"]
+        attack = patrol.Attack(self.attack_times, self.start)
         if self.frontier:
             say(f"searching at {len(self.frontier)} floors of randomness")
-            problem = graph, visible, len(policies), self.attack_times[0], self.frontier
-            found["frontier"] = patrol.map.capture_frontier(
-                *problem, start=self.start, seed=self.seed
-            )
-        if self.lost is not None and regions is not None:
-            found["reassignment"] = patrol.map.reassign(
-                graph, visible, regions, policies, self.lost, share=found["chosen_share"]
+            patrolled["frontier"] = patrol.map.capture_frontier(
+                graph, visible, len(policies), attack, self.frontier, seed=self.seed
             )
         say("attacking every cell")
-        times = list(self.attack_times)
-        capture = patrol.capture_probabilities(graph, visible, policies, times, self.start)
-        contested = patrol.map.contested(visible, policies, regions)
-        target = self._target(target, contested, capture[0], regions)
+        capture = patrol.Capture.of(graph, visible, policies, attack, regions)
+        if self.lost is not None and regions is not None:
+            after = patrol.map.reassign(
+                graph, visible, regions, policies, self.lost, share=patrolled["chosen_share"]
+            )
+            left = [policies[robot] for robot in sorted(after.robot.tolist())]
+            loss, recovery = (
+                dataclasses.replace(
+                    capture, probability=patrol.capture_probabilities(graph, visible, by, attack)
+                )
+                for by in (left, after.policies)
+            )
+            patrolled |= {"reassignment": after, "loss": loss, "recovery": recovery}
+        target = self._target(target, capture, regions)
         say(f"simulating {self.runs:,} attacks, and fitting their law")
-        attack = patrol.vulnerability(
-            jax.random.key(self.seed),
-            graph,
-            visible,
-            policies,
-            target,
-            times,
-            start=self.start,
-            runs=self.runs,
-        )
+        key, site = jax.random.key(self.seed), (graph, visible, policies)
+        attacked = patrol.vulnerability(key, *site, target, attack, runs=self.runs)
         say("comparing covers")
         return patrol.PatrolledMap(
             cells=cells,
             reach=self.range,
             graph=graph,
             visible=visible,
-            attack=attack,
-            capture=capture,
+            attack=attacked,
+            captures=capture,
             regions=regions,
-            start=self.start,
             smallest_covers=smallest_covers(visible, policies),
             seed=self.seed,
-            **found,
+            **patrolled,
         )
 
     def _patrolled(
         self, graph: "Graph", visible: "np.ndarray", regions: "Regions | None", say: Say
     ) -> dict[str, Any]:
-        """The policies of as many robots as are asked for, or as the wanted capture takes."""
+        """Find the policies of the robots; with `capture`, of the fewest robots that reach it."""
         import numpy as np
 
         from .. import patrol
@@ -177,28 +164,27 @@ class PatrolMap(CellStudy):
         for robots in range(most if self.capture is None else 1, most + 1):
             if made:
                 some = {share: policies[:robots] for share, policies in made.items()}
-                found, least = self._chosen(graph, visible, some, regions)
+                patrolled, least = self._chosen(graph, visible, some, regions)
             else:
                 say(f"searching for the patrol of {robots} robots that captures most")
                 search = patrol.capture_policies(
                     graph,
                     visible,
                     robots,
-                    self.attack_times[0],
+                    patrol.Attack(self.attack_times, self.start),
                     randomness=self.randomness,
-                    start=self.start,
                     starts=self.starts,
                     seed=self.seed,
                 )
-                found, least = {"policies": search.policies, "search": search}, search.value
+                patrolled, least = {"policies": search.policies, "search": search}, search.value
             reached.append(least)
             if self.capture is not None:
                 say(f"a team of {robots} captures {least:.3f} at least")
                 if least >= self.capture:
                     break
         if self.capture is not None:
-            found |= {"size_capture": np.array(reached), "wanted": self.capture}
-        return found
+            patrolled |= {"size_capture": np.array(reached), "wanted": self.capture}
+        return patrolled
 
     def _emphasised(
         self,
@@ -208,7 +194,7 @@ class PatrolMap(CellStudy):
         regions: "Regions | None",
         say: Say,
     ) -> "dict[float, tuple[Policy, ...]]":
-        """The policies of the share that is asked for, or of those among which one is chosen."""
+        """Find the policies of each share that is tried."""
         from .. import patrol
 
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
@@ -231,29 +217,28 @@ class PatrolMap(CellStudy):
         made: "dict[float, tuple[Policy, ...]]",
         regions: "Regions | None",
     ) -> tuple[dict[str, Any], float]:
-        """The policies of the best share, or of that asked for, and what they capture at least."""
+        """Return the policies of the best share, or of `share`, and their least capture."""
         import numpy as np
 
         from .. import patrol
 
-        least = []
-        for policies in made.values():
-            (caught,) = patrol.capture_probabilities(
-                graph, visible, policies, [self.attack_times[0]], self.start
-            )
-            least.append(caught[patrol.map.contested(visible, policies, regions)].min(initial=1.0))
+        attack = patrol.Attack(self.attack_times, self.start).first
+        least = [
+            float(patrol.Capture.of(graph, visible, policies, attack, regions).least[0])
+            for policies in made.values()
+        ]
         tried = list(made)
-        # Shares that differ by rounding count as equal, and the first of them is taken.
+        # Captures that differ by rounding count as equal; the first share among them is taken.
         best = (
             int(np.argmax(np.round(least, 9))) if self.share == "auto" else tried.index(self.share)
         )
-        found = {
+        patrolled = {
             "policies": made[tried[best]],
             "chosen_share": tried[best],
             "shares": np.array(tried),
             "share_capture": np.array(least),
         }
-        return found, float(least[best])
+        return patrolled, least[best]
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)
@@ -291,7 +276,7 @@ class PatrolMap(CellStudy):
         return compare_patrolled_map(result)
 
     def _graph(self, cells: "CellSpace") -> "Graph":
-        """The graph of the cells, which is connected."""
+        """Build the graph of the cells, and refuse one that is not connected."""
         import numpy as np
         from scipy.sparse.csgraph import connected_components
 
@@ -318,7 +303,7 @@ class PatrolMap(CellStudy):
         return graph
 
     def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
-        """The regions around the base station, if there is one."""
+        """Divide the map around the base station, if there is one."""
         from ..patrol.map import angular_regions, base_station
         from ..space import visible_cells
 
@@ -333,21 +318,18 @@ class PatrolMap(CellStudy):
     def _target(
         self,
         asked: int | None,
-        contested: "np.ndarray",
-        caught: "np.ndarray",
+        capture: "Capture",
         regions: "Regions | None",
     ) -> int:
-        """The cell that is attacked: one where luck decides, by default the weakest."""
-        from ..patrol.map.attack import weakest
-
+        """Return the cell to attack, where capture is neither sure nor impossible."""
         if asked is None:
-            if contested.size == 0:
+            if capture.contested.size == 0:
                 raise ValueError(
-                    f"range: with {self.range:g} m no robot ever sees the whole of a cell that is "
-                    "not watched anyway; expected more"
+                    f"range: with {self.range:g} m no robot sees the whole of a cell that is not "
+                    "always watched; expected a longer range"
                 )
-            return int(weakest(caught[None], contested)[0])
-        if asked in contested:
+            return int(capture.weakest[0])
+        if asked in capture.contested:
             return asked
         if regions is not None and regions.view[asked]:
             why = "the base station always sees it, so that no attack succeeds"
@@ -357,7 +339,7 @@ class PatrolMap(CellStudy):
 
 
 def _position(cells: "CellSpace", text: str, parameter: str) -> int:
-    """The position that a parameter names, as "x,y" in metres."""
+    """Return the position that a parameter names, as "x,y" in metres."""
     x, y = numbers(parameter, text, 2, '"x,y" in metres')
     with about(f"{parameter} {text!r}"):
         return int(cells.index(x, y)) % cells.positions

@@ -2,7 +2,8 @@ import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ..base.limits import Collision
-from .study import Degrees, Limit, Say, Study, WholeNumber, silent
+from .parameters import Degrees, Limit, WholeNumber
+from .study import Say, Study, silent
 
 
 if TYPE_CHECKING:
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
     from ..bounce import RoomGroups
 
 
-_Side: TypeAlias = Annotated[int, Limit("1 to 10,000 squares", lambda x: 1 <= x <= 10_000)]
+_Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,7 @@ class Rooms(Study):
     """
 
     name: ClassVar[str] = "room"
+    task: ClassVar[str] = "rooms"
     batch: ClassVar[str | None] = "bounce"
 
     room: WholeNumber
@@ -34,17 +36,17 @@ class Rooms(Study):
     """Columns of squares of a random room."""
     rows: _Side = 45
     """Rows of squares of a random room."""
-    obstacles: Annotated[int, Limit("0 to 1,000", lambda x: 0 <= x <= 1000)] = 6
-    """Rectangles in a random room."""
-    directions: Annotated[int, Limit("1 to 3,600", lambda x: 1 <= x <= 3600)] = 360
+    obstacles: Annotated[int, Limit(ge=0, le=1000)] = 6
+    """Number of rectangles in a random room."""
+    directions: Annotated[int, Limit(ge=1, le=3600)] = 360
     """Number of directions."""
     collision: Collision = "swept"
-    """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
+    """Part of a step that must be free: all of it (swept), or its end, as in the dissertation."""
     seed: WholeNumber = 0
     """Seed of the rooms."""
 
     def free(self) -> "np.ndarray":
-        """The free squares of the room."""
+        """Return the free squares of the room."""
         from ..space.maps.random_rooms import place, random_room
 
         if self.environment == "random":
@@ -52,8 +54,6 @@ class Rooms(Study):
         return place(self.seed, self.environment, self.room).free
 
     def run(self, say: Say = silent) -> "RoomGroups":
-        if not self.bounce:
-            raise ValueError("bounce: expected at least one angle in degrees")
         import numpy as np
 
         from ..bounce import Motion, RoomGroups

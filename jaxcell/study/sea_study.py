@@ -1,31 +1,23 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from .study import Limit, Study
+from .study import Study
 
 
 if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-Count: TypeAlias = Annotated[int, Limit("1 or more", lambda n: n >= 1)]
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SeaStudy(Study):
-    """A question about drifters, of which files say what they need."""
+    """A question about drifters, whose data are in files."""
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """What is known of the sea."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.file:
-            raise ValueError("file: expected one or more, got none")
+    """Files of the sea or of drifters."""
 
     def spec(self, result: Any) -> dict[str, Any]:
         asked = super().spec(result)

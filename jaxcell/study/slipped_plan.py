@@ -12,25 +12,25 @@ if TYPE_CHECKING:
     from ..robot.emulation.body import Body
 
 
-# Runs of the emulated robot, and of the plan without cells, which blur where a robot is.
+# Runs of the emulated robot, and of the plan in continuous space, without the error of cells.
 _RUNS, _PLAN_RUNS = 50, 20_000
 _CONFIDENCE = 0.99
-# How long a policy is followed, in plans or in its own mean times, whichever is more.
+# A policy is followed for this many lengths of the plan, or mean times of its own if that is more.
 _PLANS, _MEANS, _MOST = 4, 4, 4000
 
 
 def slipped_plan(
     plan: "Plan", error: float, bounces_deg: Sequence[float], step: float | None, say: Say
 ) -> "SlippedPlan":
-    """Find how probably a plan arrives on a robot that slips, and the policy that surely does.
+    """Find the probability that a plan arrives despite slips, and a policy that surely arrives.
 
     **Arguments:**
 
     - `plan`: the plan.
-    - `error`: how much the robot slips.
+    - `error`: the parameter `slip`: the relative error of steps and turns.
     - `bounces_deg`: the bouncing angles to choose from, in degrees.
     - `step`: length of a step in metres, `None` for one cell.
-    - `say`: called with what is being done.
+    - `say`: called with the work that begins.
     """
     import numpy as np
     from scipy.stats import binomtest
@@ -45,7 +45,7 @@ def slipped_plan(
     )
     from ..bounce.slip.policy import PolicyRobot, driven
     from ..robot.emulation.body import bumper_give
-    from ..robot.runner import run_plan
+    from ..robot.plan import run_plan
     from ..space import Slip, nearest_cell
 
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()

@@ -1,4 +1,4 @@
-"""What a robot is to cover, as people name it."""
+"""Read the target of a coverage: the share of time of each position."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,7 +33,7 @@ def check_target(text: str) -> None:
 
 
 def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]:
-    """The share of each position that the parameter `target` names.
+    """Read the share of each position from the parameter `target`.
 
     **Arguments:**
 
@@ -41,7 +41,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
     - `text`: `uniform`; the name of an image, whose bright parts are worth more; or
         `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
 
-    **Raises:** `ValueError` or `OSError` that names the parameter and what is wrong with it.
+    **Raises:** `ValueError` or `OSError` that names the parameter and the fault.
     """
     from ..bounce.coverage import coverage_target
 
@@ -53,7 +53,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
         if colon and file.endswith(".nc"):
             worth = _variable(cells, Path(file), variable)
         elif text.endswith(".nc"):
-            raise ValueError("which variable? give FILE.nc:VARIABLE")
+            raise ValueError("expected a variable of the file, FILE.nc:VARIABLE")
         else:
             worth = _brightness(Path(text))
         return coverage_target(cells, worth)
@@ -70,8 +70,8 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
     try:
         image = read_image(path.read_bytes())
     except UnidentifiedImageError:
-        raise ValueError("it is no image that can be read") from None
-    # Images of more than 8 bits are numbers already, and conversion would cut them off.
+        raise ValueError("expected an image that can be read") from None
+    # Images of more than 8 bits hold numbers, which a conversion would cut off.
     plain = image if image.mode in ("I;16", "I", "F") else image.convert("L")
     return np.asarray(plain, float)
 
@@ -95,26 +95,25 @@ def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray
             f"over {', '.join(map(str, array.dims)) or 'nothing'}"
         )
     x, y, _ = cells.centre(np.arange(cells.positions))
-    return np.asarray(array.isel(x=_nearest(array, "x", x), y=_nearest(array, "y", y)), float)
+    array = array.sortby(["x", "y"])
+    nearest = {name: _nearest(array, name, centres) for name, centres in (("x", x), ("y", y))}
+    return np.asarray(array.isel(nearest), float)
 
 
 def _nearest(
     array: "xr.DataArray", name: str, centres: Float[np.ndarray, "positions"]
 ) -> "xr.DataArray":
-    """The index of the coordinate nearest to each centre."""
+    """Return the index of the nearest of sorted coordinates to each centre."""
     import xarray as xr
 
     values = np.asarray(array[name], float)
-    # So that differences are finite too.
+    # The bound keeps differences finite.
     if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():
         raise ValueError(f"expected at least two finite coordinates {name}")
-    order = np.argsort(values, kind="stable")
-    place = np.searchsorted(values[order], centres).clip(1, values.size - 1)
-    low, high = order[place - 1], order[place]
-    to_low, to_high = np.abs(values[low] - centres), np.abs(values[high] - centres)
-    index = np.where((to_low < to_high) | ((to_low == to_high) & (low < high)), low, high)
+    # The lower of two coordinates that are equally near.
+    index = np.searchsorted((values[1:] + values[:-1]) / 2, centres)
     beyond = np.abs(values[index] - centres).max()
-    if beyond > np.abs(np.diff(np.sort(values))).max():
+    if beyond > np.diff(values).max():
         raise ValueError(
             f"the map reaches {beyond:g} m beyond its coordinates {name}, which go from "
             f"{values.min():g} to {values.max():g}"

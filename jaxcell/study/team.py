@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from .map_study import MapStudy, cell_at
-from .study import AtLeastOne, Degrees, Say, silent
+from .parameters import AtLeastOne, Degrees
+from .study import Say, silent
 
 
 if TYPE_CHECKING:
@@ -20,27 +21,28 @@ class Team(MapStudy):
     """Find a joint trajectory of several bouncing robots that covers a map."""
 
     name: ClassVar[str] = "team"
+    command: ClassVar[str] = "team"
+    example: ClassVar[str] = "@complex --robots 4 --bounces 135"
 
     bounces: tuple[Degrees, ...]
-    """Bouncing angles in degrees, counter-clockwise: one for all robots, or one for each."""
+    """Bouncing angles in degrees, counter-clockwise: one for all robots, or one per robot."""
     robots: int | None = None
-    """Number of robots that start at random, by default 2."""
+    """Number of robots that start at random cells; by default 2."""
     starts: tuple[str, ...] = ()
-    """Start of each robot, not at random: "x,y,heading" in m and degrees, or a cell."""
+    """Start of each robot instead of random cells: "x,y,heading" in m and degrees, or a cell
+    number."""
     seed: int = 0
     """Seed of the random starts."""
     max_parts: AtLeastOne = 1000
-    """Parts that the trajectory may have; each but the first begins with a turn of one robot."""
+    """Most parts of the trajectory; each part after the first begins with a turn of one robot."""
     part_steps: AtLeastOne | None = None
     """Most steps of a part; by default the number of cells, at most 100,000."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.bounces:
-            raise ValueError("bounces: expected at least one angle in degrees")
         if self.starts and self.robots not in (None, len(self.starts)):
             raise ValueError(
-                f"robots {self.robots}: starts names {len(self.starts)}; give one of them"
+                f"robots {self.robots}: `starts` names {len(self.starts)}; give one of the two"
             )
 
     def needed(self, extent: "Extent") -> float | int:
@@ -73,7 +75,7 @@ class Team(MapStudy):
         return {**super().spec(result), "robots": len(starts), "starts": starts}
 
     def write(self, result: Any, out: Path) -> None:
-        """Write what `jaxcell robot run` needs."""
+        """Write the file for `jaxcell robot run`."""
         from ..robot.team import member_actions, save_team
         from ..space import free_steps
 
@@ -97,7 +99,7 @@ class Team(MapStudy):
         return compare_team(result, np.radians(self.bounces), motion=self.motion)
 
     def _starts(self, cells: "CellSpace") -> list[int]:
-        """The starts that are given, or random ones in different positions."""
+        """Return the parameter `starts` as cells, or random cells in different positions."""
         if self.starts:
             return [cell_at(cells, start, "starts") for start in self.starts]
         robots = 2 if self.robots is None else self.robots

@@ -1,4 +1,4 @@
-"""The parameters of a sweep: grids, lists and random samples, read from a specification."""
+"""Parameters of a sweep: grids, lists and random samples, read from a specification."""
 
 import dataclasses
 import math
@@ -13,12 +13,12 @@ import numpy as np
 LIST_DIMENSION = "member"
 RANDOM_DIMENSION = "sample"
 
-# `status` is a variable of every result; xarray would mistake a parameter of that name for it.
+# Every result has a variable `status`, which a parameter of that name would replace.
 _RESERVED = (LIST_DIMENSION, RANDOM_DIMENSION, "status")
 _MAX_VALUES = 10_000_000
-# So that the difference of two is finite too.
+# The difference of two such numbers is finite.
 _LARGEST = 1e300
-# A range ends before its stop, where rounding may have left the last value an ulp too small.
+# A range ends before its stop, even if rounding left the last value slightly below the stop.
 _STEP_TOLERANCE = 1e-9
 _MAX_LISTED = 6
 _MAX_LETTERS = 60
@@ -37,25 +37,25 @@ class Parameter:
 
     name: str
     dimension: str
-    "The parameter's own name for a grid; `member` for a list, `sample` for random ones."
+    "The name of the parameter in a grid; `member` in a list, `sample` for random samples."
     values: np.ndarray
     "One-dimensional: 64-bit integers or floats, booleans, or strings."
 
 
 @dataclasses.dataclass(frozen=True)
 class _Distribution:
-    """What the samples of a parameter come from."""
+    """The distribution of the samples of a parameter."""
 
     draw: Callable[[np.random.Generator, int], np.ndarray]
-    "So many samples, each for itself."
+    "Draws independent samples, given their number."
     quantile: Callable[[np.ndarray], np.ndarray]
-    "The values at numbers between 0 and 1."
+    "Computes quantiles, given numbers between 0 and 1."
 
 
 def read_parameters(
     grid: Mapping[str, Any], listed: Mapping[str, Any], random: Mapping[str, Any], seed: int
 ) -> tuple[Parameter, ...]:
-    """The parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
+    """Read the parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
 
     **Arguments:**
 
@@ -65,17 +65,17 @@ def read_parameters(
     - `listed`: for each parameter a list of values; all of one length.
     - `random`: `samples`, and for each parameter a distribution: `{uniform = [low, high]}`,
         `{loguniform = [low, high]}`, `{normal = [mean, deviation]}`, `{integers = [low, high]}`
-        (the high end included) or `{choice = [...]}`. Samples are independent of each other, or
-        points of a `design`, all parameters together: `"sobol"`, `"latin_hypercube"`, or
-        `"saltelli"`, which has for each of the samples of two Sobol points A and B the members A,
-        B, and for each parameter A with the value of B: what Sobol indices are estimated from.
-    - `seed`: what the samples are drawn from. Without a design each parameter has its own stream,
-        so that another one more or less does not change them.
+        (with the high end) or `{choice = [...]}`. Samples are independent, or joint points of a
+        `design`: `"sobol"`, `"latin_hypercube"`, or `"saltelli"`. Sobol indices need the latter:
+        for each sample of two Sobol points A and B it has the members A, B, and for each parameter
+        A with the value of B.
+    - `seed`: the seed of the samples. Without a design each parameter has its own stream of random
+        numbers, which does not depend on the other parameters.
 
     **Raises:** `ValueError` that names the field.
     """
     if listed and random:
-        raise ValueError("[list] and [random]: expected one of them, beside a [grid] or alone")
+        raise ValueError("[list] and [random]: expected only one of them, with or without a [grid]")
     parameters = [
         Parameter(name, name, _named(f"grid.{name}", _grid_values, given))
         for name, given in grid.items()
@@ -99,14 +99,14 @@ def read_parameters(
     names = [parameter.name for parameter in parameters]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ValueError(f"{twice}: it is in two of the tables [grid], [list] and [random]")
+        raise ValueError(f"{twice} is in two of the tables [grid], [list] and [random]")
     if not parameters:
-        raise ValueError("there are no parameters; expected a table [grid], [list] or [random]")
+        raise ValueError("no parameters; expected a table [grid], [list] or [random]")
     return tuple(parameters)
 
 
 def check_name(name: str) -> None:
-    """Raise `ValueError` if a parameter cannot have this name."""
+    """Check the name of a parameter."""
     if not name.isidentifier() or name in _RESERVED:
         reserved = ", ".join(_RESERVED)
         raise ValueError(
@@ -115,7 +115,7 @@ def check_name(name: str) -> None:
 
 
 def parameter_difference(there: Parameter | None, here: Parameter | None) -> str | None:
-    """What is different between the values of a parameter there and here, if anything."""
+    """Describe the difference of the values of a parameter in two specifications, or `None`."""
     if there is None or here is None:
         sizes = ["nothing" if one is None else _values(one.values.size) for one in (there, here)]
         return f"{sizes[0]} there, {sizes[1]} here"
@@ -131,7 +131,7 @@ def parameter_difference(there: Parameter | None, here: Parameter | None) -> str
     counts = f"{_values(len(old))} there, {len(new)} here"
     parts = {"new": Counter(new) - Counter(old), "missing": Counter(old) - Counter(new)}
     if not any(parts.values()):
-        return f"{counts}; in another order"
+        return f"{counts}; in a different order"
     listed = [f"{name}: {_listed([*some.elements()])}" for name, some in parts.items() if some]
     return "; ".join([counts, ", ".join(listed)])
 
@@ -141,7 +141,7 @@ def _values(count: int) -> str:
 
 
 def _listed(values: Sequence[Any]) -> str:
-    """A few of many values."""
+    """List values, the first and the last ones if there are many."""
     texts = [
         text if len(text) <= _MAX_LETTERS else text[:_MAX_LETTERS] + "..."
         for text in map(str, values)
@@ -176,9 +176,9 @@ def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
 
 
 def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
-    """The points of a design between 0 and 1, of shape `(members, parameters)`.
+    """Make the points of a design between 0 and 1, of shape `(members, parameters)`.
 
-    More samples of `sobol` and `saltelli` begin with the same members.
+    A larger number of samples of `sobol` and `saltelli` begins with the same members.
     """
     if design not in _DESIGNS:
         raise ValueError(
@@ -216,7 +216,7 @@ def _named(field: str, read: Callable[[Any], Any], given: Any) -> Any:
 
 def _grid_values(given: Any) -> np.ndarray:
     values = _range_values(given) if isinstance(given, Mapping) else _list_values(given)
-    # A dimension is identified by its values; with one twice, `sel` would find two places.
+    # A value identifies its place along the dimension, for example in `sel`.
     ordered = np.sort(values)
     if (ordered[1:] == ordered[:-1]).any():
         raise ValueError(f"expected different values, got {reprlib.repr(values.tolist())}")
@@ -224,7 +224,7 @@ def _grid_values(given: Any) -> np.ndarray:
 
 
 def _list_values(given: Any) -> np.ndarray:
-    """A list of values of one kind as an array."""
+    """Convert a list of values of one kind to an array."""
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise ValueError(f"expected a list of values, got {reprlib.repr(given)}")
     if all(isinstance(value, bool | str) for value in given) and len(set(map(type, given))) == 1:
@@ -261,7 +261,7 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
         raise ValueError(f"the number of values: expected at most {_MAX_VALUES}, got {parts:g}")
     count = math.ceil(max(parts, 0) - _STEP_TOLERANCE)
     if count < 1:
-        raise ValueError(f"no value lies from {start} up to {stop} in steps of {step}")
+        raise ValueError(f"there are no values from {start} up to {stop} in steps of {step}")
     kind = np.int64 if all(map(_whole, given.values())) else np.float64
     if kind is np.int64 and not all(-(2**63) <= end < 2**63 for end in (start, stop, step)):
         raise ValueError(f"expected integers of 64 bits, got {reprlib.repr(given)}")
@@ -304,7 +304,7 @@ def _distribution(given: Any) -> _Distribution:
             raise ValueError(f"integers: expected integers of 64 bits, got {a} and {b}")
         return _Distribution(
             lambda rng, samples: rng.integers(a, b, samples, endpoint=True),
-            # Of any width: the integers of Python are exact.
+            # Integers of Python are exact for any width.
             lambda points: np.array([a + int(one * (b - a + 1)) for one in points], np.int64),
         )
     if kind == "loguniform":
@@ -321,7 +321,7 @@ def _distribution(given: Any) -> _Distribution:
 
 
 def _ndtri(points: np.ndarray) -> np.ndarray:
-    """The quantiles of the standard normal distribution."""
+    """Compute quantiles of the standard normal distribution."""
     from scipy.special import ndtri
 
     return ndtri(points)

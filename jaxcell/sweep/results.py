@@ -1,4 +1,4 @@
-"""The progress of a sweep and its result, for readers."""
+"""Read the progress of a sweep and its result."""
 
 import dataclasses
 import os
@@ -26,17 +26,17 @@ class SweepStatus:
     members: int
     chunks: int
     done: int
-    "Chunks all of whose members are done."
+    "Number of chunks whose members are all done."
     failures: tuple[Failure, ...]
     "Members that failed."
     damaged: int
     "Damaged records of the journal, and lost files of the result; [`verify_sweep`][] finds more."
     running: str | None
-    "Which process is at work on it, if any."
+    "The process that runs the sweep, or `None`."
     rate: float | None
-    "Members that it computes a second, if that is known yet."
+    "Members computed per second; `None` if unknown."
     left: float | None
-    "Seconds that the rest will take at this rate."
+    "Seconds until the end at this rate."
 
     @property
     def complete(self) -> bool:
@@ -44,7 +44,7 @@ class SweepStatus:
 
 
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
-    """Find the progress of the sweep in a folder, also while it runs.
+    """Read the progress of the sweep in a folder, also while it runs.
 
     **Arguments:**
 
@@ -52,7 +52,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 
     **Returns:** [`SweepStatus`][].
 
-    **Raises:** `ValueError` if there is none, or it is damaged.
+    **Raises:** `ValueError` if the folder has no sweep, or a damaged one.
 
     A sweep that is done:
 
@@ -85,10 +85,10 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 
 
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
-    """The result of a sweep, as far as it is: arrays are read when they are used.
+    """Open the result of a sweep, complete or not. Arrays are read when they are used.
 
-    Where `status` is not 1, floats are NaN, integers -1 (or, without a sign, their greatest), and
-    booleans `False`.
+    The result of a sweep that runs, or was killed, is first made in memory. Where `status` is not
+    1, floats are NaN, integers -1 (unsigned ones their greatest), and booleans `False`.
 
     **Arguments:**
 
@@ -97,7 +97,7 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
     its `status` is 1 where a member is done.
 
-    **Raises:** `ValueError` if there is none, no chunk of it is done yet, or it is damaged.
+    **Raises:** `ValueError` if the folder has no sweep, no member is done yet, or it is damaged.
 
     The number of periodic groups for two angles on one map:
 
@@ -133,7 +133,7 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
             dataset = xr.open_zarr(source, consolidated=True)
             for name in dataset.coords:
                 variable = dataset.variables[name]
-                # Texts of Zarr, which some versions of xarray cannot write to NetCDF.
+                # Some versions of xarray cannot write strings of Zarr to NetCDF.
                 if getattr(variable.encoding.get("dtype"), "kind", "") == "T":
                     del variable.load().encoding["dtype"]
             return dataset

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .failures import Failure, write_failures
+from .failures import Failure
 from .results import SweepStatus, sweep_status
 from .spec import Spec
 from .storage.digests import made_with
-from .storage.export import export
+from .storage.export import update_result
 from .storage.lock import locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
@@ -37,36 +37,35 @@ def run_sweep(
 ) -> SweepStatus:
     """Run a sweep.
 
-    A chunk is in the store whole or not at all, so a run may end at any moment, and another one
-    goes on with what is missing. A kill loses the chunks that ended in the last second, or where
-    these take long to write in ten times as long. What comes out does not depend on the engine, the
-    order of chunks, or on interruptions: the bytes in the store are the same.
+    Each chunk that ends is appended to the journal of the store. A run may end at any moment, also
+    by a kill, and another run computes the rest. The result is made when a run ends; its bytes do
+    not depend on the engine, the order of chunks, or interruptions.
 
     **Arguments:**
 
-    - `spec`: what to run.
-    - `out`: the folder of the store. One run at a time can be at work on it.
+    - `spec`: the specification.
+    - `out`: the folder of the store, which one run at a time may write.
     - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine itself; see
         [`engine_named`][].
-    - `workers`: how many processes, for `processes` and `dask`.
-    - `resume`: go on with the sweep that is there, if there is one: members that are done stay,
-        those that failed are tried again. If `spec` has all members of that sweep and others, it
-        grows to these.
-    - `anyway`: resume although versions, the task, or files that members read are others now; the
-        attribute `resumed_anyway` of the result says which.
-    - `chunks`: the numbers of chunks to compute; by default all that are not done.
+    - `workers`: the number of processes of the engines `processes` and `dask`.
+    - `resume`: whether the folder may have a sweep, which is continued: members that failed are
+        tried again. If `spec` has all members of that sweep and others, the sweep grows.
+    - `anyway`: resume although versions, the task, or files that members read have changed; the
+        attribute `resumed_anyway` of the result lists the changes.
+    - `chunks`: the numbers of the chunks to compute, for a part of a sweep, whose result is not
+        made; by default all chunks that are not done.
     - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
-    - `max_failures`: the run ends when more members than that have failed.
-    - `progress`: called when the work begins and with each chunk that ends.
+    - `max_failures`: the run ends when more members have failed.
+    - `progress`: called when the work begins, and with each chunk that ends.
 
     **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and
-    these in halves, so that only the members fail that do so alone. They do not stop the others.
+    these in halves, so that only members that fail alone have failed. They do not stop others.
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
-    not take, or if the sweep that is there is of another specification, or was begun with another
-    version of jaxcell or JAX, another task, or other files; `FileExistsError` if one is there and
-    `resume` was not asked for; `BlockingIOError` if another run is at work on it; `OSError` if the
-    store cannot be written, or the scheduler of a cluster cannot be reached.
+    not have, or if the sweep in the folder has another specification, or was made with other
+    versions of jaxcell or JAX, another task, or other files; `FileExistsError` if the folder has a
+    sweep and `resume` is false; `BlockingIOError` if another run writes to it; `OSError` if the
+    disk is full, or the scheduler of a cluster cannot be reached.
 
     The periodic groups of two angles on one map:
 
@@ -114,25 +113,15 @@ def run_sweep(
                 if not parts.open:
                     count.add(parts.members)
                 report(failures)
-        finish(store, whole=chunks is None)
+        if chunks is None:
+            update_result(store)
     return sweep_status(folder)
-
-
-def finish(store: SweepStore, whole: bool = True) -> None:
-    """Write the members that failed and, for a whole sweep, the result, unless it is current."""
-    write_failures(store.folder / "failures.json", [*store.failures()])
-    if (
-        whole
-        and store.frame is not None
-        and (store.contents.exported is None or store.lost_files())
-    ):
-        export(store)
 
 
 def _ended(
     store: SweepStore, work: Halving, outcomes: Outcomes, max_failures: int | None
 ) -> Iterator[Parts]:
-    """The chunks of a run as they end; if too many members fail, what is known of the others."""
+    """Give the chunks of a run as they end; after too many failures also unfinished chunks."""
     for job, outcome in outcomes:
         if isinstance(outcome, Computed):
             try:
@@ -148,16 +137,16 @@ def _ended(
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
-    """The members of a chunk that are missing."""
+    """Make the job of the members of a chunk that are not done."""
     chunk = spec.chunk(number)
     job, missing = Job.of(spec, chunk, wide), (store.read(number)[0] != DONE).ravel()
-    # One that is whole has those too that stand in for others, so that it is of the usual length.
+    # The job of a whole chunk has the padding too, so that all such jobs have one length.
     return job if missing.all() else job.part(spec.places(chunk)[missing])
 
 
 @contextlib.contextmanager
 def no_room_reported(folder: Path) -> Iterator[None]:
-    """Say in an error of a full disk that what is written is kept."""
+    """Add advice to the error of a full disk."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Sobol indices: which parameters the variance of a variable of a sweep comes from."""
+"""Sobol indices: the shares of the variance of a variable that come from parameters."""
 
 import dataclasses
 import itertools
@@ -25,18 +25,18 @@ _CONFIDENCE = 0.95
 
 @dataclasses.dataclass(frozen=True)
 class SobolIndex:
-    """The part of the variance of a variable that comes from one parameter."""
+    """The share of the variance of a variable that comes from one parameter."""
 
     variable: str
     parameter: str
     at: Mapping[str, Any]
-    "The values of the parameters of a grid, if there is one beside the samples."
+    "The values of the parameters of a grid; empty without a grid."
     first_order: float
-    "From the parameter alone, as a part of the variance."
+    "Share from the parameter alone."
     first_order_interval: tuple[float, float]
-    "Of 95 %, by a bootstrap over the samples."
+    "Confidence interval of 95 %, by a bootstrap over the samples."
     total: float
-    "From the parameter alone and together with others."
+    "Share from the parameter alone and from its interactions."
     total_interval: tuple[float, float]
 
 
@@ -44,14 +44,14 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
     """Estimate the first-order and total Sobol indices of each variable of a sweep.
 
     The estimators are those of Saltelli et al. (2010), by `scipy.stats.sobol_indices`. The indices
-    of a variable that is the same for all members are 0.
+    of a constant variable are 0.
 
     **Arguments:**
 
-    - `out`: the folder of a sweep with the design `saltelli`, all of whose members are done.
+    - `out`: the folder of a complete sweep with the design `saltelli`.
 
-    **Returns:** [`SobolIndex`][] for each variable with one number a member that is finite for all,
-    at each place of a grid, and each parameter of the table `[random]`.
+    **Returns:** a [`SobolIndex`][] for each variable with a finite number per member, at each place
+    of a grid, and each parameter of the table `[random]`.
 
     **Raises:** `ValueError` for another design, if a member is not done, or there is no sweep.
 
@@ -94,7 +94,7 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
 
 
 def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterator[SobolIndex]:
-    """The indices of a variable, at each place of a grid."""
+    """Estimate the indices of a variable, at each place of a grid."""
     grid = [str(name) for name in values.dims if name != RANDOM_DIMENSION]
     for places in itertools.product(*(range(values.sizes[name]) for name in grid)):
         there = values.isel(dict(zip(grid, places, strict=True)))
@@ -111,16 +111,15 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
 
 
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First-order and total indices, and their intervals, each of shape `(2, parameters)`.
+    """Estimate first-order and total indices, and their intervals, each of shape `(2, parameters)`.
 
-    `rows` are the values of the members of each sample: of A, of B, and of A with one parameter
-    of B.
+    Each of the `rows` has the values of a sample: of A, of B, and of A with one parameter of B.
     """
     from scipy import stats
 
     def indices(chosen: np.ndarray) -> np.ndarray:
         a, b, *mixed = rows[chosen].T
-        # As two outputs: SciPy cannot take one output of one parameter.
+        # Two equal outputs, because SciPy does not accept one output of one parameter.
         values = {"f_A": [a] * 2, "f_B": [b] * 2, "f_AB": [[one] * 2 for one in mixed]}
         arrays = {name: np.array(some) for name, some in values.items()}
         found = stats.sobol_indices(func=arrays, n=len(chosen))

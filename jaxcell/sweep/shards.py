@@ -1,4 +1,4 @@
-"""Sweeps in shards: jobs of an array compute a part each, and `merge_sweep` puts them together."""
+"""Shards: parts of a sweep, computed by the jobs of an array and merged by `merge_sweep`."""
 
 import contextlib
 import dataclasses
@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from .results import SweepStatus, sweep_status
-from .run import finish, no_room_reported
+from .run import no_room_reported
 from .storage.digests import made_with
+from .storage.export import update_result
 from .storage.lock import holder, locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
@@ -27,7 +28,7 @@ _MAX_LISTED = 3
 
 @dataclasses.dataclass(frozen=True)
 class Shard:
-    """One of several parts of a sweep: every so many chunks one.
+    """A part of a sweep: every `count`-th chunk.
 
     The second of three shards of a sweep in ten chunks:
 
@@ -38,12 +39,12 @@ class Shard:
     """
 
     number: int
-    "From 1."
+    "Numbers begin with 1."
     count: int
 
     @classmethod
     def read(cls, text: str) -> "Shard":
-        """A shard of the form `i/n`, from `1/n` to `n/n`.
+        """Read a shard of the form `i/n`, from `1/n` to `n/n`.
 
         **Raises:** `ValueError` for another text.
         """
@@ -53,32 +54,32 @@ class Shard:
         return cls(int(found[1]), int(found[2]))
 
     def chunks(self, count: int) -> range:
-        """The numbers of its chunks of so many."""
+        """The numbers of its chunks in a sweep of `count` chunks."""
         return range(self.number - 1, count, self.count)
 
     def folder(self, out: str | os.PathLike[str]) -> Path:
-        """Its store, within that of the whole sweep."""
+        """Its store, in the folder `out` of the whole sweep."""
         return Path(out) / _FOLDER / f"{self.number}-of-{self.count}"
 
 
 def merge_sweep(
     out: str | os.PathLike[str], *, progress: Callable[[Progress], None] | None = None
 ) -> SweepStatus:
-    """Put the shards of a sweep together, once all of them are done.
+    """Merge the shards of a sweep into its store, once all of them are done.
 
-    The result has the bytes of a run without shards. The shards stay, and may be removed then. A
-    merge that was interrupted goes on when it is called again.
+    The result has the same bytes as a run without shards. The shards stay; they may be removed. An
+    interrupted merge continues when the function is called again.
 
     **Arguments:**
 
-    - `out`: the folder of the sweep: its shards are in those of [`Shard`][].
+    - `out`: the folder of the sweep, with the folders of its shards.
     - `progress`: as for [`run_sweep`][].
 
-    **Returns:** the progress of the sweep. Members that failed in a shard have failed in it too.
+    **Returns:** the progress of the sweep. Members that failed in a shard have failed.
 
-    **Raises:** `ValueError` if a shard is missing, damaged, not done, or of another specification,
-    or if it was computed with other files, another task or other versions than are here;
-    `BlockingIOError` if a run is at work on one; and as [`run_sweep`][] for the result.
+    **Raises:** `ValueError` if a shard is missing, damaged, not done, of another specification, or
+    made with other files, another task or other versions; `BlockingIOError` if a run writes to a
+    shard; and as [`run_sweep`][].
 
     Two shards of two angles:
 
@@ -123,7 +124,7 @@ def merge_sweep(
             count.add(math.prod(spec.chunk(number).shape))
             if progress is not None:
                 progress(count.progress(tuple(failures)))
-        finish(whole)
+        update_result(whole)
     return sweep_status(folder)
 
 
@@ -152,9 +153,9 @@ def _check_shards(
 
 
 def _shards(folder: Path) -> list[Shard]:
-    """The shards of a sweep that are there.
+    """Find the shards of a sweep.
 
-    **Raises:** `ValueError` if one is missing.
+    **Raises:** `ValueError` if a shard is missing.
     """
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
     found = [Shard.read(name) for name in names]

@@ -1,4 +1,4 @@
-"""What a sweep is to do: a specification, read from a TOML file."""
+"""Specifications of sweeps, read from TOML files."""
 
 import dataclasses
 import functools
@@ -22,19 +22,19 @@ _PARAMETERS = ("grid", "list", "random")
 _TABLES = ("fixed", *_PARAMETERS)
 _FIELDS = ("task", "seed", "chunk", *_TABLES)
 _CHUNK = 64
-# A chunk is a line in the books of the driver.
+# The driver keeps a record per chunk.
 _MAX_CHUNKS = 1_000_000
 _MAX_LETTERS = 500
 
 
 @dataclasses.dataclass(frozen=True)
 class Chunk:
-    """Members that are computed together: a box in the parameters."""
+    """Members that are computed together: a box of places along the dimensions."""
 
     number: int
-    "From 0, with the last dimension fastest."
+    "Numbers begin with 0; the last dimension is fastest."
     index: tuple[int, ...]
-    "The place among the chunks along each dimension."
+    "Its place among the chunks along each dimension."
     region: tuple[slice, ...]
     "The places of its members along each dimension."
 
@@ -47,9 +47,9 @@ class Chunk:
 class Spec:
     """The specification of a sweep.
 
-    The *members* of a sweep are all combinations of parameters that it asks for. They lie in a box
-    of *dimensions*: one for each parameter of a grid, and one, `member` or `sample`, for a list or
-    for random samples. A *chunk* is a smaller box of members, computed in one call of the task.
+    The *members* of a sweep are all combinations of its parameters. Each parameter of a grid is a
+    *dimension*, and a list or random samples are one dimension, `member` or `sample`. A *chunk* is
+    a box of members that one call of the task computes.
 
     Two angles on one map:
 
@@ -68,26 +68,25 @@ class Spec:
     path: Path
     "The file."
     folder: Path
-    "Where names of files in it start: the folder of the file, or of that it is a copy of."
+    "The folder of the file, or of its original; relative paths in the specification start here."
     text: bytes
-    "What is in it."
+    "The content of the file."
     document: Mapping[str, Any]
-    "The same, parsed."
+    "The parsed content."
     task: str
     "The name of a task, or `module:function`."
     seed: int
     fixed: Mapping[str, Any]
-    "Values that all members share."
+    "Values of parameters that all members share."
     parameters: tuple[Parameter, ...]
     lengths: Mapping[str, int]
-    "How many chunk members lie along each dimension; at an edge fewer may."
+    "The number of members of a chunk along each dimension; chunks at an edge may have fewer."
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Spec":
         """Read a specification from a file.
 
-        **Raises:** `ValueError` that names the file, the field, and what is wrong;
-        `FileNotFoundError`.
+        **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
         """
         path = Path(path)
         if not path.exists():
@@ -104,9 +103,9 @@ class Spec:
 
         - `text`: the specification.
         - `path`: its file, for errors.
-        - `folder`: where the paths of files in it start.
+        - `folder`: where relative paths in it start.
 
-        **Raises:** `ValueError` that names the file, the field, and what is wrong.
+        **Raises:** `ValueError` that names the file, the field, and the fault.
         """
         try:
             document = tomllib.loads(text.decode("utf-8"))
@@ -114,7 +113,7 @@ class Spec:
         except RecursionError:
             raise ValueError(f"{path}: its brackets are nested too deeply") from None
         except ValueError as error:
-            # A name in it may be of any length.
+            # Names and values may be of any length.
             message = str(error)
             cut = message[:_MAX_LETTERS] + "..." * (len(message) > _MAX_LETTERS)
             raise ValueError(f"{path}: {cut}") from None
@@ -141,24 +140,24 @@ class Spec:
         for name in fixed:
             check_name(name)
             if any(name == parameter.name for parameter in parameters):
-                raise ValueError(f"fixed.{name}: it is a parameter too; expected one of both")
+                raise ValueError(f"fixed.{name} is also a parameter; give only one of the two")
         sizes = {parameter.dimension: parameter.values.size for parameter in parameters}
         lengths = _chunk_lengths(document.get("chunk", _CHUNK), sizes)
         spec = cls(path, folder, text, document, task, seed, fixed, parameters, lengths)
         if spec.chunk_count > _MAX_CHUNKS:
             raise ValueError(
                 f"chunk: {spec.chunk_count} chunks for {spec.members} members; expected at most "
-                f"{_MAX_CHUNKS}, so larger ones"
+                f"{_MAX_CHUNKS}, so choose larger chunks"
             )
         return spec
 
     @property
     def folders(self) -> list[Path]:
-        """Where the paths of files may start: the folder of the specification, then the current."""
+        """The folders where relative paths may start: that of the specification, the current."""
         return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
 
     def find_file(self, name: str) -> Path | None:
-        """Find the file or folder that a path in the specification names, or `None`."""
+        """Find the file or folder of a path in the specification, or `None`."""
         if name.startswith("@"):
             return bundled_names().get(name[1:])
         paths = (folder / name for folder in self.folders)
@@ -171,7 +170,7 @@ class Spec:
 
     @property
     def has_indices(self) -> bool:
-        """Whether Sobol indices can be estimated from the members."""
+        """True if Sobol indices can be estimated from the members."""
         return self.document.get("random", {}).get("design") == SALTELLI
 
     @functools.cached_property
@@ -188,7 +187,7 @@ class Spec:
         return math.prod(self.chunk_grid)
 
     def chunk(self, number: int) -> Chunk:
-        """A chunk by its number."""
+        """Make the chunk of a number."""
         index = tuple(int(place) for place in np.unravel_index(number, self.chunk_grid))
         region = tuple(
             slice(place * self.lengths[name], min((place + 1) * self.lengths[name], size))
@@ -197,10 +196,10 @@ class Spec:
         return Chunk(number, index, region)
 
     def batch(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        """The parameters of each member of a chunk, the last dimension fastest.
+        """Make the parameters of the members of a chunk, the last dimension fastest.
 
-        All chunks have batches of one length, so that one compilation does for all. Where a chunk
-        at an edge has fewer members, the last one along that dimension stands in for those beyond.
+        The batches of all chunks have one length, so that a task is compiled once. The batch of a
+        smaller chunk at an edge is padded by the last member along that dimension.
         """
         places = np.meshgrid(
             *(
@@ -216,13 +215,13 @@ class Spec:
         }
 
     def places(self, chunk: Chunk) -> np.ndarray:
-        """The places in the batch of a chunk that are its members', not of those that stand in."""
+        """Find the places of the members in the batch of a chunk; the other places are padding."""
         lengths = tuple(self.lengths.values())
         inside = tuple(slice(length) for length in chunk.shape)
         return np.arange(math.prod(lengths)).reshape(lengths)[inside].ravel()
 
     def index(self, chunk: Chunk, place: int) -> dict[str, int]:
-        """The place along each dimension of the member at a place in the batch of a chunk."""
+        """Find the place along each dimension of the member at a place in the batch of a chunk."""
         inside = np.unravel_index(place, tuple(self.lengths.values()))
         return {
             name: part.start + int(offset)
@@ -230,17 +229,17 @@ class Spec:
         }
 
     def member(self, index: Mapping[str, int]) -> dict[str, Any]:
-        """The parameters of the member at a place along each dimension."""
+        """Get the parameters of the member at a place along each dimension."""
         return {
             parameter.name: parameter.values[index[parameter.dimension]].item()
             for parameter in self.parameters
         }
 
     def differences(self, other: "Spec") -> list[str]:
-        """What another specification says otherwise.
+        """Describe the differences of another specification.
 
-        A field with both values; of a parameter the number of values and those that are new or
-        missing in the other.
+        A field is described by both values, and a parameter by its numbers of values and by the
+        values that are new or missing in the other specification.
         """
         found = []
         ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
@@ -262,10 +261,10 @@ class Spec:
         return found
 
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
-        """Where the members of another specification are among those of this one.
+        """Find the places of the members of this specification in a smaller one.
 
-        **Returns:** for each dimension and each place along it the place in `old`, -1 where it has
-        none; or `None` if a member of `old` is missing here, or something else is different.
+        **Returns:** for each dimension and each place along it the place in `old`, or -1; `None` if
+        a member of `old` is missing here, or if another field differs.
         """
         names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
         if (
@@ -288,18 +287,18 @@ class Spec:
         return found
 
     def _rest(self) -> dict[str, Any]:
-        """The document without the parameters, its fields in order."""
+        """The document without the parameters, with sorted fields."""
         rest = {name: self.document[name] for name in sorted(self.document)}
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """The values at each place along a dimension, of parameters by name."""
+        """The values at each place along a dimension, with parameters sorted by name."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """All fields of a table and its tables, with values as text: 1 is not 1.0."""
+    """All fields of a table and its tables, with values as text, because 1 differs from 1.0."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
@@ -308,14 +307,14 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str
 
 
 def _cut(text: str, place: int) -> str:
-    """A long text around one place of it."""
+    """Cut a long text around a place."""
     start = max(place - 20, 0)
     end = start + 60
     return "..." * (start > 0) + text[start:end] + "..." * (end < len(text))
 
 
 def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
-    """The length of a chunk along each dimension."""
+    """Read the length of a chunk along each dimension."""
     if isinstance(given, dict):
         for name, length in given.items():
             if name not in sizes:
@@ -327,9 +326,9 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
-    """The lengths of a box of at most so many places, of which many fill one of these sizes."""
+    """Choose box lengths, with at most `most` members, whose copies tile `sizes`."""
     lengths = {}
-    # The last dimensions are taken whole while they fit. Equal parts leave the least at the edge.
+    # The last dimensions are taken whole while they fit. Equal parts need the least padding.
     for name, size in reversed([*sizes.items()]):
         parts = -(-size // min(most, size))
         lengths[name] = -(-size // parts)

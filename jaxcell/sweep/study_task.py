@@ -1,4 +1,4 @@
-"""A study as the task of a sweep: its parameters are those of the members."""
+"""Run a study as the task of a sweep. The parameters of the study are those of the members."""
 
 import dataclasses
 from collections.abc import Hashable, Mapping, Sequence
@@ -20,14 +20,14 @@ Asked = TypeVar("Asked", bound=Study)
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
-    """A study with parameters that a document gives.
+    """Make a study with the parameters of a document.
 
     **Arguments:**
 
-    - `study`: its class.
-    - `parameters`: by name; a single value will do where there may be several.
+    - `study`: the class of the study.
+    - `parameters`: the parameters by name; a single value stands for a list of one.
 
-    **Raises:** `ValueError` that names a parameter that is unknown, missing, or of another type.
+    **Raises:** `ValueError` that names an unknown, missing, or ill-typed parameter.
     """
     known = {field.name: field for field in dataclasses.fields(study)}
     named = ", ".join(known)
@@ -40,7 +40,7 @@ def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
             dataclasses.MISSING is field.default and dataclasses.MISSING is field.default_factory
         )
         if name not in given and needed:
-            raise ValueError(f"{name}: {study.__name__} needs it; expected it among {named}")
+            raise ValueError(f"{name}: {study.__name__} needs this parameter; it has {named}")
         if name in given and "tuple" in str(field.type) and not isinstance(given[name], list):
             given[name] = [given[name]]
     try:
@@ -57,9 +57,9 @@ def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
 def study_task(
     study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> "xr.Dataset":
-    """The single numbers of a study for each member of a batch.
+    """Compute the single numbers of a study for each member of a batch.
 
-    Members that differ in the batched parameter of the study alone are answered together.
+    Members that differ only in the batched parameter of the study are computed together.
     """
     import xarray as xr
 
@@ -69,7 +69,7 @@ def study_task(
         for i, row in zip(together, _rows([members[i] for i in together]), strict=True):
             rows[i] = row
     found = xr.Dataset()
-    # A number that some members lack is NaN there.
+    # A number that a member lacks is NaN.
     for name, about in {name: row[name][0] for row in rows for name in row}.items():
         attributes = {"long_name": about.meaning, "units": about.units or "1"}
         column = [row[name][1] if name in row else np.nan for row in rows]
@@ -80,7 +80,7 @@ def study_task(
 def studies(
     study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[Asked]:
-    """The study of each member of a batch; one that has a seed and is not given it has the sweep's.
+    """Make the study of each member of a batch. By default its seed is that of the sweep.
 
     **Raises:** `ValueError` that names the parameter.
     """
@@ -92,17 +92,18 @@ def studies(
 
 
 def _together(study: type[Study], members: Sequence[Study]) -> list[list[int]]:
-    """The numbers of members that are answered by one call."""
+    """Group the members that one call computes."""
     if study.batch is None:
         return [[i] for i in range(len(members))]
     alike: dict[Hashable, list[int]] = {}
     for i, member in enumerate(members):
-        alike.setdefault(dataclasses.replace(member, **{study.batch: ()}), []).append(i)
+        names = (field.name for field in dataclasses.fields(study) if field.name != study.batch)
+        alike.setdefault(tuple(getattr(member, name) for name in names), []).append(i)
     return list(alike.values())
 
 
 def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
-    """The single numbers of each of some members that are answered together."""
+    """Compute the single numbers of each member of a group."""
     batch = alike[0].batch
     if batch is None:
         return [_numbers(one.run(), ()) for one in alike]
@@ -115,7 +116,7 @@ def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
 
 
 def _numbers(result: Result, dims: tuple[str, ...]) -> dict[str, tuple[Quantity, Any]]:
-    """Those quantities that are numbers, or numbers along a dimension."""
+    """Select the quantities that are numbers, or numbers along a dimension."""
     found = values(result, lambda one: one.dims in ((), dims) and one.kind != "coordinate")
     arrays = {name: (about, np.asarray(value)) for name, (about, value) in found.items()}
     return {name: one for name, one in arrays.items() if one[1].dtype.kind in "biuf"}

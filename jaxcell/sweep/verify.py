@@ -7,20 +7,19 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
-from ..base.paths import replacing
+from .failures import write_failures
 from .results import SweepStatus, sweep_status
-from .run import finish, run_sweep
+from .run import run_sweep
 from .spec import Spec
 from .storage.contents import JOURNAL, Contents
 from .storage.damage import reading
 from .storage.digests import differences, made_with
-from .storage.export import digests_of_files, export
+from .storage.export import digests_of_files, export, update_result
 from .storage.journal import Journal, Kind
 from .storage.lock import locked
-from .storage.opening import copy_spec, tidy
+from .storage.opening import copy_spec, tidy, write_journal
 from .storage.records import Begun
 from .storage.store import DONE, SweepStore
 from .workers.progress import Progress
@@ -32,10 +31,10 @@ _BYTE = f"{JOURNAL}, byte"
 
 @dataclasses.dataclass(frozen=True)
 class Verified:
-    """What was damaged in a sweep."""
+    """The damage of a sweep, and its repair."""
 
     chunks: int
-    "Chunks that were checked."
+    "The number of chunks of the sweep."
     damaged: tuple[str, ...]
     "A line for each damaged chunk, other record of the journal, or file."
     recomputed: int
@@ -45,7 +44,7 @@ class Verified:
 
     @property
     def whole(self) -> bool:
-        """Whether everything that was damaged is whole again."""
+        """True if all damage was repaired."""
         return self.recomputed == len(self.damaged)
 
 
@@ -114,7 +113,8 @@ def verify_sweep(
         if lost:
             export(store)
         elif store.zarr.exists():
-            finish(store)
+            update_result(store)
+        write_failures(folder / "failures.json", [*store.failures()])
         done = {*np.flatnonzero(store.states == DONE).tolist()}
     unmended = {f"chunk {number}" for number in were_done - done}
     if not done.issuperset(numbers):
@@ -164,11 +164,6 @@ def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
         # The result has the attributes of the specification.
         others = (Kind.FRAME,) if contents.begun is None else (Kind.FRAME, Kind.EXPORT)
         records = [record for record in contents.readable if record.kind in others]
-        with replacing(folder / JOURNAL) as temporary:
-            whole = Journal(temporary, append=True)
-            whole.append(Kind.SPEC, msgspec.msgpack.encode(begun))
-            for record in sorted([*kept.values(), *records], key=lambda record: record.start):
-                whole.append(record.kind, journal.content(record), record.number, record.state)
-            whole.sync()
-            whole.close()
+        records = sorted([*kept.values(), *records], key=lambda record: record.start)
+        write_journal(folder, begun, journal, records)
     return damage, sorted(numbers), were_done

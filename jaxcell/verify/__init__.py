@@ -1,11 +1,11 @@
-"""Small parts of results, computed again by another route.
+"""Comparisons of results with independent computations.
 
-Each function takes a result and what it was made from, and computes a sample of it as plainly as
-can be: one cell at a time, by exact geometry, dense algebra or a general-purpose solver, and by
-none of the functions that made the result. It returns [`jaxcell.verify.Comparison`][]s, which say
-how many numbers were compared, how far they differ, and how much rounding may explain.
+Each function takes a result and its inputs, and computes a sample of it in the plainest way: one
+cell at a time, by exact geometry, dense algebra or a general-purpose solver, and by none of the
+functions that made the result. It returns [`jaxcell.verify.Comparison`][]s with the number of
+compared numbers, their largest difference, and the difference that rounding may explain.
 
-Samples are of fixed size and the same each time.
+Samples have a fixed size and are the same each time.
 """
 
 from ..base.hosted import attach

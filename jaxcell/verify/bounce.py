@@ -13,7 +13,7 @@ from .comparison import Comparison, sample
 
 _IMAGES = 200
 _STATES = 1000
-# In cells. A step that comes no nearer to a wall than this, or crosses it by more, is a clear case.
+# Distance in cells. A step that stays farther from a wall, or crosses it by more, is a clear case.
 _NEAR = 1e-7
 
 
@@ -53,8 +53,10 @@ def compare_images(
 def _targets(
     cells: CellSpace, z: Int[np.ndarray, "cells"], motion: Motion
 ) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
-    """The position after a step from each cell, its own where the robot bumps; and whether that
-    does not depend on what a step is that touches walls on both sides, or ends in a corner.
+    """Find the position after a step from each cell, or its own position at a bump.
+
+    **Returns:** the positions, and a mask of the clear cases. In other cases the step touches walls
+    on both sides, or ends in a corner.
     """
     assert cells.workspace is not None
     near, space = _NEAR * cells.cell, cells.workspace.free_space
@@ -123,7 +125,7 @@ def compare_groups(found: BounceGroups) -> list[Comparison]:
 def _components(
     image: Int[np.ndarray, "cells"],
 ) -> tuple[Int[np.ndarray, "cells"], Float[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """The group of each cell, the steps to it, and its period."""
+    """Find the group of each cell, the steps to it, and its period."""
     size = image.size
     graph = scipy.sparse.csr_array((np.ones(size), image, np.arange(size + 1)), shape=(size, size))
     _, basin = csgraph.connected_components(graph, directed=False)
@@ -141,12 +143,7 @@ def _components(
 
 def compare_filter(found: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
     """Compare states of a filter with products of sparse matrices, and its knowledge cycles with
-    the strong components of its transitions that nothing leaves.
-
-    **Arguments:**
-
-    - `found`: the filter.
-    - `simple_map`: image and observation of every cell.
+    the closed strong components of its transitions.
     """
     filter, image = found.filter, np.asarray(simple_map.image)
     states, size = len(filter.transition), image.size
@@ -169,7 +166,7 @@ def compare_filter(found: LocalizationFilter, simple_map: SimpleMap) -> list[Com
     what = "states of the filter, by products of sparse matrices"
     compared = [Comparison.exact(what, wrong, 2 * some.size)]
 
-    # Into the trap lead what observations cannot occur on the map.
+    # Observations that cannot occur on the map lead into the trap.
     known = states - filter.open_world
     source, target = np.repeat(np.arange(known), 2), filter.transition[:known].ravel()
     within = (target >= 0) & (target < known)

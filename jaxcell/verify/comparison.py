@@ -10,38 +10,38 @@ from jaxtyping import Float, Int
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """How a sample of a result compares with what another route gives."""
+    """A comparison of a sample of a result with another computation."""
 
     what: str
-    "What was compared, and what the other route is."
+    "The compared quantity and the other computation."
     count: int
-    "How many numbers were compared; 0 where this could not be done."
+    "Number of compared numbers; 0 if a comparison was not possible."
     difference: float
-    "The largest difference, or how many differ where they are to be the same."
+    "The largest difference, or the number of differences of exact numbers."
     limit: float
-    "How much of it rounding may explain."
+    "The difference that rounding may explain."
     where: str = ""
-    "Where the difference is largest, or why nothing was compared."
+    "The place of the largest difference, or the reason why nothing was compared."
 
     @property
     def agrees(self) -> bool:
-        """Whether rounding may explain the difference; one that is not a number is none such."""
+        """True if rounding may explain the difference; it never explains NaN."""
         return self.difference <= self.limit
 
     def as_json(self) -> dict[str, Any]:
-        """For a summary; numbers that JSON has not are `None`."""
+        """Convert to JSON, with `None` for numbers that JSON does not have."""
         difference = self.difference if math.isfinite(self.difference) else None
         return {**dataclasses.asdict(self), "difference": difference, "agrees": self.agrees}
 
     @classmethod
     def exact(cls, what: str, wrong: list[str], count: int) -> "Comparison":
-        """One of numbers that are to be the same.
+        """Make a comparison that requires equal numbers.
 
         **Arguments:**
 
-        - `what`: what was compared.
-        - `wrong`: those that differ, in words.
-        - `count`: how many there are.
+        - `what`: the compared quantity.
+        - `wrong`: a sentence for each difference.
+        - `count`: number of compared numbers.
         """
         return cls(what, count, float(len(wrong)), 0.0, wrong[0] if wrong else "")
 
@@ -55,15 +55,14 @@ class Comparison:
         *,
         relative: bool = False,
     ) -> "Comparison":
-        """One of numbers that rounding may change.
+        """Make a comparison within a tolerance.
 
         **Arguments:**
 
-        - `what`: what was compared.
-        - `found`: the result.
-        - `again`: the same by another route.
-        - `limit`: the largest difference that is right.
-        - `relative`: whether it is that of the numbers divided by those of `again`.
+        - `what`: the compared quantity.
+        - `found`, `again`: the result, and the numbers of the other computation.
+        - `limit`: the tolerance.
+        - `relative`: whether differences are divided by the numbers of `again`.
         """
         found, again = (np.asarray(values, float).ravel() for values in (found, again))
         scale = np.abs(again) if relative else 1
@@ -79,12 +78,12 @@ class Comparison:
 
     @classmethod
     def omitted(cls, what: str, why: str) -> "Comparison":
-        """One that cannot be made of this result."""
+        """Report that a comparison of this result is not possible, and why."""
         return cls(what, 0, 0.0, 0.0, why)
 
 
 def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
-    """Some of the numbers from 0 to `size - 1`: all, or as many as asked for, always the same."""
+    """Draw a fixed sample of at most `count` numbers from 0 to `size - 1`."""
     if size <= count:
         return np.arange(size)
     return np.sort(np.random.default_rng(seed).choice(size, count, replace=False))
@@ -93,6 +92,6 @@ def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
 def solve_transient(
     P: scipy.sparse.csr_array, transient: Int[np.ndarray, "transient"], gained: np.ndarray
 ) -> Float[np.ndarray, "transient"]:
-    """What is gained on the way from each transient cell, by a sparse direct solve."""
+    """Sum the gains on the way from each transient cell, by a sparse direct solve."""
     system = scipy.sparse.eye_array(transient.size) - P[transient][:, transient]
     return np.atleast_1d(scipy.sparse.linalg.spsolve(system.tocsc(), gained))

@@ -11,7 +11,7 @@ from .bounce import compare_straight
 from .comparison import Comparison, solve_transient
 
 
-# Of the system that is solved for where a robot ends.
+# Size of the system that is solved for the ends of a robot.
 _MAX_CELLS = 20_000
 _CLOSE = 1e-8
 
@@ -24,12 +24,9 @@ def compare_coverage(
     weights: Literal["basin", "size"] = "basin",
     motion: Motion = CELL_BY_CELL,
 ) -> list[Comparison]:
-    """A mixture of bouncing policies against matrices made anew and general-purpose solvers.
+    """Compare a mixture of bouncing policies with matrices built independently and with solvers.
 
-    **Arguments:**
-
-    - `policy`: the mixture.
-    - further ones: as for [`jaxcell.bounce.coverage_policy`][].
+    **Arguments:** the mixture, and others as for [`jaxcell.bounce.coverage_policy`][].
     """
     cells = policy.cells
     straight, images = compare_straight(cells, motion=motion)
@@ -45,7 +42,7 @@ def compare_coverage(
                 chance[transient] = solve_transient(P, transient, P[transient] @ chance)
             ends.append(float(chance.mean()))
             shares.append(float(value[group == 0].sum()))
-    what = "what a step changes of limiting distributions, by a sparse matrix made anew"
+    what = "what a step changes of limiting distributions, by a sparse matrix of its own"
     found = [images, Comparison.close(what, moved, np.zeros(len(moved)), _CLOSE)]
     if ends:
         what = "the share of the first group, by a sparse direct solve"
@@ -56,7 +53,7 @@ def compare_coverage(
 def _matrix(
     cells: CellSpace, straight: SimpleMap, bounce: float, error: float, reliability: float
 ) -> scipy.sparse.csr_array:
-    """The chain: straight on, or at a wall to any of the turns."""
+    """Build the chain: straight on, or at a wall by any of the turns."""
     image, bumped = np.asarray(straight.image), np.asarray(straight.bumped)
     spacing = 2 * np.pi / cells.directions
     turn, bins = round(bounce / spacing), round(error / spacing)
@@ -72,16 +69,16 @@ def _matrix(
 
 
 def _nearest(policy: CoveragePolicy) -> Comparison:
-    """The distance of the best mixture, by non-negative least squares.
+    """Compare the distance of the best mixture, by non-negative least squares.
 
-    With one more row that asks for the sum 1, the solution is the best mixture but for its scale:
+    With an additional row for the sum 1, the solution is the best mixture up to its scale, because
     for every scale the same mixture is best.
     """
     coverage, target = np.asarray(policy.coverage), np.asarray(policy.target)
     difference = (coverage - target).T
-    asked = np.append(np.zeros(len(difference)), 1.0)
-    found, _ = scipy.optimize.nnls(np.vstack([difference, np.ones(len(coverage))]), asked)
-    distance = float(np.linalg.norm(difference @ (found / found.sum())))
+    wanted = np.append(np.zeros(len(difference)), 1.0)
+    mixture, _ = scipy.optimize.nnls(np.vstack([difference, np.ones(len(coverage))]), wanted)
+    distance = float(np.linalg.norm(difference @ (mixture / mixture.sum())))
     what = "distance of the mixture from the target, by non-negative least squares"
-    # The gap is that of squares, relative to the largest.
+    # The duality gap is relative to the largest square.
     return Comparison.close(what, [policy.distance], [distance], 1e-7)

@@ -12,26 +12,21 @@ from .comparison import Comparison, solve_transient
 
 
 _MAX_LAYERS = 3
-# Of a sparse direct solve, of graphs of Python objects, and of a linear program.
+# Sizes of a sparse direct solve, of graphs of Python objects, and of a linear program.
 _MAX_TRANSIENT = 20_000
 _MAX_NODES = 20_000
 _MAX_PROGRAM = 5000
 
 
 def compare_drift(drift: SeaLayers) -> list[Comparison]:
-    """Groups by networkx, where and when drifters end by direct solves, voyages by linear programs.
-
-    **Arguments:**
-
-    - `drift`: what becomes of drifters.
-    """
+    """Compare groups by networkx, ends of drifters by solves, and voyages by linear programs."""
     found = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):
         return found
     surface = drift.layers[0].behaviour.chain.to_scipy()
     cells = drift.deployment.cells
     steps = csgraph.dijkstra(surface, indices=cells, unweighted=True, min_only=True)
-    # At any phase of a current that repeats itself.
+    # Over all phases of a current that repeats itself.
     steps = steps.reshape(-1, drift.layers[0].cells).min(axis=0)
     missed = [f"cell {z} is visited from none" for z in np.flatnonzero(np.isinf(steps))]
     what = "cells visited from the deployment, by scipy"
@@ -41,20 +36,20 @@ def compare_drift(drift: SeaLayers) -> list[Comparison]:
 
 def _compare_layer(layer: LayerEnds) -> list[Comparison]:
     behaviour, at = layer.behaviour, f" at {layer.depth:g} m"
-    # Of a current that repeats itself, of the cells at each phase.
+    # For a current that repeats itself, the cells at each phase.
     P, group = behaviour.chain.to_scipy(), np.asarray(behaviour.groups.group)
     transient = np.flatnonzero(group < 0)
     found = [_compare_groups(P, group, f"persistent groups{at}, by networkx")]
     when = f"times until drifters are in a group or gone{at}, by a direct solve"
     where = f"shares that end in the first group{at}, by a direct solve"
     if not found[0].agrees:
-        # Among cells that are taken for transient, a solve may have no solution.
+        # If the transient cells are wrong, a solve may have no solution.
         return found
     if not 0 < transient.size <= _MAX_TRANSIENT:
         why = f"{transient.size:,} transient cells; it is done for 1 to {_MAX_TRANSIENT:,}"
         return [*found, Comparison.omitted(when, why)]
     if behaviour.absorption.certificate.outcome is not Outcome.CONVERGED:
-        # Drifters stay almost for ever somewhere, where a solve that subtracts is far off.
+        # Drifters stay almost forever in some cells, where a solve that subtracts is far off.
         return [*found, Comparison.omitted(when, "they are not certified")]
     times = solve_transient(P, transient, np.ones(transient.size))
     reported = np.asarray(behaviour.absorption.value)[transient]
@@ -81,7 +76,7 @@ def _compare_groups(P: scipy.sparse.csr_array, group: np.ndarray, what: str) -> 
 
 
 def _compare_voyage(voyage: SeaVoyage) -> Comparison:
-    """The best probability of arriving is the least that no action would raise."""
+    """Compare the best probability of arriving: the least probability that no action raises."""
     what = "probability of arriving by the surest policy, by a linear program"
     sea, goal = voyage.sea, voyage.policy.goal
     if sea.drift.cells > _MAX_PROGRAM:

@@ -8,21 +8,16 @@ from .bounce import compare_straight
 from .comparison import Comparison
 
 
-# Cells times angles, which Dijkstra's algorithm goes through within a second.
+# Cells times angles that Dijkstra's algorithm searches within a second.
 _MAX_STATES = 300_000
 _SEARCH = "cost of the plan, by Dijkstra's algorithm on cells and the angle in use"
 
 
 def compare_plan(plan: Plan, motion: Motion = CELL_BY_CELL) -> list[Comparison]:
-    """Compare a plan with its steps by exact geometry, and with a search of the whole graph.
+    """Compare a plan of method `"exact"` with its steps by geometry, and a search of all cells.
 
-    The graph has a layer for each angle in use; in the last none has been used so far. That the
-    actions lead along the cells, and cost what the plan does, is among its own checks.
-
-    **Arguments:**
-
-    - `plan`: the plan, of method `"exact"`.
-    - `motion`: how its robot moves.
+    The searched graph has a layer for each angle in use, and a last layer before the first bump.
+    The checks of the plan itself compare its actions with its cells and its cost.
     """
     straight, images = compare_straight(plan.cells, np.unique(plan.visited), motion)
     directions, size = plan.cells.directions, plan.cells.size
@@ -53,7 +48,7 @@ def _graph(
     bumped: np.ndarray,
     turns: Int[np.ndarray, "angles"],
 ) -> scipy.sparse.csr_array:
-    """The costs of all actions."""
+    """Make the matrix of the costs of all actions."""
     size, keep, change = plan.cells.size, plan.roadmap.keep, plan.roadmap.change
     goes, bumps = np.flatnonzero(~bumped), np.flatnonzero(bumped)
     edges = []

@@ -11,17 +11,12 @@ _TARGETS = 6
 _PAIRS = 150
 _CLOSE = 1e-8
 _TIME = 1e-6
-# So many standard deviations are seen once in 10^14 numbers that are normal.
+# Normal numbers exceed this number of standard deviations once in 10^14 draws.
 _DEVIATIONS = 8.0
 
 
 def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
-    """The patrol of a map against polygons of shapely, products of scipy, and networkx.
-
-    **Arguments:**
-
-    - `patrol`: the patrol.
-    """
+    """Compare the patrol of a map with polygons of shapely, products of scipy, and networkx."""
     attack, times = patrol.attack, patrol.attack.attack_times
     targets = sample(patrol.cells.positions, _TARGETS).tolist()
     caught = np.array([_caught(patrol, target) for target in targets])
@@ -31,7 +26,7 @@ def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
     runs = "capture of the target, by simulation, in standard deviations"
     return [
         _compare_sight(patrol),
-        Comparison.close(seen, patrol.capture[:, targets].T, caught, _CLOSE),
+        Comparison.close(seen, patrol.captures.probability[:, targets].T, caught, _CLOSE),
         Comparison.close(runs, deviation, np.zeros(times.size), _DEVIATIONS),
         _compare_walks(patrol),
     ]
@@ -51,17 +46,17 @@ def _compare_walks(patrol: PatrolledMap) -> Comparison:
 
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
-    """The probability that one robot has been in view of a cell, by each attack time."""
+    """Compute the probability that a robot has been in view of a cell by each attack time."""
     view, times = patrol.visible[target], patrol.attack.attack_times
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
         unseen = np.isin(np.arange(view.size), policy.cells) & ~view
         forward = policy.chain.to_scipy().T.tocsr()
-        if patrol.start == "worst":
+        if patrol.captures.attack.start == "worst":
             each = np.diag(unseen.astype(float))[:, unseen]
         else:
             share = unseen.astype(float)
-            if patrol.start == "stationary":
+            if patrol.captures.attack.start == "stationary":
                 share *= policy.share_of_time(patrol.graph)
             each = (share / share.sum())[:, None] if share.any() else np.zeros((view.size, 0))
         for t in range(survive.size):
@@ -71,7 +66,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
 
 
 def _commute(patrol: PatrolledMap, policy: Policy) -> float:
-    """The mean over pairs of cells: for weights that sum to 1, twice their mean resistance."""
+    """Compute the mean commute time: for weights that sum to 1, twice the mean resistance."""
     used = policy.weights > 0
     if not used.any():
         return 0.0
@@ -83,7 +78,7 @@ def _commute(patrol: PatrolledMap, policy: Policy) -> float:
 
 
 def _compare_sight(patrol: PatrolledMap) -> Comparison:
-    """Pairs of cells of which the second is a whole square, half of them visible."""
+    """Compare pairs of cells of which the second is a whole square, half of them visible."""
     assert patrol.cells.workspace is not None
     environment, side = patrol.cells.workspace.environment, patrol.cells.cell
     wrong, count = [], 0

@@ -9,12 +9,8 @@ _STARTS = 50
 
 
 def compare_policy(found: LocalizationPolicy) -> list[Comparison]:
-    """Compare a policy with the cells that remain of all when each is moved one step at a time, and
-    the images that move them with steps in the free space.
-
-    **Arguments:**
-
-    - `found`: the policy.
+    """Compare a policy with a set of cells that is moved one step at a time, and the images that
+    move it with steps in the free space.
     """
     mapped = bounce_map(found.cells, found.bounces, motion=found.motion)
     images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)[0]

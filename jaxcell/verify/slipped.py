@@ -8,12 +8,7 @@ _COIN, _LOST = 0.5, 1e-4
 
 
 def compare_slip(result: Slipped) -> list[Comparison]:
-    """Compare the belief of a run with one that keeps joint probabilities.
-
-    **Arguments:**
-
-    - `result`: the run.
-    """
+    """Compare the belief of a run with a belief that keeps joint probabilities."""
     hidden, cells = result.hidden, result.cells
     weight = np.append(hidden.start, 0.0)
     for event in result.events.tolist():

@@ -19,12 +19,9 @@ _PLACES = 200
 def compare_team(
     team: TeamTrajectory, bounces: Float[np.ndarray, "angles"], motion: Motion = CELL_BY_CELL
 ) -> list[Comparison]:
-    """Compare some steps of a joint trajectory with the rule of collisions, pair by pair.
+    """Compare steps of a joint trajectory with the rule of collisions, pair by pair.
 
-    **Arguments:**
-
-    - `team`: the trajectory.
-    - `bounces`, and `motion`: as for [`jaxcell.bounce.team_trajectory`][].
+    **Arguments:** the trajectory, and others as for [`jaxcell.bounce.team_trajectory`][].
     """
     cells, visited = team.cells, np.unique(team.cell)
     straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)
@@ -51,14 +48,14 @@ def _joint_step(
     turns: Int[np.ndarray, "robots"],
     state: Int[np.ndarray, "robots"],
 ) -> tuple[list[int], list[bool], list[bool], int]:
-    """The next cells, who bumps, who collides, and how many pairs do."""
+    """Find the next cells, the bumps, the collisions, and the number of colliding pairs."""
     cells, squares = team.cells, squares_of(team.cells).T
     ahead = np.asarray(straight.image)[state]
     here = squares[state % cells.positions]
     motion = squares[ahead % cells.positions] - here
     pairs = list(itertools.permutations(range(len(state)), 2))
     i, j = np.array(pairs, int).reshape(-1, 2).T
-    # Seen from robot j, if it goes on or stands.
+    # Relative to robot j, which goes on or stands.
     meet = _touches(here[i] - here[j], motion[i] - motion[j])
     runs_into = _touches(here[i] - here[j], motion[i])
     queue = nx.DiGraph([(b, a) for (a, b), one in zip(pairs, runs_into, strict=True) if one])
@@ -84,6 +81,6 @@ def _joint_step(
 def _touches(
     start: Int[np.ndarray, "pairs 2"], motion: Int[np.ndarray, "pairs 2"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Whether a step meets the origin."""
+    """Test whether steps meet the origin."""
     steps = shapely.linestrings(np.stack([start, start + motion], axis=1).astype(float))
     return shapely.intersects(steps, shapely.Point(0, 0))

@@ -14,7 +14,7 @@ from .comparison import Comparison, sample, solve_transient
 
 
 _TARGETS = 6
-# A conic program with a number for each pair of a vertex and an edge takes some seconds.
+# A conic program of this many pairs of a vertex and an edge takes some seconds.
 _MAX_NUMBERS = 5_000
 _TIME = 1e-6
 _CLOSE = 1e-8

@@ -84,7 +84,7 @@ def run_to_wall(
     **Arguments:**
 
     - `boundary`: the walls.
-    - `place`: where each robot is, in the free space or on a wall, in metres.
+    - `place`: the place of each robot in the free space or on a wall, in metres.
     - `heading`: radians counter-clockwise.
 
     **Returns:** the wall that each robot meets, its arc length there, and the length of the run,

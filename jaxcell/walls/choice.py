@@ -35,7 +35,7 @@ def choose_angles(
     **Arguments:**
 
     - `filter`: the filter of the room.
-    - `state`: where each robot may be, after a bump and before its turn.
+    - `state`: the sets of the robots, after a bump and before their turn.
     - `robots`: number of robots.
     - `angles`: the bouncing angles to choose from, in radians.
     - `rng`: source of the draws.
@@ -93,7 +93,7 @@ def draw_places(
     **Arguments:**
 
     - `filter`: the filter of the room.
-    - `state`: where each robot may be.
+    - `state`: the sets of the robots.
     - `robots`: number of robots.
     - `count`: number of draws for each robot.
     - `rng`: source of the draws.

@@ -1,4 +1,4 @@
-"""The chords of a room: to which wall a robot comes that leaves another at a known heading."""
+"""The chords of a room: the runs of robots from wall to wall, by heading."""
 
 import dataclasses
 import functools
@@ -20,10 +20,9 @@ _OVERLAP = 1e-9
 class Chords:
     """The straight runs from wall to wall, for slices of headings.
 
-    A row holds for the robots that leave a stretch of a wall with a heading of a slice, and says
-    that they may come to another wall. All that can be is in some row: a stretch has a row for
-    each wall that it may lead to. For a heading that is known exactly a stretch has one row, and
-    what the row says is exact.
+    A row holds for the robots that leave a stretch of a wall with a heading of a slice, and names a
+    wall that they may meet. Every possible run is in a row: a stretch has a row for each wall that
+    its robots may meet. For a heading that is known exactly a stretch has one row, which is exact.
 
     With `p` the arc length where a robot starts, the run is `(c0 + c1 p) k` with `k` between
     `nearest` and `farthest`, and it ends at an arc length between `low0 + low1 p` and
@@ -36,7 +35,7 @@ class Chords:
     width: float
     "Width of a slice in radians; 0 for headings that are known exactly."
     displacement: float
-    "How far from its place on the wall a robot may be when it leaves, in metres."
+    "Largest distance of a robot from its place on the wall when it leaves, in metres."
     slice: Int[np.ndarray, "rows"]
     wall: Int[np.ndarray, "rows"]
     begin: Float[np.ndarray, "rows"]
@@ -50,7 +49,7 @@ class Chords:
     arc: Float[np.ndarray, "2 2 rows"]
     "Arc lengths on that wall: for both ends of the slice, a constant and a slope."
     spread: Float[np.ndarray, "2 rows"]
-    "How far `displacement` may move these arc lengths, in metres."
+    "Largest change of these arc lengths by `displacement`, in metres."
 
     @classmethod
     def of(
@@ -69,10 +68,10 @@ class Chords:
         - `boundary`: the walls.
         - `slices`: number of headings, or of slices of headings.
         - `known`: whether headings are `2 pi k / slices` exactly; else any heading of a slice.
-        - `displacement`: how far from its place on the wall a robot may be when it leaves, in
-            metres.
-        - `gap`: stretches of walls are not cut finer than this, in metres; by default where
-            headings are known they are cut wherever the next wall changes.
+        - `displacement`: largest distance of a robot from its place on the wall when it leaves,
+            in metres.
+        - `gap`: least length of a stretch, in metres; by default, stretches of known headings are
+            cut wherever the next wall changes.
         """
         turn = 2 * np.pi / slices
         width = 0.0 if known else turn
@@ -144,7 +143,7 @@ def _followed(
 def _ends(
     group: Int[np.ndarray, "rows"], level: int, slices: int, width: float
 ) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]]:
-    """The least and the largest heading of groups of `2**level` slices, in radians."""
+    """Compute the least and the largest heading of groups of `2**level` slices, in radians."""
     turn = 2 * np.pi / slices
     first = group << level
     last = np.minimum(first + (1 << level), slices) - 1
@@ -205,7 +204,7 @@ def _cut_at_corners(
     begin = np.concatenate([rows.begin, place[pair, column]])
     order = np.lexsort((begin, source))
     source, begin = source[order], begin[order]
-    # Of cuts that are closer than the gap the first one counts.
+    # Of cuts that are closer than the gap the first counts.
     while True:
         near = np.r_[False, (np.diff(begin) < gap) & (np.diff(source) == 0)]
         near &= ~np.r_[False, near[:-1]]

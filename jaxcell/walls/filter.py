@@ -18,7 +18,7 @@ from .sets import OUTWARD, WallSet, arrivals, extent, observe, turned
 
 # Slices of headings of a robot whose heading is not known.
 _SLICES = 360
-# The first run is rounded down to this many lengths, for each of which the places are kept.
+# The first run is rounded down to one of this many lengths, for which the places are kept.
 _LENGTHS = 16
 # Bytes for each chord of a room, with what it is made from.
 _BYTES = 700
@@ -32,17 +32,17 @@ class Errors:
     """Bounds of the errors of a robot. All are 0 for a robot that moves exactly."""
 
     run: float = 0.0
-    "Of the observed length of a run, as a share of it."
+    "Error of the observed length of a run, as a share of it."
     distance: float = 0.0
-    "Of the observed length of a run, in metres."
+    "Error of the observed length of a run, in metres."
     late: float = 0.0
-    "How much farther a robot counts before it feels a bump, in metres."
+    "Distance that a robot counts beyond the wall before it feels a bump, in metres."
     turn: float = 0.0
-    "Of a turn at a bump, in radians; what the bump itself turns the robot counts."
+    "Error of a turn at a bump, in radians, with the turn by the bump itself."
     heading: float = 0.0
-    "Of the heading that a robot is said to start with, in radians."
+    "Error of the heading at the start, in radians."
     displacement: float = 0.0
-    "How far from the place of a bump the next run may begin, in metres."
+    "Largest distance from a bump to the begin of the next run, in metres."
 
     def __post_init__(self) -> None:
         for field, limit, expected in (
@@ -59,7 +59,7 @@ class Errors:
 
     @property
     def keep_headings(self) -> bool:
-        """Whether a robot that starts with a known heading always has one."""
+        """Whether a heading that is known at the start stays known exactly."""
         return not (self.turn or self.heading or self.displacement)
 
     def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:
@@ -165,15 +165,15 @@ class WallFilter:
         return self.chords.boundary
 
     def observe(self, state: WallSet | None, run: Lengths) -> WallSet:
-        """Take in how far each robot ran until it met a wall.
+        """Take in the length of the run of each robot to a wall.
 
         **Arguments:**
 
-        - `state`: where each robot may be; `None` for robots that may be anywhere.
+        - `state`: the sets of the robots; `None` for robots that may be anywhere.
         - `run`: the length of the run of each robot by its own measure, in metres; a robot that
             counts steps may stop anywhere in the next one.
 
-        **Returns:** where each robot may be; nowhere if the map or the errors are others.
+        **Returns:** the sets of the robots; empty if no place explains the runs of a robot.
         """
         least = np.atleast_1d(np.asarray(run, float))
         if not (np.isfinite(least) & (least >= 0)).all():
@@ -189,8 +189,8 @@ class WallFilter:
         longer = low > self.boundary.diameter + self.errors.displacement + OUTWARD
         level = np.where(longer, _LENGTHS + 1, np.minimum(level, _LENGTHS))
         starts = [self._after_first_run(k) for k in level.tolist()]
-        count = [len(one.wall) for one in starts]
-        parts = [np.concatenate([one[i] for one in starts]) for i in range(1, 5)]
+        count = [len(start.wall) for start in starts]
+        parts = [np.concatenate([start[i] for start in starts]) for i in range(1, 5)]
         return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
 
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
@@ -198,7 +198,7 @@ class WallFilter:
 
         **Arguments:**
 
-        - `state`: where each robot may be.
+        - `state`: the sets of the robots.
         - `angle`: radians counter-clockwise, one for all or one for each robot.
 
         **Raises:** `ValueError` for an angle that is no whole number of slices of headings.
@@ -222,11 +222,11 @@ class WallFilter:
         return extent(self.boundary, state, robots)
 
     def refuted(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
-        """Check for each robot whether it can be nowhere."""
+        """Check for each robot whether its set is empty."""
         return np.bincount(state.robot, minlength=robots) == 0
 
     def slice_of(self, heading: Lengths) -> Int[np.ndarray, "headings"]:
-        """Number the slices of headings in radians, which are the nearest ones where known."""
+        """Number the slices of headings in radians; known headings have the nearest slice."""
         place = np.asarray(heading) * self.chords.slices / (2 * math.pi)
         whole = np.floor(place) if self.chords.width else np.round(place)
         return whole.astype(int) % self.chords.slices

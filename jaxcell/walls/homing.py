@@ -24,7 +24,7 @@ _NEVER = 100.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Homing:
-    """The way of robots that start anywhere into a goal region, which is a disc.
+    """The navigation of robots that start anywhere into a goal region, a disc.
 
     The expected number of bumps to the goal is known for each part of a wall and each heading. A
     robot takes the angle after which this number is least, in the mean over its set; as long as its
@@ -68,7 +68,7 @@ class Homing:
 
     @functools.cached_property
     def arrived_parts(self) -> Bool[np.ndarray, "parts"]:
-        """Which parts of walls lie within the goal."""
+        """Whether each part of a wall lies within the goal."""
         wall, ends = self.parts
         return self._within(wall, ends[0]) & self._within(wall, ends[1])
 
@@ -83,7 +83,7 @@ class Homing:
         """The expected number of bumps to the goal of a robot that leaves with a heading."""
         boundary, rng = self.filter.boundary, np.random.default_rng(0)
         wall, ends = self.parts
-        slice_, part = (one.ravel() for one in np.indices((self.slices, wall.size)))
+        slice_, part = (index.ravel() for index in np.indices((self.slices, wall.size)))
         known = self.filter.chords.width == 0
         image = np.empty((_DRIVEN, slice_.size), np.int64)
         for k in range(_DRIVEN):
@@ -136,7 +136,7 @@ class Homing:
 
         **Arguments:**
 
-        - `state`: where each robot may be, after a bump and before its turn.
+        - `state`: the sets of the robots, after a bump and before their turn.
         - `robots`: number of robots.
         - `rng`: source of the draws of places.
         - `known`: the extent of a set below which a robot heads for the goal, in metres; by default

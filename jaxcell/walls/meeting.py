@@ -1,4 +1,4 @@
-"""The walls that robots may meet which leave a stretch of a wall with a heading of a slice."""
+"""The walls that robots may meet after they leave a stretch of a wall, by slice of headings."""
 
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ class Pairs(NamedTuple):
     wall: Int[np.ndarray, "pairs"]
 
     def copied(self, source: Int[np.ndarray, "rows"], rows: int) -> "Pairs":
-        """Give each new row the walls of the row that it is made of."""
+        """Give each new row the walls of its source row."""
         first = np.searchsorted(self.row, np.arange(rows + 1))
         count = np.diff(first)[source]
         new = np.repeat(np.arange(source.size), count)
@@ -36,7 +36,7 @@ class Pairs(NamedTuple):
 
 
 class Met(NamedTuple):
-    """What is known of the walls that rows may meet; see [`Chords`][jaxcell.walls.Chords]."""
+    """The bounds of the runs of rows to walls; see [`Chords`][jaxcell.walls.Chords]."""
 
     keep: Bool[np.ndarray, "pairs"]
     clearance: Float[np.ndarray, "2 pairs"]
@@ -59,7 +59,7 @@ class Met(NamedTuple):
         *,
         apart: bool = False,
     ) -> "Met":
-        """Find which walls are met, and where, from all of a stretch with all of a slice.
+        """Bound the runs from all of a stretch with all of a slice to each wall.
 
         Distance and arc length are monotone in the place and in the heading, so their extremes are
         at the four corners of the stretch and the slice. A wall is left out if no corner leads
@@ -143,7 +143,7 @@ def _times(distance: Float[np.ndarray, "n"], ratio: Float[np.ndarray, "n"]) -> n
 
 
 def _farthest_corner(boundary: Boundary, rows: Rows, pairs: Pairs) -> Float[np.ndarray, "pairs"]:
-    """The largest distance of a point of a stretch from a point of a wall, in metres."""
+    """Compute the largest distance of a point of a stretch from a point of a wall, in metres."""
     row, wall = pairs
     ends = [boundary.point(rows.wall, arc)[row] for arc in (rows.begin, rows.end)]
     corners = boundary.begin[wall], boundary.begin[boundary.following[wall]]
@@ -159,7 +159,7 @@ def _first_way_blocked(
     last: Bool[np.ndarray, "pairs"],
     most: Float[np.ndarray, "pairs"],
 ) -> Float[np.ndarray, "pairs"]:
-    """How far a ray of the row of each pair can go before walls that follow each other block it.
+    """Bound the length of rays of each row that chains of walls block.
 
     All rays of a row meet one of the walls `i` to `j` of a chain, all of which face them, if none
     passes before the begin of `i` (`first`) nor after the end of `j` (`last`).
@@ -188,7 +188,7 @@ def _behind(
     tangent: Float[np.ndarray, "pairs 2"],
     displacement: float,
 ) -> Bool[np.ndarray, "pairs"]:
-    """Whether the nearest wall that blocks all of a row stands before a wall on every ray.
+    """Check whether the nearest wall that blocks a row is before another wall on every ray.
 
     The difference of two runs, multiplied by how much both walls face the ray, is linear in the
     place, and a combination of those at both ends of the slice in the heading.

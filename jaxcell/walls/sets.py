@@ -1,4 +1,4 @@
-"""Sets of places on walls and headings where robots may be, which never lose a robot."""
+"""Sets of possible places on walls and headings of robots, which never lose a robot."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ _JOINED = 1e-6
 
 
 class WallSet(NamedTuple):
-    """Stretches of walls where robots may be, and the slices of their headings.
+    """The possible places of robots: stretches of walls, with slices of headings.
 
     The sets of several robots are kept in one array, sorted by robot, slice, wall and begin.
     """
@@ -62,11 +62,11 @@ def observe(
     **Arguments:**
 
     - `chords`: the chords of the room.
-    - `state`: where each robot may be and which way it may head.
+    - `state`: the sets of the robots, with their headings after the turn.
     - `least`, `most`: bounds of the length of the run of each robot, in metres.
 
-    **Returns:** the places where each may be now, with the headings that they came with; none for
-    a robot whose run no place explains.
+    **Returns:** the sets after the runs, with the headings of the runs; empty for a robot whose run
+    no place explains.
     """
     stretch, row = _overlapping(chords, state)
     robot, begin, end = state.robot[stretch], state.begin[stretch], state.end[stretch]
@@ -146,10 +146,10 @@ def turned(
 
     **Arguments:**
 
-    - `state`: where they may be.
+    - `state`: the sets of the robots.
     - `shift`: the turn in slices, counter-clockwise, for each stretch.
     - `slices`: number of slices of the circle.
-    - `error`: how many slices the turn may be off, at most.
+    - `error`: largest error of the turn, in slices.
     """
     off = np.arange(-error, error + 1)
     copy = np.repeat(np.arange(shift.size), off.size)
@@ -158,14 +158,14 @@ def turned(
 
 
 def arrivals(chords: Chords, least: Float[np.ndarray, "robots"]) -> WallSet:
-    """Give the places on walls where robots may be after a first run from anywhere.
+    """Compute the sets of robots after their first runs from anywhere.
 
     **Arguments:**
 
     - `chords`: the chords of the room; an even number of slices.
     - `least`: the least length of the run of each robot, in metres.
 
-    **Returns:** the places from which one can look back so far against the heading.
+    **Returns:** the places with a free line of that length behind them.
     """
     boundary = chords.boundary
     size = boundary.length.size

@@ -1,4 +1,4 @@
-"""The symmetries of a room, which no robot without a compass can tell apart."""
+"""The symmetries of a room, whose places no robot without a compass can tell apart."""
 
 import numpy as np
 import shapely
@@ -46,7 +46,7 @@ def alike_places(workspace: Workspace, headings: int | None = None) -> int:
 
 
 def _same(piece: shapely.Polygon, other: shapely.Polygon, degrees: float) -> bool:
-    """Whether a piece that is turned about its centroid, and moved, is another one."""
+    """Check whether a piece, turned about its centroid and moved, equals another piece."""
     if not np.isclose([piece.area, piece.length], [other.area, other.length]).all():
         return False
     to = np.subtract(other.centroid.coords[0], piece.centroid.coords[0])

@@ -1,4 +1,4 @@
-"""Simulated robots that start anywhere, and what a filter knows of them."""
+"""Simulated robots that start anywhere, with the sets of their filter."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -24,13 +24,13 @@ class Trial:
     """The runs of simulated robots, and the sets of their filter. Arrays are by robot and bump."""
 
     start: Float[np.ndarray, "robots 2"]
-    "Where each robot is put down, in metres."
+    "The place of each robot at the start, in metres."
     sets: tuple[WallSet, ...]
     "The set of the first robot after each bump."
     place: Float[np.ndarray, "robots bumps 2"]
     "The place of each bump, in metres."
     heading: Float[np.ndarray, "robots bumps"]
-    "The heading that the robot came with, in radians."
+    "The heading of the robot before the bump, in radians."
     run: Float[np.ndarray, "robots bumps"]
     "The true length of the run before the bump, in metres."
     extent: Float[np.ndarray, "robots bumps"]
@@ -61,9 +61,9 @@ def drive_anywhere(
     - `workspace`: the room.
     - `filter`: the filter of the room.
     - `angles`: the bouncing angles, in radians; each robot chooses where there are several.
-    - `robots`, `bumps`: how many robots bump how often.
+    - `robots`, `bumps`: number of robots, and of the bumps of each.
     - `headings`: robots start with a heading `2 pi k / headings` up to its error; `None` for any.
-    - `goal`: where robots go; else they only find out where they are.
+    - `goal`: the goal of the robots; `None` if they only find out where they are.
     - `start`: x, y in metres and heading in radians of the first robot; else it is drawn as well.
     - `seed`: of the starts, the errors and the draws of a choice.
     - `say`: called with the progress.
@@ -82,7 +82,9 @@ def drive_anywhere(
         say("driving robots", first, robots)
         part = slice(first, first + size)
         trials.append(_drive(filter, angles, place[part], heading[part], bumps, goal, rng))
-    arrays = [np.concatenate(parts) for parts in zip(*(one[:-1] for one in trials), strict=True)]
+    arrays = [
+        np.concatenate(parts) for parts in zip(*(trial[:-1] for trial in trials), strict=True)
+    ]
     return Trial(place, trials[0][-1], *arrays)
 
 
@@ -129,7 +131,7 @@ def _displaced(
     wall: Int[np.ndarray, "robots"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "robots 2"]:
-    """Move each robot off its wall as far as its errors allow, or not at all if walls are there."""
+    """Move each robot off its wall as far as its errors allow, unless a wall is in the way."""
     reach = filter.errors.displacement
     if not reach:
         return place

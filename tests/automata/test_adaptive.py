@@ -24,7 +24,7 @@ def machines(draw, most=6):
 
 
 def best_costs(machine, place, aim):
-    """What each set costs, by value iteration over all sets."""
+    """Compute the cost of each set by value iteration over all sets."""
     images, observations = machine
     states = range(images.shape[1])
     label = equivalence(images, observations).label
@@ -57,7 +57,7 @@ def best_costs(machine, place, aim):
 
 
 def carried_out(machine, found, root, place):
-    """How many inputs the strategy makes from each state of a root; it ends in what is settled."""
+    """Count the inputs of the strategy from each state of a root; it ends in settled sets."""
     images, observations = machine
     label = equivalence(images, observations).label
     made = []
@@ -111,7 +111,7 @@ def test_levels_are_the_lengths_of_shortest_words(machine):
 
 
 def test_equal_sets_are_one_and_merging_machines_are_refused():
-    # Whatever comes of the first input, the second is asked in the same set.
+    # The first input leads to the same set for both observations.
     images = np.array([[2, 3, 2, 3, 0, 1]])
     with pytest.raises(ValueError, match=r"images\[0\]: two states have the same image"):
         adaptive_choice(images, np.array([[0, 0, 0, 1, 2, 2]]), [[0, 1]])

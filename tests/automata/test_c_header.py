@@ -70,15 +70,23 @@ def test_header_compiles_as_cpp(labs, tmp_path):
     assert_agrees(compiled(tmp_path, filter, compiler="c++", standard="c++11"), filter, graph, 3)
 
 
-# About twice as many states of the filter.
+# The filter has about twice as many states.
 @pytest.mark.parametrize(("cells", "width"), [(100, 8), (1000, 16), (40_000, 32)])
-def test_tables_of_every_width(tmp_path, cells, width):
+def test_tables_of_every_width_are_read_from_flash(tmp_path, cells, width):
+    # Stands for the AVR library: flash is read through these macros only.
+    (tmp_path / "avr").mkdir()
+    (tmp_path / "avr" / "pgmspace.h").write_text(
+        "#define PROGMEM __attribute__((aligned(8)))\n"
+        "#define pgm_read_byte(p) (*(const uint8_t *)(p))\n"
+        "#define pgm_read_word(p) (*(const uint16_t *)(p))\n"
+        "#define pgm_read_dword(p) (*(const uint32_t *)(p))\n"
+    )
     rng = np.random.default_rng(0)
     image = ((np.arange(cells) + 1) % cells).astype(np.int32)
     graph = image, rng.random(cells) < 0.5
     filter = Filter.of(subset_construction(*graph), open_world=True)
     assert 2 ** (width // 2) <= len(filter.transition) < 2**width
-    program = compiled(tmp_path, filter)
+    program = compiled(tmp_path, filter, "-DJAXCELL_PROGMEM")
     assert f"typedef uint{width}_t lab_state;" in (tmp_path / "lab.h").read_text()
     assert_agrees(program, filter, graph, 3)
 
@@ -98,21 +106,6 @@ def test_state_type_has_room_for_impossible(states, width):
     text = to_c_header(filter)
     assert f"typedef uint{width}_t filter_state;" in text
     assert re.search(rf"#define filter_IMPOSSIBLE {2**width - 1}ul?$", text, re.M | re.I)
-
-
-def test_tables_may_stay_in_flash(labs, tmp_path):
-    # Stands for the AVR library: flash is read through these macros alone.
-    (tmp_path / "avr").mkdir()
-    (tmp_path / "avr" / "pgmspace.h").write_text(
-        "#define PROGMEM __attribute__((aligned(8)))\n"
-        "#define pgm_read_byte(p) (*(const uint8_t *)(p))\n"
-        "#define pgm_read_word(p) (*(const uint16_t *)(p))\n"
-        "#define pgm_read_dword(p) (*(const uint32_t *)(p))\n"
-    )
-    graph = labs["a", 45]
-    filter = Filter.of(subset_construction(*graph))
-    program = compiled(tmp_path, filter, "-DJAXCELL_PROGMEM")
-    assert_agrees(program, filter, graph, 3)
 
 
 @given(name=st.text())

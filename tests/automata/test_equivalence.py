@@ -36,7 +36,7 @@ def test_classes_and_shortest_words_are_those_of_all_sequences(machine):
     inputs, states = images.shape
     found = equivalence(images, observations)
     assert found.label[0] == 0
-    # Of 5 states any two that can be told apart are so by 4 inputs.
+    # Any two of 5 states that inputs distinguish are distinguished by 4 inputs.
     words = [w for n in range(states) for w in itertools.product(range(inputs), repeat=n)]
     for a, b in itertools.combinations(range(states), 2):
         telling = [w for w in words if answers(*machine, a, w) != answers(*machine, b, w)]
@@ -82,7 +82,7 @@ def test_images_of_a_class_are_in_one_class(machine):
 
 
 def test_long_corridor_and_combination_lock():
-    # A cell of the corridor is told by how far it is from the end, where it turns round.
+    # The distance to the end of the corridor, where it turns round, identifies a cell.
     squares = 20_000
     cell = np.arange(2 * squares)
     east = cell < squares

@@ -18,7 +18,7 @@ def filter_of(graph, **kwargs):
 
 
 def possible_cells(graph, string):
-    """Where the robot may be after a string: every cell is tried as its start."""
+    """Find the possible cells after a string by trying every start."""
     image, observation = (array.tolist() for array in graph)
     ends = set()
     for cell in range(len(image)):

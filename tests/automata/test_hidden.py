@@ -169,7 +169,7 @@ def entropy_of_all_paths(hidden, weight):
             probability = weight[path[0]]
             for a, b in itertools.pairwise(path):
                 probability *= moves[a, b]
-            # What has made all these steps is one outcome, whether it bumps then or not.
+            # All paths of the longest length are one outcome, with a bump at their end or without.
             probability *= 1 - ahead[path[-1]] if steps < longest else 1
             at = steps, hidden.configuration[path[-1]]
             outcomes[at] = outcomes.get(at, 0.0) + probability

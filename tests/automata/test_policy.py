@@ -6,7 +6,7 @@ import pytest
 from jaxcell.automata import Filter, Policy, subset_construction
 
 
-# A bump at once, or after two steps; the first of these leaves two cells, told apart by angle 1.
+# A bump at once, which leaves two cells that angle 1 distinguishes, or after two steps.
 SMALL = Policy(
     turn=np.int32([-1, 1, -1, -1, -1]),
     first=np.int32([0, 2, 4, 4, 4, 4]),

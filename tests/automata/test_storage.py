@@ -67,7 +67,7 @@ def test_equal_filters_give_equal_bytes(saved):
 
 @given(data=st.data())
 def test_altered_bytes_are_refused_or_have_no_effect(saved, data):
-    """A zip file has some bytes that nobody reads."""
+    """A zip file has some bytes without effect."""
     filter, path, other = saved
     content = bytearray(path.read_bytes())
     place = data.draw(st.integers(0, len(content) - 1))
@@ -93,7 +93,7 @@ def test_truncated_files_are_refused(saved, data):
 
 
 def forge(path, **members):
-    """Writes a file whose checksums are right, whatever is in it."""
+    """Write a file with any content and right checksums."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for name, content in members.items():
             file.writestr(f"{name}.npy", content)

@@ -54,8 +54,8 @@ def test_results_name_bundled_data(monkeypatch, tmp_path):
 
 def test_specifications_of_sweeps_name_bundled_data():
     spec = Spec.load(bundled("lab_groups"))
-    assert find_file(spec, "@lab_b") == bundled("lab_b")
-    assert find_file(spec, "@lab_x") is None
+    assert spec.find_file("@lab_b") == bundled("lab_b")
+    assert spec.find_file("@lab_x") is None
 
 
 def test_a_wheel_has_them(tmp_path):

@@ -23,7 +23,7 @@ from jaxcell.space.steps import Steps
 
 
 def grids(free):
-    """Grids of 5 x 6 squares. Each number of free ones is compiled anew."""
+    """Grids of 5 x 6 squares. Each number of free squares is compiled once."""
     squares = st.permutations([True] * free + [False] * (30 - free))
     return squares.map(lambda one: np.reshape(one, (5, 6)))
 

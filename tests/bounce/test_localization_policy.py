@@ -12,7 +12,7 @@ from jaxcell.space.steps import Steps
 from jaxcell.verify import compare_policy
 
 
-# Of a few numbers of free squares, for each is compiled anew.
+# Of few numbers of free squares, because each number is compiled once.
 GRIDS = st.sampled_from([9, 15]).flatmap(
     lambda free: st.permutations([True] * free + [False] * (20 - free)).map(
         lambda one: np.reshape(one, (4, 5))

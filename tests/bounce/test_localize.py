@@ -8,7 +8,7 @@ from jaxcell.bounce import bounce_map, localization_filter, localize
 from jaxcell.space import CellSpace
 
 
-# Of a few numbers of free squares, for each is compiled anew.
+# Of few numbers of free squares, because each number is compiled once.
 GRIDS = st.sampled_from([1, 9, 15]).flatmap(
     lambda free: st.permutations([True] * free + [False] * (20 - free)).map(
         lambda one: np.reshape(one, (4, 5))
@@ -27,7 +27,7 @@ def test_a_robot_is_localized_where_it_is(free, shift, data):
     image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
     np.testing.assert_array_equal(run.path[1:], image[run.path[:-1]])
     np.testing.assert_array_equal(run.observations, bumped[run.path[:-1]])
-    # What is consistent with the observations, by trying every start.
+    # The cells that are consistent with the observations, by trying every start.
     ends = np.arange(cells.size)
     for observation in run.observations:
         ends = image[ends[bumped[ends] == observation]]
@@ -48,7 +48,7 @@ def test_another_map_is_refuted_in_the_open_world():
     assert "".join(map(str, run.observations)) == "000"
 
 
-def test_refuses_a_cell_that_does_not_exist():
+def test_a_start_that_does_not_exist_is_refused():
     simple_map = bounce_map(CellSpace.of_grid(np.ones((2, 2), bool), 4), math.pi / 2)
     with pytest.raises(ValueError, match="start: cell 16 does not exist; cells are 0 to 15"):
         localize(simple_map, localization_filter(simple_map), 16)

@@ -79,7 +79,7 @@ def literal_layers(cells, bounces, keep, change):
 
 
 def cheapest(graphs, start, size):
-    """What it costs to reach every cell from one, -1 where there is no path."""
+    """Compute the costs from a cell to every cell, -1 for no path."""
     costs = np.full(size, np.inf)
     for graph in graphs:
         found = nx.single_source_dijkstra_path_length(graph, (start, None))
@@ -350,7 +350,7 @@ def test_other_stores_are_refused(tmp_path):
         ({"motion": Motion(0.5)}, "step: expected at least one cell"),
     ],
 )
-def test_refuses(arguments, message):
+def test_arguments_that_do_not_fit_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         plan(**{"cells": two_rooms(), "bounces": LAB, "start": 0, "goal": 1, **arguments})
 
@@ -365,7 +365,7 @@ def test_refuses(arguments, message):
         (-1, [], "start: cell -1 does not exist"),
     ],
 )
-def test_replay_refuses_what_is_not_possible(start, actions, message):
+def test_impossible_actions_are_refused(start, actions, message):
     with pytest.raises(ValueError, match=message):
         replay(two_rooms(), start, np.array(actions, float))
 

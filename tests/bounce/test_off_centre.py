@@ -40,7 +40,7 @@ def test_robots_at_centres_move_as_the_cells_do(name, collision):
 
 
 def inside(room, points):
-    """Whether points are in a room: a ray to the East crosses walls an odd number of times."""
+    """Test whether points are in a room: a ray to the East crosses walls an odd number of times."""
     (x1, y1), (x2, y2) = room.start.T, room.end.T
     x, y = points.T[..., None]
     crosses = (y1 > y) != (y2 > y)

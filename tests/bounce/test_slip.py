@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from jaxcell import bounce, space
 from jaxcell.automata import Belief
-from jaxcell.robot import Particles, Walker, run_belief
+from jaxcell.robot import BeliefFollower, Particles, Walker, run_follower
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
 
@@ -130,7 +130,9 @@ def test_a_robot_that_chooses_its_angle_is_localized_sooner(fine):
         belief = Belief(dataclasses.replace(both, bumps=tuple(both.bumps[i] for i in angles)))
         for seed in range(1, 9):
             walker, body = walker_of((37 * seed) % CELLS.size, 0.03, seed)
-            outcome = run_belief(walker, belief, [bounces[i] for i in angles], limit=40)
+            outcome = run_follower(
+                walker, BeliefFollower(belief), [bounces[i] for i in angles], limit=40
+            )
             bumps[len(angles)] += outcome.observations.count("1")
             held.append(int(space.nearest_cell(CELLS, *body.pose)) in outcome.cells)
     assert np.mean(held) > 0.85

@@ -330,7 +330,7 @@ def test_a_team_covers_a_room_without_being_twice_in_a_joint_state():
     assert result.outcome is TeamOutcome.COVERED
     assert result.uncovered == 0
     assert result.covered[-1] == cells.positions > result.covered[-2]
-    # Only the last state of a part, but for the end, can have been there before.
+    # Only the last states of parts, except the last part, can repeat a state.
     ends = np.append(result.part_begin[1:] - 1, len(result.cell))
     kept = np.delete(result.cell, ends[:-1], axis=0)
     assert len(np.unique(kept, axis=0)) == len(kept)
@@ -384,11 +384,11 @@ def test_a_robot_alone_can_run_out_of_turns():
         ([0], 0.0, {"motion": Motion(0.2)}, "step: expected at least one cell"),
     ],
 )
-def test_refuses(starts, bounces, options, message):
+def test_starts_and_angles_that_do_not_fit_are_refused(starts, bounces, options, message):
     with pytest.raises(ValueError, match=message):
         team_trajectory(room(), starts, bounces, **options)
 
 
-def test_refuses_a_run_of_a_batch_by_its_number():
+def test_a_refused_run_of_a_batch_is_named_by_its_number():
     with pytest.raises(ValueError, match="starts of run 1: robots 0 and 1 are both at position 3"):
         team_trajectories(room(), np.array([[0, 1], [3, 3]]), 0.0)

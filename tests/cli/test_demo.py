@@ -13,8 +13,8 @@ MAX_LINES = 45
 def test_stops_are_commands_that_exist():
     for stop in STOPS:
         name, command = read(stop.line.split()[1:])
-        assert isinstance(command, stop.command)
-        assert name == stop.command.called
+        assert command.study is stop.study
+        assert name == stop.study.command
 
 
 @pytest.mark.usefixtures("few_drifters")

@@ -93,7 +93,7 @@ def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
 
 
 def test_much_memory_is_told_and_json_stays_clean(capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.cli.study._MUCH", 1e4)
+    monkeypatch.setattr("jaxcell.cli.study_command._MUCH", 1e4)
     assert main(["groups", str(LAB), "--bounce", "45", "--json"]) == 0
     told = capsys.readouterr()
     assert json.loads(told.out)["positions"] == 19
@@ -129,6 +129,4 @@ def test_what_needs_a_filter_says_what_needs_none(capsys, monkeypatch):
     monkeypatch.setattr(memory, "free", lambda: 5 * 10**8)
     assert main(["localize", str(LAB), "--bounce", "45", "--cell", "0.004"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert (
-        "GB are free; `jaxcell groups` writes the groups alone a direction at a time, or a" in line
-    )
+    assert "GB are free; `jaxcell groups` writes the groups one direction at a time, or a" in line

@@ -19,26 +19,22 @@ from jaxcell.cli.help import option
 from jaxcell.study import parameters
 
 
-LAB, GRAPH = str(bundled("maps/lab_a.json")), str(bundled("graphs/eight.json"))
-# What each command that writes needs besides the place.
+LAB = str(bundled("maps/lab_a.json"))
+# The words of each command that writes, without the place.
 WRITING = {
-    "cover": [LAB, "--bounces", "45", "--error", "45", "--reliability", "0.8"],
+    **{
+        name: kind.example.partition(" --out ")[0].split()
+        for name, kind in COMMANDS.items()
+        if hasattr(kind, "study")
+    },
     "demo": [],
-    "drift": [str(bundled("ocean/gyres.nc"))],
-    "drifters": [str(bundled("ocean/drifters.nc"))],
-    "dynamics": ["duffing"],
-    "groups": [LAB, "--bounce", "45"],
-    "localize": [LAB, "--bounce", "45"],
-    "navigate": [LAB, "--bounces", "45", "--start", "0", "--goal", "1"],
-    "patrol graph": [GRAPH],
-    "patrol map": [LAB],
     "robot replay": ["{log}"],
     "robot run": ["{filter}", "--simulate", LAB],
     "robot sketch": ["{filter}"],
     "sweep": ["{spec}"],
     "sweep view": ["{folder}"],
-    "team": [LAB, "--robots", "2", "--bounces", "45"],
 }
+ON_A_LINE = ("robot calibrate", "robot check")
 FILES = {"robot sketch": "a.ino", "sweep view": "a.rrd"}
 
 
@@ -118,7 +114,7 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
     assert main([*command.split(), *arguments[command]]) == 2
     told = capsys.readouterr().err
     assert told.startswith(f"jaxcell {command}: ")
-    assert f"{read}.json" in told or command in ("robot calibrate", "robot check")
+    assert f"{read}.json" in told or command in ON_A_LINE
     assert "Errno" not in told
     assert told.count("\n") == 1
 
@@ -170,7 +166,7 @@ def test_every_file_of_a_command_is_among_the_missing():
                 said = option(kind, parameter)
                 said = said if said.startswith("--") else name
                 assert any(f"{said} none" in line or f"{said} @" in line for line in lines), said
-        assert lines or name in ("demo", "docs", "maps", "robot calibrate", "robot check")
+        assert lines or hasattr(kind, "study") or name in ("demo", "docs", "maps", *ON_A_LINE)
 
 
 def test_missing_files_are_refused_before_jax_is_loaded(tmp_path):
@@ -286,3 +282,21 @@ def test_a_map_is_drawn_in_ascii(tmp_path):
     ended = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout.isascii()
+
+
+def test_localize_compiles_nothing_and_imports_little():
+    code = (
+        "import jax, sys\n"
+        "from jaxcell.cli import main\n"
+        "compiled = []\n"
+        "jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__:"
+        " compiled.append(name) if 'backend_compile' in name else None)\n"
+        "jax.jit(lambda x: x + 1)(2.5)\n"
+        "assert compiled and not compiled.clear()\n"
+        "for cell in ('1', '0.93'):\n"
+        "    assert main(['localize', '@lab_a', '--cell', cell, '--bounce', '45']) == 0\n"
+        "assert not compiled, compiled\n"
+        "assert not {'scipy', 'xarray', 'pandas'} & sys.modules.keys()\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from wheels import MAPS, bounce_filter, bounce_tables, map_cells, pose_of
+from robot_files import LAB, SPEC, simulated
+from wheels import bounce_filter, bounce_tables, map_cells, pose_of
 
 from jaxcell.cli import app, main
 from jaxcell.cli.robot.check import RobotCheck
@@ -26,24 +27,9 @@ from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.walker import Walker
 
 
-LAB = map_cells("lab_a.json")
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
-
-
-@pytest.fixture
-def filter_file(tmp_path):
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
-    return path
-
-
 def run(command, capsys) -> tuple[int, dict]:
     code = command.run()
     return code, json.loads(capsys.readouterr().out)
-
-
-def simulated(file, name="lab_a.json", **fields) -> RobotRun:
-    return RobotRun(file=file, simulate=MAPS / name, speedup=1e6, json=True, **fields)
 
 
 def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):
@@ -66,11 +52,11 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
     assert found["observations"] in capsys.readouterr().out
 
     recorded = (out / "run.rrd").read_bytes()
-    with pytest.raises(FileExistsError, match=r"^--out .*: run\.jsonl of another run is there"):
+    with pytest.raises(FileExistsError, match=r"^--out .*: it has the run\.jsonl of another run"):
         simulated(filter_file, start="70", heading=135.0, out=out).run()
     assert (out / "run.rrd").read_bytes() == recorded
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is the log of another filter"):
         RobotReplay(log=out / "run.jsonl").run()
 
 
@@ -207,7 +193,7 @@ def test_a_line_that_does_not_open_is_told_in_words(tmp_path, port, message, fir
 
 
 def test_bad_options(filter_file):
-    with pytest.raises(ValueError, match="one of --port, --ros and --simulate"):
+    with pytest.raises(ValueError, match="one of `port`, `ros` or `simulate`"):
         RobotRun(file=filter_file).run()
     with pytest.raises(ValueError, match="viewer 'there': expected here, or the address of a"):
         simulated(filter_file, heading=0.0, live="there").run()
@@ -217,7 +203,7 @@ def test_bad_options(filter_file):
         simulated(filter_file, heading=math.inf).run()
     with pytest.raises(ValueError, match=r"give: expected a finite number from 0, got -0\.1"):
         simulated(filter_file, heading=0.0, give=-0.1).run()
-    with pytest.raises(ValueError, match="--until cycle: only a filter has knowledge cycles"):
+    with pytest.raises(ValueError, match="--until: it has an effect only for a filter"):
         simulated(plan_file(filter_file.parent), heading=45.0, until="cycle").run()
     with pytest.raises(ValueError, match=r"--start '0\.5,9,0'"):
         simulated(filter_file, start="0.5,9,0", heading=0.0).run()
@@ -265,7 +251,7 @@ def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypat
     said = capsys.readouterr()
     log = tmp_path / "one" / "run.jsonl"
     command = said.err.splitlines()[-1]
-    assert said.err.splitlines()[-2] == "To go on from there:"
+    assert said.err.splitlines()[-2] == "To resume:"
     before = json.loads(said.out)
     assert (code, before["result"]) == (1, "stopped")
     count = len(before["observations"])
@@ -283,7 +269,7 @@ def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypat
     assert found["emulated"]["start"] == model_run(45, 70, count)[0]
     assert found["emulated"]["truth_is_a_candidate"] is True
     on = tmp_path / "one-2"
-    assert "The run goes on where the robot is " in said.err
+    assert "The robot must stand " in said.err
     header = json.loads((on / "run.jsonl").read_text().splitlines()[0])
     assert header["resumed"]["log"] == str(log)
     assert header["resumed"]["observations"] == count
@@ -303,7 +289,9 @@ def test_a_log_of_something_else_does_not_go_on(filter_file, tmp_path):
                 file.event("observation", observation=observation, color=color)
         simulated(filter_file, start="70", resume=log).run()
 
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter than .*\.jxf$"):
+    with pytest.raises(
+        ValueError, match=r"run\.jsonl: it is the log of another filter than .*\.jxf$"
+    ):
         go_on([(0, 1)], sha256="0")
     with pytest.raises(ValueError, match=r"run\.jsonl: step_m: the log has 2\.0, .* has 1\.0$"):
         go_on([(0, 1)], step_m=2.0)
@@ -317,11 +305,11 @@ def test_a_log_of_something_else_does_not_go_on(filter_file, tmp_path):
         one = 0 if filter.transition[state.index, 0] >= 0 else 1
         state = state.observe(one)
         events.append((one, state.color))
-    with pytest.raises(ValueError, match=r"run\.jsonl: that run has come to its end: localized"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: that run is complete: localized"):
         go_on(events)
-    with pytest.raises(ValueError, match="--heading: a run that goes on has that of its log"):
+    with pytest.raises(ValueError, match="heading: it has an effect only without `resume`"):
         simulated(filter_file, start="70", heading=0.0, resume=log).run()
-    with pytest.raises(ValueError, match="--resume: expected --start as well"):
+    with pytest.raises(ValueError, match="--resume: expected --start too"):
         simulated(filter_file, resume=log).run()
 
 
@@ -345,15 +333,13 @@ def test_a_run_on_a_line_goes_by_the_calibration_of_its_user(
 
     kept, far = run_on(heading=0.0)
     assert kept == {"distance": 1.05, "angle": 1.0}
-    assert f"The robot goes by the calibration in {calibration_file()}" in capsys.readouterr().err
+    assert f"The robot uses the calibration in {calibration_file()}" in capsys.readouterr().err
     other = tmp_path / "other.json"
     Calibration().save(other)
     kept, whole = run_on(heading=0.0, calibration=other)
     assert kept == {"distance": 1.0, "angle": 1.0}
     assert far == pytest.approx(whole / 1.05, abs=0.01)
     assert whole == pytest.approx(1.0, abs=0.01)
-    with pytest.raises(ValueError, match="--calibration: it is of the encoders"):
-        simulated(filter_file, steps="clock", calibration=other).run()
 
 
 def test_a_filter_runs_on_a_robot_that_the_physics_engine_moves(tmp_path, capsys):
@@ -370,27 +356,7 @@ def test_a_filter_runs_on_a_robot_that_the_physics_engine_moves(tmp_path, capsys
 
 def test_a_file_for_a_point_says_that_the_body_of_a_create_is_wider(filter_file, capsys):
     simulated(filter_file, start="70", heading=135, physics=True, limit=1).run()
-    assert "is of a robot of radius 0 m, and the body of a Create 2" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("fields", "problem"),
-    [
-        ({"friction": 0.5}, "--friction 0.5: expected more than 0, together with --physics"),
-        ({"friction": -1.0, "physics": True}, "--friction -1: expected more than 0"),
-        ({"noise": 0.1, "physics": True}, "--noise: with --physics"),
-        ({"speed": 0.6}, "--speed 0.6: expected more than 0 and at most 0.5 m/s"),
-        ({"speed": 0.3, "steps": "clock"}, "--speed: it is for a Create"),
-    ],
-)
-def test_options_of_the_physics_that_make_no_sense_are_refused(filter_file, fields, problem):
-    with pytest.raises(ValueError, match=re.escape(problem)):
-        simulated(filter_file, **fields).run()
-
-
-def test_physics_is_for_an_emulated_robot(filter_file):
-    with pytest.raises(ValueError, match="--physics: it is for --simulate"):
-        RobotRun(file=filter_file, port="/dev/ttyUSB0", physics=True).run()
+    assert "is for a robot of radius 0 m, and the body of a Create 2" in capsys.readouterr().err
 
 
 def test_a_faster_robot_takes_less_time(filter_file, capsys):

@@ -4,22 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import robot_files
+from robot_files import LAB, SPEC
 from wheels import MAPS, bounce_filter, map_cells
 
 from jaxcell.bounce import localization_policy
 from jaxcell.cli import main
-from jaxcell.cli.robot.run import RobotRun
-
-
-LAB = map_cells("lab_a.json")
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
-
-
-@pytest.fixture
-def filter_file(tmp_path):
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
-    return path
 
 
 @pytest.fixture
@@ -31,7 +21,7 @@ def plan_file(tmp_path):
 
 
 def simulated(file, capsys, **fields) -> dict:
-    RobotRun(file=file, simulate=MAPS / "lab_a.json", speedup=1e6, json=True, **fields).run()
+    robot_files.simulated(file, **fields).run()
     return json.loads(capsys.readouterr().out)
 
 
@@ -41,7 +31,7 @@ def test_a_robot_that_needs_its_heading_is_refused_without(request, capsys, plac
     path = request.getfixturevalue(kind)
     assert main(["robot", "run", str(path), *place]) == 2
     said = capsys.readouterr().err
-    assert f"--heading: the steps of {path} differ between directions" in said
+    assert f"because the steps of {path} differ between directions" in said
     assert said.count("\n") == 1
 
 

@@ -1,44 +1,17 @@
 """Whole runs of `robot run --port`, with an emulated robot on a pseudo-terminal."""
 
-import dataclasses
 import json
-import math
 
-import numpy as np
 import pytest
-from wheels import MAPS, body_in, bounce_filter, map_cells
+from robot_files import LAB, save_belief, save_filter, save_policy
+from wheels import MAPS, body_in
 
-from jaxcell.bounce import FineCells, localization_policy, slip_map
 from jaxcell.cli import main
 from jaxcell.robot.emulation.emulator import Emulator, Line
-from jaxcell.space import Slip
 
 
-LAB = map_cells("lab_a.json")
 START, HEADING = 70, 135
 SAME = ("result", "reason", "observations", "colors", "cells")
-ABOUT = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
-
-
-def save_filter(folder):
-    path = folder / "filter.jxf"
-    bounce_filter(LAB, 45, metadata={**ABOUT, "bounce_deg": 45}).save(path)
-    return path
-
-
-def save_policy(folder):
-    path = folder / "policy.jxf"
-    about = {**ABOUT, "bounces_deg": [45.0, 135.0]}
-    localization_policy(LAB, np.radians([45.0, 135.0]), metadata=about).policy.save(path)
-    return path
-
-
-def save_belief(folder):
-    path = folder / "belief.jxb"
-    fine = FineCells.of(LAB, squares=3, directions=4, reach=2)
-    hidden = slip_map(fine, [math.radians(45)], Slip.of(0.02))
-    dataclasses.replace(hidden, metadata={**ABOUT, "bounce_deg": 45}).save(path)
-    return path
 
 
 @pytest.mark.usefixtures("patient")

@@ -1,26 +1,22 @@
 """Runs that end in any manner go on from their logs, through the command and the whole driver."""
 
-import dataclasses
 import functools
 import json
-import math
 import signal
 import subprocess
 import sys
 
 import pytest
+from robot_files import LAB, save_belief, save_filter
 from waiting import wait_until
-from wheels import MAPS, bounce_filter, bounce_tables, map_cells
+from wheels import MAPS, bounce_tables
 
-from jaxcell.bounce import FineCells, slip_map
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
 from jaxcell.robot.create.packets import Contact
 from jaxcell.robot.emulation.emulator import Emulator
-from jaxcell.space import Slip
 
 
-LAB = map_cells("lab_a.json")
 START, HEADING = 70, 135.0
 ENDS = ("result", "observations", "colors", "cells", "reason")
 # A shell that starts these tests in the background has the signal ignored.
@@ -30,29 +26,10 @@ MAIN = (
 )
 
 
-ABOUT = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
-
-
-@pytest.fixture(scope="module")
-def filter_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("filter") / "filter.jxf"
-    bounce_filter(LAB, 45, metadata=ABOUT).save(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def belief_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("belief") / "belief.jxb"
-    fine = FineCells.of(LAB, squares=3, directions=4, reach=2)
-    hidden = slip_map(fine, [math.radians(45)], Slip.of(0.02))
-    dataclasses.replace(hidden, metadata=ABOUT).save(path)
-    return path
-
-
-@pytest.fixture(scope="module", params=["filter_file", "belief_file"])
-def file(request):
-    """What is run."""
-    return request.getfixturevalue(request.param)
+@pytest.fixture(scope="module", params=[save_filter, save_belief], ids=["filter", "belief"])
+def file(request, tmp_path_factory):
+    """The task of a run."""
+    return request.param(tmp_path_factory.mktemp("task"))
 
 
 @pytest.fixture(scope="module")

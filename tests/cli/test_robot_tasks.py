@@ -3,7 +3,8 @@ import math
 
 import numpy as np
 import pytest
-from wheels import MAPS, bounce_filter, map_cells
+from robot_files import SPEC, save_filter
+from wheels import MAPS, map_cells
 
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
@@ -14,7 +15,6 @@ from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
 
 
 LAB = map_cells("lab_b.json")
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
     assert header["patrol"]["start"] == int(LAB.index(3.5, 0.5))
     assert header["patrol"]["facing"] == 1
     patrol_file.write_text(patrol_file.read_text() + " ")
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another patrol"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is the log of another patrol"):
         RobotReplay(log=out / "run.jsonl").run()
 
 
@@ -108,7 +108,7 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
 def test_a_camera_is_for_patrols(patrol_file, tmp_path, capsys):
     with pytest.raises(ValueError, match=r"--camera .*nothing: No such file"):
         run(simulated(patrol_file, camera=str(tmp_path / "nothing")), capsys)
-    with pytest.raises(ValueError, match="without --intruder"):
+    with pytest.raises(ValueError, match="camera: it has an effect only without `intruder`"):
         run(simulated(patrol_file, camera=str(tmp_path), intruder="1,1"), capsys)
 
 
@@ -161,9 +161,7 @@ def test_a_robot_of_a_team(tmp_path, capsys, steps):
 
 
 def test_a_filter_by_the_clock_alone(tmp_path, capsys):
-    lab = map_cells("lab_a.json")
-    path = tmp_path / "filter.jxf"
-    bounce_filter(lab, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
+    path = save_filter(tmp_path)
     code, found = run(
         simulated(path, "lab_a.json", start="70", heading=135.0, steps="clock"), capsys
     )
@@ -180,11 +178,10 @@ def test_bad_options(patrol_file, tmp_path):
         simulated(patrol_file, visits=0).run()
     with pytest.raises(ValueError, match="tolerance: expected a positive number"):
         simulated(patrol_file, tolerance=-1.0).run()
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
+    path = save_filter(tmp_path)
     with pytest.raises(ValueError, match="it is for one robot"):
         simulated(path, robot=0).run()
-    with pytest.raises(ValueError, match="--intruder has a meaning only"):
+    with pytest.raises(ValueError, match="--intruder: it has an effect only for a patrol"):
         simulated(path, heading=0.0, intruder="1,1").run()
     with pytest.raises(ValueError, match="a robot does not read NetCDF"):
         simulated(tmp_path / "plans.nc").run()

@@ -38,29 +38,6 @@ def run(capsys, *args):
     return status, json.loads(captured.out) if captured.out else None, captured.err
 
 
-def test_a_robot_that_slips_is_localized(capsys, tmp_path, room):
-    out = tmp_path / "out"
-    args = ("localize", room, "--bounce", 135, "--slip", 0.02, "--start", 3)
-    status, found, _ = run(capsys, *args, "--out", out, "--verify")
-    assert status == 0
-    assert found["slip"] == 0.02
-    assert found["start"] == 3
-    assert len(found["candidates"]) <= 4 or len(found["word"]) == 400
-    hidden = HiddenMap.load(out / "belief.jxb")
-    assert hidden.cells == found["fine_cells"] <= 3000
-    assert hidden.metadata["bounce_deg"] == 135
-    with xr.open_dataset(out / "localization.nc") as dataset:
-        times = len(found["word"]) + 1
-        assert dataset.belief.shape == (times, 11)
-        assert dataset.nowhere.shape == (times,)
-        assert float(dataset.smoothed.sum("position").min()) == pytest.approx(1)
-    assert (out / "localization.rrd").stat().st_size > 0
-    status, about, _ = run(capsys, "info", out / "belief.jxb")
-    assert about["fine_cells"] == hidden.cells
-    again = run(capsys, *args)[1]
-    assert again["word"] == found["word"]
-
-
 def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     out, again = tmp_path / "out", tmp_path / "run"
     args = ("localize", room, "--bounces", 90, 135, "--slip", 0.02, "--start", 3)
@@ -111,48 +88,6 @@ def test_plans_of_a_robot_that_slips(capsys, room):
     # Runs of the emulated robot, of which there are 50, share no code with those of the plan.
     assert found["simulated_plan_arrives"] == pytest.approx(found["plan_arrives"], abs=0.2)
     assert found["simulated_policy_arrives"] > 0.3
-
-
-@pytest.mark.parametrize(
-    ("args", "told"),
-    [
-        (("--slip", "1.5"), "slip: expected a number from 0 to 1, got 1.5"),
-        (("--slip", "-0.1"), "slip: expected a number from 0 to 1, got -0.1"),
-        (("--slip", "nan"), "slip: expected a number from 0 to 1, got nan"),
-        (("--slip", "0.1", "--open-world"), "open_world has no meaning for a robot that slips"),
-        (("--slip", "0.1", "--collision", "endpoint"), "collision: expected 'swept'"),
-        (("--slip", "0.1", "--bounce", "17"), "bounce: 17 deg is not a whole number"),
-    ],
-)
-def test_bad_slips_are_refused(capsys, room, args, told):
-    status, found, error = run(capsys, "localize", room, "--bounce", 135, *args)
-    assert status == 2
-    assert found is None
-    assert told in error.replace("--", "").replace("open-world", "open_world")
-    assert len(error.strip().splitlines()) <= 3
-
-
-@pytest.mark.parametrize(
-    ("args", "told"),
-    [
-        (("90", "17"), "bounces: 17 deg is not a whole number of the 8 directions"),
-        (("90", "450"), "bounces: 90 and 450 deg are the same turn"),
-        (("90", "--goal", "position"), "goal has no meaning for a robot that slips"),
-        (("90", "--aim", "mean"), "aim has no meaning for a robot that slips"),
-        (("90", "--bounce", "45"), "bounce: expected one angle, or several in bounces"),
-    ],
-)
-def test_bad_choices_of_angles_are_refused(capsys, room, args, told):
-    status, found, error = run(capsys, "localize", room, "--slip", 0.02, "--bounces", *args)
-    assert (status, found) == (2, None)
-    assert told in error.replace("--", "")
-
-
-def test_a_bad_slip_of_a_plan_is_refused(capsys, room):
-    ends = ("--start", "0", "--goal", "5")
-    status, _, error = run(capsys, "navigate", room, "--bounces", 90, *ends, "--slip", 2)
-    assert status == 2
-    assert "expected a number from 0 to 1, got 2" in error
 
 
 def test_a_damaged_belief_does_not_run(capsys, tmp_path, room):

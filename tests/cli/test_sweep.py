@@ -68,8 +68,8 @@ def test_failures_are_told(spec, tmp_path, capsys):
     told = capsys.readouterr()
     assert "2 of 3" in told.out
     assert "a member of chunk 1 failed (x 5): RuntimeError: x is 5" in told.err
-    assert f"all are in {tmp_path / 'out' / 'failures'}, with their tracebacks" in told.err
-    assert "what is not done: the same command with --resume" in told.err
+    assert f"{tmp_path / 'out' / 'failures.json'} has their tracebacks" in told.err
+    assert "To compute the rest: the same command with --resume" in told.err
     assert main(["sweep", "status", out, "--json"]) == 1
     found = described(capsys)
     assert (found["done"], found["failed"]) == (2, 1)
@@ -87,7 +87,7 @@ def test_many_failures_are_told_in_short(spec, tmp_path, capsys, monkeypatch):
     told = capsys.readouterr().err
     assert told.count(" failed (") == 10
     assert "a member of chunk 9 failed (x 9): RuntimeError" in told
-    assert f"... and others: all are in {tmp_path / 'failures'}, with their tracebacks" in told
+    assert f"... and others: {tmp_path / 'failures.json'} has their tracebacks" in told
 
 
 def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capfd, monkeypatch):
@@ -142,12 +142,9 @@ def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
 
 def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.sweep.workers.progress._SECONDS_BETWEEN", 0)
-    monkeypatch.setattr("jaxcell.sweep.pending._SECONDS", 0)
     kept, out, seen = sweep_stub.stub, str(tmp_path / "out"), []
 
     def curious(batch, fixed, seed):
-        # The others are being written.
-        wait_until(lambda: sweep_status(out).done >= len(seen))
         found = sweep_status(out)
         seen.append((found.done, found.rate, found.left))
         main(["sweep", "status", out])
@@ -157,7 +154,7 @@ def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):
     assert main(["sweep", spec(grid="x = {count = 12}"), "--out", out, "--json"]) == 0
     # Once there is a first chunk.
     told = capsys.readouterr().err
-    assert told.count("members a second") == told.count("time left") == 2
+    assert told.count("members per second") == told.count("time left") == 2
     assert seen[0] == (0, None, None)
     done, rate, left = seen[2]
     assert done == 2
@@ -196,7 +193,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, capsys, number):
         stderr=subprocess.PIPE,
         text=True,
     )
-    begun = out / "sweep.zarr" / "status" / "c"
+    begun = out / "sweep.journal"
     try:
         wait_until(lambda: begun.exists() and sweep_status(out).done)
     finally:
@@ -205,7 +202,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, capsys, number):
     assert process.returncode == 130
     # Where the machine is busy, Zarr grumbles when it is left.
     assert (
-        f"Stopped. What is done is kept in {out}; to go on: "
+        f"Stopped. Finished chunks are kept in {out}; to continue: "
         f"jaxcell sweep {path} --out {out} --resume "
         "--engine processes --workers 1 --max-failures 3\n"
     ) in told
@@ -213,16 +210,6 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, capsys, number):
     found = described(capsys)
     assert 0 < found["done"] < found["chunks"]
     assert found["running"] is None
-
-
-def test_help_needs_neither_jax_nor_zarr():
-    program = (
-        "import sys\nfrom jaxcell.cli import main\n"
-        "try: main(['sweep', '--help'])\n"
-        "except SystemExit: pass\n"
-        "assert not {'jax', 'xarray', 'zarr'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
 
 
 def test_the_state_of_a_sweep_needs_nothing_that_is_slow_to_import(spec, tmp_path):

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from waiting import wait_until
 
-from jaxcell import bundled
 from jaxcell.cli import main, view
 
 
@@ -157,9 +156,3 @@ def test_what_is_no_recording_is_refused(name, tmp_path, calls, capsys):
     assert main(["view", str(tmp_path / name)]) == 2
     assert calls == []
     assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_bundled_data_are_found_by_name():
-    assert bundled("maps/lab_a.json").is_file()
-    with pytest.raises(FileNotFoundError, match="maps/lab_z"):
-        bundled("maps/lab_z.json")

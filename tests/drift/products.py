@@ -19,7 +19,7 @@ def write(folder, dataset, name="sea.nc", encoding=None, **options):
 
 
 def refused(path, message, **choice):
-    """Reading is refused in one line, which begins with the path and has a message."""
+    """Check that reading is refused in one line, which begins with the path and has a message."""
     with pytest.raises(ValueError, match=message) as caught:
         open_currents(path, **choice)
     assert str(caught.value).startswith(f"{path}: ")
@@ -27,7 +27,7 @@ def refused(path, message, **choice):
 
 
 def numbers(records=RECORDS, rows=ROWS, columns=COLUMNS):
-    """Two velocities that tell record, row and column; of eighths, so that floats hold them."""
+    """Two velocities that tell record, row and column, in eighths, which floats hold exactly."""
     t, j, i = np.indices((records, rows, columns))
     return (t + j) / 8 - i / 64, i / 32 - (t + 2 * j) / 64
 
@@ -36,21 +36,25 @@ def hours(first=0, count=RECORDS, since="2020-01-01", **attributes):
     return first + np.arange(count), {"units": f"hours since {since}", **attributes}
 
 
-def regular(u, v, *, lon=LON, lat=LAT, dims=("time", "latitude", "longitude"), time=None):
+def regular(
+    u="uo", v="vo", values=None, *, lon=LON, lat=LAT, depth=None, time=None,
+    dims=("time", "latitude", "longitude"),
+):  # fmt: skip
     """Velocities on longitudes and latitudes, in files of Copernicus and many others.
 
-    `u` and `v` are the names, and what they are called is all that says what they are.
+    The names `u` and `v` alone tell what they are. The values broadcast to records, depths, rows
+    and columns; by default they tell the record, row and column.
     """
-    values = numbers(RECORDS if time is None else len(time[0]), len(lat), len(lon))
+    time = time or hours()
     t, y, x = dims
-    return xr.Dataset(
-        {u: (dims, values[0]), v: (dims, values[1])},
-        {
-            t: (t, *(time or hours())),
-            y: (y, lat, {"units": "degrees_north"}),
-            x: (x, lon, {"units": "degrees_east"}),
-        },
-    )
+    coords = {t: (t, *time)}
+    if depth is not None:
+        coords["depth"] = "depth", depth, {"units": "m"}
+    coords |= {y: (y, lat, {"units": "degrees_north"}), x: (x, lon, {"units": "degrees_east"})}
+    shape = [len(value[1]) for value in coords.values()]
+    values = numbers(shape[0], *shape[-2:]) if values is None else values
+    fields = [np.array(np.broadcast_to(one, shape)) for one in values]
+    return xr.Dataset({u: ([*coords], fields[0]), v: ([*coords], fields[1])}, coords)
 
 
 def oscar_old():

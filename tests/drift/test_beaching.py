@@ -11,7 +11,7 @@ from jaxcell.mapping import Chain
 HOUR = 3600.0
 
 
-def test_two_states_have_a_closed_form():
+def test_two_states_follow_their_closed_form():
     still = Chain.from_scipy(np.eye(1))
     chain, _ = drift.beaching(still, np.array([True]), HOUR, afloat=2 * HOUR, stranded=5 * HOUR)
     strands, floats = 1 - 2**-0.5, 1 - 2**-0.2
@@ -23,7 +23,7 @@ def test_two_states_have_a_closed_form():
         assert float(share.sum()) == pytest.approx(1)
 
 
-def test_what_does_not_strand_drifts_on():
+def test_drifters_that_do_not_strand_drift_on():
     random = np.random.default_rng(0)
     matrix = random.dirichlet(np.ones(5), 5) * 0.9
     at_coast = np.array([False, True, False, True, True])
@@ -33,12 +33,12 @@ def test_what_does_not_strand_drifts_on():
     np.testing.assert_allclose(found[:5, :5], half * matrix)
     np.testing.assert_array_equal(cell, [1, 3, 4])
     np.testing.assert_array_equal(found[[1, 3, 4], [5, 6, 7]], 0.5)
-    # Nothing is afloat again, so that each beach is an end.
+    # No drifter comes afloat again, so that each beach is an end.
     np.testing.assert_array_equal(found[5:], np.eye(8)[5:])
     assert drift.long_term_behaviour(chain, HOUR).groups.count == 3
 
 
-def test_who_strands_is_told_by_powers_of_the_matrix():
+def test_stranded_shares_are_those_of_powers_of_the_matrix():
     wet = np.ones((2, 4), bool)
     wet[0, 0] = False
     water = drift.Water.of(sea(*np.zeros((2, 2, 4)), wet))

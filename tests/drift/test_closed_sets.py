@@ -19,7 +19,7 @@ def gyres():
     return water, {step: drift.drift_map(water, flow, method.lasting(step)) for step in steps}
 
 
-def test_each_gyre_is_nearly_closed_whatever_the_step(gyres):
+def test_each_gyre_is_nearly_closed_for_all_steps(gyres):
     water, maps = gyres
     left, groups = water.column < 12, []
     for step, chain in maps.items():
@@ -62,7 +62,7 @@ def test_whole_periods_make_a_window_and_small_pieces_are_left_out():
 def test_sets_are_numbered_from_layer_to_layer():
     waters = [drift.Water.of(sea(np.zeros((3, 8)), np.zeros((3, 8))))] * 2
     waters[1] = dataclasses.replace(waters[1], depth=5.0)
-    # A step leads to any cell of the half, but in one of so many.
+    # A step leads to any cell of the half, except with a small probability.
     half = np.arange(24) % 8 // 4
     same = (half[:, None] == half) / 12
     chains = [mapping.Chain.from_scipy((1 - e) * same + e * same[::-1]) for e in (0.001, 0.01)]

@@ -36,7 +36,7 @@ def test_a_saddle_stretches_at_its_rate(dx, dy):
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(1000.0, 1000.0), (400.0, 1500.0)])
-def test_shear_stretches_as_it_should(dx, dy):
+def test_shear_stretches_at_its_rate(dx, dy):
     rate, time = 3e-5, 6 * 3600.0
     shear = rate * time
     expected = math.log((shear + math.hypot(shear, 2)) / 2) / time
@@ -61,7 +61,7 @@ def test_a_cell_at_a_coast_has_an_exponent():
     assert np.isfinite(found).all()
 
 
-def test_ridges_are_crests():
+def test_ridges_are_the_crests_of_the_values():
     nothing = np.zeros((15, 15))
     water = Water.of(sea(nothing, nothing))
     x, y = water.column, water.row
@@ -99,7 +99,7 @@ def test_borders_lie_on_ridges_in_the_double_gyre():
     agree = agreement(water, np.asarray(found.groups.group), ridge)
     assert agree.near > 0.8
     assert agree.ratio > 5
-    # The wall between the gyres is all that is found but for the walls around.
+    # Apart from the outer walls, the only ridge is the wall between the gyres.
     grid = water.on_grid(ridge, False)
     assert grid[2:-2, 20:22].any(axis=1).all()
     left = np.where(water.column < 21, 0, 1)
@@ -120,12 +120,15 @@ def test_agreement_counts_cells():
     assert math.isnan(agreement(water, label, np.zeros(18, bool)).ratio)
 
 
-def test_bad_input_is_refused():
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda w, f: ridges(w, np.zeros(32), share=0), "share: expected more than 0 and at most"),
+        (lambda w, f: agreement(w, np.zeros(32, int), np.zeros(32, bool)), "got no border"),
+        (lambda w, f: ftle(w, f, 0), "duration: expected a number of seconds other than 0"),
+    ],
+)
+def test_shares_labels_and_durations_out_of_range_are_refused(call, message):
     currents = double_gyre(4, 8)
-    water = Water.of(currents)
-    with pytest.raises(ValueError, match="share: expected more than 0 and at most 1, got 0"):
-        ridges(water, np.zeros(32), share=0)
-    with pytest.raises(ValueError, match="two groups side by side or more, got no border"):
-        agreement(water, np.zeros(32, int), np.zeros(32, bool))
-    with pytest.raises(ValueError, match="duration: expected a number of seconds other than 0"):
-        ftle(water, Flow.of(currents), 0)
+    with pytest.raises(ValueError, match=message):
+        call(Water.of(currents), Flow.of(currents))

@@ -1,10 +1,11 @@
+import dataclasses
 import itertools
 
-import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import matrices
+from random_chains import matrices, reachable as closure
+from small_seas import water
 
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.deployment import (
@@ -13,28 +14,8 @@ from jaxcell.drift.deployment import (
     minimum_deployment,
     visible_deployment,
 )
-from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups
-from jaxcell.optimize import greedy_cover, minimum_cover
-
-
-def sea(seed, side):
-    """A random flow on a grid without land, with a disturbance to the East in some cells."""
-    draw = np.random.default_rng(seed)
-    y, x = np.divmod(np.arange(side * side), side)
-    u, v = draw.integers(-1, 2, (2, side * side))
-    image = np.clip(y + v, 0, side - 1) * side + np.clip(x + u, 0, side - 1)
-    beside = np.clip(y + v, 0, side - 1) * side + np.clip(x + u + 1, 0, side - 1)
-    rho = np.where(draw.random(side * side) < 0.5, 1, 0.8)
-    return Chain(np.stack([image, beside]), np.stack([rho, 1 - rho]))
-
-
-def closure(matrix):
-    """Which cell leads to which, in 0 steps or more."""
-    reach = (np.eye(len(matrix)) + matrix > 0).astype(float)
-    for _ in range(len(matrix).bit_length()):
-        reach = (reach @ reach > 0).astype(float)
-    return reach > 0
+from jaxcell.optimize import greedy_cover
 
 
 def by_definition(matrix, behaviour):
@@ -70,37 +51,14 @@ def test_deployment_covers_every_cell(matrix):
         assert reach[found.cells[own]][:, part == label].any(axis=0).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_deployment_on_a_field(seed):
-    chain = sea(seed, 12)
-    behaviour = long_term_behaviour(chain, 1)
-    found = deployment_cells(behaviour)
-    matrix = chain.to_scipy().toarray()
-    assert found.cells.tolist() == by_definition(matrix, behaviour)
-    assert closure(matrix)[found.cells].any(axis=0).all()
-    assert found.cells.size >= minimum_deployment(chain).size
-
-
 @given(matrices())
-def test_the_fewest_cells(matrix):
+def test_no_smaller_deployment_reaches_all_cells(matrix):
     reach = closure(matrix)
     cells = range(len(matrix))
     found = minimum_deployment(Chain.from_scipy(matrix))
     assert reach[found].any(axis=0).all()
     smaller = itertools.combinations(cells, found.size - 1)
     assert not any(reach[list(chosen)].any(axis=0).all() for chosen in smaller)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_mixed_integer_program_needs_as_many(seed):
-    chain = sea(seed, 9)
-    graph = nx.DiGraph()
-    graph.add_nodes_from(range(81))
-    graph.add_edges_from(zip(*chain.to_scipy().nonzero(), strict=True))
-    reach = np.array([np.isin(range(81), [z, *nx.descendants(graph, z)]) for z in range(81)])
-    found = minimum_deployment(chain)
-    assert reach[found].any(axis=0).all()
-    assert found.size == minimum_cover(reach).chosen.size
 
 
 @given(matrices())
@@ -116,22 +74,6 @@ def test_the_curve_is_greedy(matrix):
     assert set(found.cells) == set(fewest)
 
 
-def test_the_curve_on_a_field():
-    chain = sea(5, 15)
-    reach = closure(chain.to_scipy().toarray())
-    found = coverage_curve(chain)
-    expected = greedy_cover(reach[minimum_deployment(chain)])
-    assert found.covered.tolist() == np.cumsum(expected.gained).tolist()
-    assert found.covered[0] == reach.sum(axis=1).max()
-
-
-def water(wet, dx=1000.0, dy=1000.0):
-    number = np.where(wet, np.cumsum(wet.ravel()).reshape(wet.shape) - 1, -1).astype(np.int32)
-    plain = np.zeros(wet.shape)
-    sides = [np.broadcast_to(side, wet.shape).astype(float) for side in (dx, dy)]
-    return Water(number, *sides, plain, plain, plain, 0.0)
-
-
 def staying(cells, group_of):
     """Persistent groups of a chain that goes around in each of the given groups."""
     image = np.arange(cells)
@@ -141,12 +83,12 @@ def staying(cells, group_of):
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.8, 3.5))
-def test_what_cameras_see(seed, reach):
+def test_cameras_see_cells_wholly_within_their_disc(seed, reach):
     draw = np.random.default_rng(seed)
     wet = draw.random((5, 6)) < 0.8
     wet[2, 3] = True
     dy = draw.uniform(0.7, 1.1, (5, 1)) * 1000
-    here = water(wet, 1000.0, dy)
+    here = dataclasses.replace(water(wet), dy=np.broadcast_to(dy, wet.shape).copy())
     cells = here.cells
     sees = np.zeros((cells, cells), bool)
     for i, j in itertools.product(range(cells), repeat=2):
@@ -189,17 +131,15 @@ def test_a_group_keeps_its_first_cell():
     np.testing.assert_array_equal(visible_deployment(here, 1600.0, leads).cells, cover)
 
 
-def test_refusals():
-    groups = persistent_groups(sea(0, 3))
-    here = water(np.ones((3, 3), bool))
-    with pytest.raises(
-        ValueError, match=r"707\.107 m or more, the distance to the corners of cell"
-    ):
-        visible_deployment(here, 700.0, groups)
-    with pytest.raises(ValueError, match="reach: expected"):
-        visible_deployment(here, np.nan, groups)
-    with pytest.raises(ValueError, match="groups: expected those of 9 cells"):
-        visible_deployment(here, 2000.0, persistent_groups(sea(0, 4)))
-    large = water(np.ones((257, 256), bool))
-    with pytest.raises(ValueError, match="more than 4 GiB"):
-        visible_deployment(large, 2000.0, staying(257 * 256, []))
+@pytest.mark.parametrize(
+    ("shape", "reach", "cells", "message"),
+    [
+        ((3, 3), 700.0, 9, r"707\.107 m or more, the distance to the corners of cell"),
+        ((3, 3), np.nan, 9, "reach: expected"),
+        ((3, 3), 2000.0, 16, "groups: expected those of 9 cells"),
+        ((257, 256), 2000.0, 257 * 256, "more than 4 GiB"),
+    ],
+)
+def test_views_out_of_range_are_refused(shape, reach, cells, message):
+    with pytest.raises(ValueError, match=message):
+        visible_deployment(water(np.ones(shape, bool)), reach, staying(cells, []))

@@ -1,4 +1,4 @@
-"""What the current does not resolve, and where drifters come from."""
+"""Diffusion of unresolved motion, and reversed flows."""
 
 import jax
 import numpy as np
@@ -19,7 +19,7 @@ SAMPLED = {"spread": "sampled", "edge": "exit", "samples": 3}
 
 @pytest.fixture(scope="module")
 def river():
-    """Still water but for a current of half a cell a step to the East."""
+    """A current of half a cell per step to the East."""
     currents = sea(np.full((SIDE, SIDE), 500 / STEP), np.zeros((SIDE, SIDE)))
     return drift.Water.of(currents), drift.Flow.of(currents, diffusivity=DIFFUSIVITY)
 
@@ -52,7 +52,7 @@ def test_drifters_spread_by_the_heat_kernel(river):
     assert np.abs(once - heat(1)).sum() / 2 < 0.02
 
 
-def test_without_diffusion_the_map_is_that_of_the_current(river):
+def test_diffusion_needs_sampling_and_short_steps(river):
     water, flow = river
     still = drift.Flow(flow.rate, flow.time)
     chain = drift.drift_map(water, still, drift.DriftStep(STEP, **SAMPLED))
@@ -95,7 +95,7 @@ def test_no_drifter_diffuses_ashore():
     assert not inside.all()
 
 
-def test_drifters_go_back_where_they_came_from():
+def test_the_reversed_flow_brings_drifters_back():
     random = np.random.default_rng(2)
     currents = sea(*random.normal(0, 0.2, (2, 4, 12, 12)))
     flow = drift.Flow.of(currents)

@@ -26,7 +26,7 @@ def eddies():
     return drift.Water.of(currents), drift.Flow.of(currents)
 
 
-def test_a_map_that_is_the_current_is_at_no_distance(eastward):
+def test_an_exact_map_has_distance_0(eastward):
     water, flow = eastward
     step = 2 * drift.crossing_time(water, flow)
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(step))
@@ -41,7 +41,7 @@ def test_a_map_that_is_the_current_is_at_no_distance(eastward):
     np.testing.assert_allclose(found.map_left, found.drifters_left)
 
 
-def test_a_closed_edge_holds_what_leaves(eastward):
+def test_a_closed_edge_holds_drifters_that_leave(eastward):
     water, flow = eastward
     step = 6 * 3600.0
     slow = drift.Flow(2 * flow.rate / (step * float(flow.rate.max())), flow.time, flow.wraps)
@@ -57,13 +57,13 @@ def test_a_closed_edge_holds_what_leaves(eastward):
     [([5, 25], (True, True)), ([8, 32], (True, True)), ([18, 18], (False, True)),
      ([168, 168], (False, False))],
 )  # fmt: skip
-def test_what_is_after_long_steps_is_not_said_to_be_after_few_hours(hours, near):
+def test_times_of_long_steps_are_not_near_6_and_24_hours(hours, near):
     nothing = np.zeros(2)
     found = Distance(np.array(hours, float), nothing, nothing, nothing, 1)
     assert found.near == near
 
 
-def test_it_is_that_from_drifters_released_by_chance():
+def test_the_distance_is_that_from_random_drifters():
     currents = drift.open_currents(
         bundled("ocean/gyres.nc"), depths=0, bounds=(-118.1, 33.44, -117.9, 33.54)
     )
@@ -79,8 +79,7 @@ def test_it_is_that_from_drifters_released_by_chance():
     np.testing.assert_allclose(found.total_variation, expected.total_variation, atol=0.03)
 
 
-def test_a_cell_with_few_drifters_is_told_from_one_with_none(eddies):
-    """However many cells there are, so many begin in each that their number says something."""
+def test_few_drifters_per_cell_give_the_same_distance(eddies):
     water, flow = eddies
     step = 2 * drift.crossing_time(water, flow)
     maps = [(drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(step)), step)]

@@ -32,7 +32,7 @@ def test_drifters_begin_in_their_cells_and_go_with_the_flow(getkey):
     np.testing.assert_allclose(share[1, [11, 12, 20, 21]], 0.25, atol=0.03)
 
 
-def test_the_key_decides():
+def test_drifters_are_reproducible_from_their_key():
     water, flow = uniform(0.5, 0.25)
 
     def run(seed):
@@ -45,7 +45,7 @@ def test_the_key_decides():
     assert (run(1)[0] != run(2)[0]).any()
 
 
-def test_what_leaves_the_grid_is_gone(getkey):
+def test_drifters_that_left_the_grid_do_not_return(getkey):
     water, flow = uniform(1.0, 0.0)
     found = simulate_drifters(getkey(), water, flow, [22, 23], 900.0, 6, drifters=4000)
     assert set(found.cell[3]) == {25, 26}
@@ -81,7 +81,7 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     assert np.isnan(found.transport[2])
 
 
-def test_distances_are_those_of_the_definitions(getkey):
+def test_comparisons_are_those_of_the_definitions(getkey):
     currents = double_gyre(12, 24)
     water, flow = Water.of(currents), Flow.of(currents)
     duration = crossing_time(water, flow)
@@ -132,24 +132,22 @@ def test_sampling_a_cell_is_nearer_to_the_drifters_than_its_centre(getkey):
         assert ((found.total_variation >= 0) & (found.total_variation <= 1)).all()
 
 
-def test_bad_input_is_refused(getkey):
-    currents = double_gyre(4, 8)
-    water, flow = Water.of(currents), Flow.of(currents)
-
-    def run(cells=0, duration=900.0, steps=2, **options):
-        return simulate_drifters(getkey(), water, flow, cells, duration, steps, **options)
-
-    with pytest.raises(ValueError, match="cell 32 does not exist; cells are 0 to 31"):
-        run(32)
-    with pytest.raises(ValueError, match="rho: expected a probability"):
-        run(rho=-0.1)
-    with pytest.raises(ValueError, match="1 drifter or more, got 2 and 0"):
-        run(drifters=0)
-    with pytest.raises(ValueError, match="duration: expected a number of seconds other than 0"):
-        run(duration=0.0)
-    chain = drift_map(water, flow, DriftStep(900.0))
-    with pytest.raises(ValueError, match=r"hours: expected times from 0 to 0.5, got \[1, 12, 24\]"):
-        compare(water, chain, run(drifters=2))
-    other = drift_map(*(of(double_gyre(3, 3)) for of in (Water.of, Flow.of)), DriftStep(900.0))
-    with pytest.raises(ValueError, match="chain: expected one of 32 cells, got one of 9"):
-        compare(water, other, run(drifters=2))
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cells": 32}, "cell 32 does not exist; cells are 0 to 31"),
+        ({"rho": -0.1}, "rho: expected a probability"),
+        ({"drifters": 0}, "1 drifter or more, got 2 and 0"),
+        ({"duration": 0.0}, "duration: expected a number of seconds other than 0"),
+        ({}, r"hours: expected times from 0 to 0.5, got \[1, 12, 24\]"),
+        ({"side": 3}, "chain: expected one of 32 cells, got one of 9"),
+    ],
+)
+def test_simulations_and_comparisons_out_of_range_are_refused(getkey, options, message):
+    water, flow = (of(double_gyre(4, 8)) for of in (Water.of, Flow.of))
+    side = options.pop("side", None)
+    other = double_gyre(*((side, side) if side else (4, 8)))
+    chain = drift_map(Water.of(other), Flow.of(other), DriftStep(900.0))
+    options = {"cells": 0, "duration": 900.0, "steps": 2, "drifters": 2} | options
+    with pytest.raises(ValueError, match=message):
+        compare(water, chain, simulate_drifters(getkey(), water, flow, **options))

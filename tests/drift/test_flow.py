@@ -8,7 +8,7 @@ from hypothesis import given
 from seas import sea, seas
 
 from jaxcell.drift.advection import advect, carried
-from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.flow import Flow, between, crossing_time, in_squares
 from jaxcell.drift.maps import flow_map
 from jaxcell.drift.step import DriftStep
 from jaxcell.drift.water import Water
@@ -190,7 +190,7 @@ def test_the_flow_between_centres_is_bilinear_and_stops_at_the_coast():
     wet = np.array([[True, True], [True, False]])
     flow = Flow.of(sea(east, -east, wet, dx=1.0, dy=1.0))
     x, y = jnp.array([0.5, 0.0, 1.0, 0.25, -9.0]), jnp.array([0.0, 0.5, 0.5, 0.5, -9.0])
-    along_x, along_y = flow.at(x, y, jnp.array(0.0))
+    along_x, along_y = between(flow, in_squares(flow, 0.0), x, y)
     # Halfway between 3 and the land it is 1.5.
     np.testing.assert_allclose(along_x, [2.0, 3.0, 1.5, 0.75 * 3 + 0.25 * 1.5, 1.0])
     np.testing.assert_allclose(along_y, -along_x)
@@ -254,16 +254,8 @@ def test_layers_have_cells_of_their_own():
     [
         (lambda c: Water.of(c, 1), "layer 1 does not exist; there are 1"),
         (lambda c: Flow.of(c, 0, 3), "record 3 does not exist; there are 1"),
-        (lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(0)), "other than 0, got 0"),
-        (lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(math.nan)), "got nan"),
-        (
-            lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(1.0, substeps=0)),
-            "substeps: expected 1 or more",
-        ),
-        (
-            lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep(1.0, method="leap")),
-            "method: expected 'euler' or 'rk4', got 'leap'",
-        ),
+        (lambda c: advect(Flow.of(c), *np.ones((2, 1)), 1.0, steps=0), "steps: expected 1 or more"),
+        (lambda c: advect(Flow.of(c), *np.ones((2, 1)), 1.0, method="leap"), "got 'leap'"),
         (
             lambda c: flow_map(Water.of(c), Flow.of(c), DriftStep()),
             "the water stands still everywhere",

@@ -67,7 +67,7 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=lambda one: "-".join(one.values()))
-def test_a_chain_does_not_know_where_columns_begin(options):
+def test_a_chain_does_not_depend_on_the_first_meridian(options):
     here, there = globe(), begun_at(globe(), 4)
     water, _, chain = chains(here, samples=2, **options)
     other, _, turned = chains(there, samples=2, **options)
@@ -78,22 +78,8 @@ def test_a_chain_does_not_know_where_columns_begin(options):
     np.testing.assert_allclose(np.asarray(turned.leaving)[to], chain.leaving, atol=1e-12)
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=lambda one: "-".join(one.values()))
-def test_a_chain_is_that_of_many_copies_folded(options):
-    water, _, chain = chains(globe(1, dry=0), samples=2, **options)
-    wide, _, unfolded = chains(copies(globe(1, dry=0)), samples=2, **options)
-    assert not wide.wraps
-    middle = wide.number[water.row, water.column + COPIES // 2 * COLUMNS]
-    home = water.number[wide.row, wide.column % COLUMNS]
-    rows = unfolded.to_scipy().toarray()[middle]
-    expected = np.zeros((water.cells, water.cells))
-    np.add.at(expected.T, home, rows.T)
-    np.testing.assert_allclose(chain.to_scipy().toarray(), expected, atol=1e-12)
-    np.testing.assert_allclose(chain.leaving, np.asarray(unfolded.leaving)[middle], atol=1e-12)
-
-
 @pytest.mark.parametrize("seed", range(3))
-def test_groups_and_times_do_not_know_where_columns_begin(seed):
+def test_groups_and_times_do_not_depend_on_the_first_meridian(seed):
     here = globe(seed, speed=0.9)
     water, flow, chain = chains(here, edge="exit")
     other, turned_flow, turned = chains(begun_at(here, 7), edge="exit")
@@ -106,10 +92,10 @@ def test_groups_and_times_do_not_know_where_columns_begin(seed):
     leaving = np.asarray(again.probability.leaving)[to]
     np.testing.assert_allclose(leaving, found.probability.leaving, atol=1e-9)
     expected = drift.diagnose(water, flow, found.groups, drift.DriftStep(1.0))
-    told = drift.diagnose(other, turned_flow, again.groups, drift.DriftStep(1.0))
-    assert told.warning == expected.warning
-    assert (told.locked, told.whole_pieces) == (expected.locked, expected.whole_pieces)
-    assert sorted(told.pieces.tolist()) == sorted(expected.pieces.tolist())
+    checked = drift.diagnose(other, turned_flow, again.groups, drift.DriftStep(1.0))
+    assert checked.warning == expected.warning
+    assert (checked.locked, checked.whole_pieces) == (expected.locked, expected.whole_pieces)
+    assert sorted(checked.pieces.tolist()) == sorted(expected.pieces.tolist())
 
 
 def test_pieces_meet_across_the_seam():
@@ -137,7 +123,7 @@ def test_the_nearest_water_may_be_across_the_seam():
     assert water.column[landed[0]].tolist() == [1, COLUMNS - 1, 1, COLUMNS - 1, COLUMNS - 1]
 
 
-def test_voyages_do_not_know_where_columns_begin():
+def test_voyages_do_not_depend_on_the_first_meridian():
     def solve(currents, place):
         waters = [drift.Water.of(currents, layer) for layer in range(2)]
         flows = [drift.Flow.of(currents, layer) for layer in range(2)]
@@ -162,7 +148,7 @@ def test_voyages_do_not_know_where_columns_begin():
     assert 0.01 < probability.mean() < 1
 
 
-def test_a_replay_does_not_know_where_columns_begin():
+def test_simulated_drifters_do_not_depend_on_the_first_meridian():
     here = globe(2)
     water, flow = drift.Water.of(here), drift.Flow.of(here)
     turned = begun_at(here, 4)
@@ -241,7 +227,7 @@ def test_lyapunov_exponents_and_ridges_are_those_of_many_copies():
     assert drift.agreement(water, label, ridge).near == 2 / 4
 
 
-def test_a_flow_of_another_kind_is_refused():
+def test_a_flow_that_does_not_wrap_is_refused():
     here = globe()
     plain = drift.Flow.of(copies(here).isel(x=slice(COLUMNS)))
     with pytest.raises(ValueError, match="flow: wraps: expected True as for this water, got False"):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from drift import products
 
 from jaxcell.drift import Water, open_currents
 from jaxcell.drift.currents.sphere import overlapping_columns
@@ -17,18 +18,9 @@ def flat(lon, u=None):
     """A file on longitudes and latitudes; the current tells the longitude and the row."""
     lon = np.asarray(lon, float)
     u = 0.001 * (lon % 360) + np.arange(ROWS)[:, None] if u is None else u
-    meaning = "sea_water_velocity"
-    dims = ("lat", "lon")
-    return xr.Dataset(
-        {
-            "u": (dims, u, {"standard_name": f"eastward_{meaning}", "units": "m/s"}),
-            "v": (dims, 0 * u - 0.25, {"standard_name": f"northward_{meaning}", "units": "m/s"}),
-        },
-        {
-            "lat": ("lat", LAT, {"units": "degrees_north"}),
-            "lon": ("lon", lon, {"units": "degrees_east"}),
-        },
-    )
+    time = products.hours(count=1)
+    plain = products.regular(values=(u, -0.25), lon=lon, lat=LAT, time=time)
+    return plain.rename(latitude="lat", longitude="lon")
 
 
 def opened(tmp_path, dataset, **options):
@@ -42,7 +34,7 @@ STRETCHED = np.array([0, 20, 42, 66, 92, 120, 150, 182, 216, 252, 288, 324.0])
 
 @pytest.mark.parametrize("lon", [ROUND, ROUND - 180, np.roll(ROUND, 5), ROUND + 13.7, STRETCHED])
 @pytest.mark.parametrize("again", [0, 1, 2])
-def test_a_grid_that_closes_goes_round(tmp_path, lon, again):
+def test_a_grid_without_a_gap_goes_round_the_earth(tmp_path, lon, again):
     whole = np.concatenate([lon, lon[:again] + (360 if again == 1 else 0)])
     found = opened(tmp_path, flat(whole))
     assert found.sizes["x"] == COLUMNS
@@ -60,12 +52,12 @@ def test_a_grid_that_closes_goes_round(tmp_path, lon, again):
     np.testing.assert_allclose(found.dx, side, rtol=1e-12)
 
 
-def test_four_columns_may_come_twice():
+def test_four_repeated_columns_are_found():
     lon, lat = np.meshgrid([0.0, 90, 180, 270] * 2, LAT)
     assert overlapping_columns(lon, lat) == 4
 
 
-def test_packed_longitudes_close_too(tmp_path):
+def test_packed_longitudes_go_round_the_earth(tmp_path):
     lon = np.arange(0, 360.1, 1 / 12).astype(np.float32)
     u = np.zeros((ROWS, lon.size))
     found = opened(tmp_path, flat(lon, u))
@@ -74,7 +66,7 @@ def test_packed_longitudes_close_too(tmp_path):
 
 
 @pytest.mark.parametrize("lon", [ROUND[:-1], ROUND[:-2], ROUND / 2, np.arange(COLUMNS) * 0.01])
-def test_a_grid_with_a_gap_does_not_close(tmp_path, lon):
+def test_a_grid_with_a_gap_does_not_go_round(tmp_path, lon):
     found = opened(tmp_path, flat(lon))
     assert not Water.of(found).wraps
     assert "Earth" not in found.attrs["notes"]
@@ -128,7 +120,7 @@ def test_sides_of_cells_are_averaged_across_the_seam(tmp_path, again):
     assert float(np.ptp(found.dx.values[1])) < 1e-6
 
 
-def test_bounds_on_a_curved_grid(tmp_path):
+def test_bounds_cut_a_curved_grid(tmp_path):
     found = opened(tmp_path, native(2), bounds=(80, -90, 190, 90))
     np.testing.assert_allclose(found.lon[0], [90, 120, 150, -180], atol=1e-9)
     np.testing.assert_allclose(found.u[0, 0, 0], [0.25, 0.35, 0.45, 0.55], atol=1e-9)

@@ -6,6 +6,7 @@ import croco
 import numpy as np
 import pytest
 import xarray as xr
+from drift import products
 from drift.products import refused
 
 from jaxcell.drift import open_currents
@@ -47,7 +48,7 @@ def test_depths_within_the_levels_are_interpolated(tmp_path, part, depths):
     np.testing.assert_allclose(currents.u[0, :, 1, 1], expected, atol=1e-12)
 
 
-# Levels of the file, the depth that is asked for, and what is said of it.
+# Levels of the file, the chosen depth, the nearest level and its layer, and the end of the error.
 BEYOND = {
     "the lowest is not the surface": (slice(0, 1), None, HEIGHTS[0], 0, "-0.984375 only"),
     "nor when asked": (slice(0, 1), 0, HEIGHTS[0], 0, "-0.984375 only"),
@@ -91,7 +92,7 @@ def test_cells_in_which_the_levels_reach_count_only(tmp_path):
 
 @pytest.mark.parametrize(("levels", "theta"), [(3, 0.1), (5, 10.0), (40, 10.0)])
 def test_a_whole_file_reaches_from_the_surface_to_the_bed(tmp_path, levels, theta):
-    """However thick its last layers are beside the others."""
+    """It does so for last layers of any thickness."""
     speed = 0.01 * np.arange(1, levels + 1)
     path = write(tmp_path, levels=levels, theta=theta, u=speed)
     currents = open_currents(path, depths=(0, DEPTH))
@@ -114,17 +115,10 @@ def test_a_single_level_must_be_that_of_the_surface(tmp_path, level, is_read):
 
 def fixed(depth, **attributes):
     """Currents on fixed depths: 0.5 m/s at the surface, less by 0.01 with each metre."""
-    east = 0.5 - 0.01 * np.abs(depth)[None, :, None, None] * np.ones((1, 1, 3, 4))
-    dims = ("time", "depth", "lat", "lon")
-    return xr.Dataset(
-        {"uo": (dims, east), "vo": (dims, 0 * east)},
-        {
-            "time": ("time", [0.0], {"units": "hours since 2020-01-01"}),
-            "depth": ("depth", depth, {"units": "m"} | attributes),
-            "lat": 0.1 * np.arange(3),
-            "lon": 0.1 * np.arange(4),
-        },
-    )
+    east = 0.5 - 0.01 * np.abs(depth)[:, None, None]
+    currents = products.regular(values=(east, 0), depth=depth, time=products.hours(count=1))
+    currents.depth.attrs.update(attributes)
+    return currents
 
 
 @pytest.mark.parametrize("sign", [1, -1])

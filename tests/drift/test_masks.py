@@ -3,8 +3,8 @@
 import croco
 import numpy as np
 import pytest
-import xarray as xr
-from drift.products import refused
+from drift import products
+from drift.products import refused, write
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
@@ -27,22 +27,14 @@ def test_in_a_file_of_croco_1_is_water(tmp_path, standard_name):
     assert "mask_rho: 1 is water, by its name" in currents.attrs["notes"]
 
 
-def regular(wet, **mask):
-    """Currents on longitude and latitude, missing on land, with a mask that is called `m`."""
-    u = np.where(wet, 0.1, np.nan)[None, None]
-    dims = ("time", "depth", "lat", "lon")
-    variables = dict.fromkeys(("uo", "vo"), (dims, u))
-    if mask:
-        variables[mask.pop("name", "m")] = (("lat", "lon"), mask.pop("values"), mask)
-    j, i = (0.1 * np.arange(size) for size in wet.shape)
-    hours = ("time", [0.0], {"units": "hours since 2020-01-01"})
-    coords = {"time": hours, "depth": [0.0], "lat": j, "lon": i}
-    return xr.Dataset(variables, coords)
-
-
-def write(tmp_path, dataset):
-    dataset.to_netcdf(tmp_path / "sea.nc")
-    return tmp_path / "sea.nc"
+def regular(wet, values=None, name="m", **attributes):
+    """Currents on longitude and latitude, missing on land, with a mask of some values."""
+    lat, lon = (0.1 * np.arange(size) for size in wet.shape)
+    u = np.where(wet, 0.1, np.nan)
+    currents = products.regular(values=(u, u), lon=lon, lat=lat, time=products.hours(count=1))
+    if values is not None:
+        currents[name] = ("latitude", "longitude"), values, attributes
+    return currents
 
 
 # The values of land and of water, and the attributes that say which is which.
@@ -66,7 +58,7 @@ MASKS = {
 @pytest.mark.parametrize("case", MASKS)
 @pytest.mark.parametrize("lost", [False, True])
 def test_masks_are_known_by_attributes(tmp_path, case, lost):
-    """Also where land has a velocity, so that nothing but the mask tells."""
+    """They are known even if land has a velocity, so that only the mask tells it."""
     on_land, on_water, attributes = MASKS[case]
     values = np.where(WET, float(on_water), on_land)
     dataset = regular(WET if lost else np.ones_like(WET), values=values, **attributes)
@@ -92,7 +84,7 @@ def exchanged(file):
 def test_a_mask_against_all_the_data_is_refused(tmp_path):
     path = croco.write(tmp_path / "croco.nc", WET, change=exchanged)
     land = (~WET).sum()
-    # Every water cell here has another beside it, and so a current through that side.
+    # Every water cell has a water cell beside it, and so a current through that side.
     message = (
         rf"mask_rho: none of the {land} cells that are water by it has a current other than 0, but "
         rf"{WET.sum()} of the {WET.sum()} that are land have; are land and water exchanged\? "
@@ -131,7 +123,7 @@ def test_a_sea_at_rest_and_a_sea_with_some_current_are_read(tmp_path):
 
 @given(arrays(bool, (4, 5)))
 def test_right_masks_are_read_and_exchanged_masks_refused(tmp_path_factory, wet):
-    """Where water and land have neighbours of their kind, so that there is a current."""
+    """Only for masks whose water and land have neighbours of their kind, and so a current."""
     if not (wet[:, 1:] & wet[:, :-1]).any() or wet.all():
         return
     path = tmp_path_factory.getbasetemp() / "croco.nc"

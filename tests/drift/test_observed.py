@@ -1,4 +1,4 @@
-"""What observed drifters say of their ends, and how sure that is."""
+"""The ends of observed drifters, with sampling errors."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ DAY = 86_400.0
 
 
 def moves_of(begin, end, lag=DAY):
-    """One move a drifter, between the middles of cells of a degree in a row; -1 is far away."""
+    """One move per drifter between the centres of cells of a degree in a row; -1 is far away."""
     lon = np.stack([begin, np.where(end < 0, 90, end)], axis=1).ravel() + 0.5
     time, number = np.tile([0.0, lag], begin.size), np.arange(begin.size).repeat(2)
     seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
@@ -44,8 +44,8 @@ def test_answers_are_those_of_the_chain(pair):
     np.testing.assert_allclose([named[f"hours of set {k}"] for k in sets.rank], sets.hours)
 
 
-def test_errors_are_those_of_shares(pair):
-    """By the law of large numbers, of the derivatives of times with respect to shares."""
+def test_errors_are_those_of_multinomial_shares(pair):
+    """The oracle draws the shares of moves from each cell from a multinomial law."""
     named = dict(zip(pair.estimates_name.tolist(), pair.estimates_error, strict=True))
     for rank in pair.nearly_closed_sets.rank:
         assert named[f"leakage of set {rank}"] == pytest.approx((0.2 * 0.8 / 300) ** 0.5, rel=0.25)
@@ -60,8 +60,8 @@ def test_errors_are_those_of_shares(pair):
     assert not pair.persistent_share.any()
 
 
-def test_a_cell_is_persistent_in_as_many_draws_as_miss_its_one_way_out():
-    """One of 20 leaves a cell, and is not drawn with a chance of (1 - 1/20)^20."""
+def test_a_cell_is_persistent_in_draws_without_its_only_exit():
+    """Only 1 of 20 drifters leaves the cell; no draw has it with probability (1 - 1/20)^20."""
     seen, moves = moves_of(np.zeros(20, int), np.array([-1] + [0] * 19))
     found = drift.ObservedDrift.of(seen, moves, samples=80)
     assert found.persistent_groups == 0

@@ -111,7 +111,7 @@ def test_a_current_to_the_east_comes_out_east_by_any_name(tmp_path, names, stand
 
 
 def test_the_layout_of_the_dissertation(tmp_path):
-    """Longitudes 0 to 360 and -9999 on land, which nothing declares."""
+    """Its longitudes are 0 to 360, and land is an undeclared -9999."""
     dataset = regular().fillna(-9999.0).assign_coords(lon=LON + 360)
     currents = open_currents(write(tmp_path, dataset))
     same(currents, plain(tmp_path))
@@ -157,7 +157,7 @@ def test_packed_values_and_two_fill_values(tmp_path):
 
 @pytest.mark.parametrize("start", [0, 2, 5])
 def test_longitudes_that_jump_are_put_in_order(tmp_path, start):
-    """Around the Earth, and across the antimeridian, wherever the file begins."""
+    """Files may begin at any longitude, go round the Earth, or cross the antimeridian."""
     lon = np.arange(-180.0, 180, 60)
     u, v = field()
     both = [np.nan_to_num(a) for a in (u, v)]
@@ -549,7 +549,7 @@ def test_a_format_that_hides_truncation_is_refused(tmp_path):
 @given(st.integers(4, 900), st.binary(min_size=1, max_size=6))
 def test_a_damaged_header_gives_no_traceback(tmp_path_factory, place, noise):
     path = tmp_path_factory.getbasetemp() / "damaged.nc"
-    write(path.parent, regular(), path.name, "NETCDF3_CLASSIC")
+    write(path.parent, regular(), path.name, format="NETCDF3_CLASSIC")
     raw = bytearray(path.read_bytes())
     raw[place : place + len(noise)] = noise
     path.write_bytes(raw)

@@ -3,7 +3,7 @@
 import croco
 import numpy as np
 import pytest
-import xarray as xr
+from drift import products
 from drift.products import refused
 
 from jaxcell.drift import open_currents
@@ -26,7 +26,7 @@ def turned(tmp_path, turn_deg, **options):
 @pytest.mark.parametrize("angle", ["radians", "degrees"])
 @pytest.mark.parametrize("units", [None, "radians", "degree"])
 def test_the_positions_tell_the_unit_of_the_angle(tmp_path, turn_deg, angle, units):
-    """Whatever the file says of it: there are files of radians that say degree."""
+    """Units in the file have no effect, because some files of radians say degree."""
     path = turned(tmp_path, turn_deg, angle=angle, units=units)
     currents = open_currents(path)
     np.testing.assert_allclose(currents.u, EAST, atol=1e-12)
@@ -48,7 +48,7 @@ def test_an_angle_that_is_a_little_off_is_taken(tmp_path, off):
 
 
 @pytest.mark.parametrize(
-    ("turn_deg", "values", "said"),
+    ("turn_deg", "values", "off"),
     [
         (30, np.radians(36), r"off by [56]\S* degrees if it is in radians, and by 29\.\d if"),
         (30, np.radians(120), r"off by 9\d\.?\d* degrees if it is in radians, and by 2[78]\S* if"),
@@ -56,31 +56,26 @@ def test_an_angle_that_is_a_little_off_is_taken(tmp_path, off):
         (170, np.radians(-10), r"off by 180 degrees if it is in radians, and by 170 if"),
     ],
 )
-def test_an_angle_that_is_not_that_of_the_grid_is_refused(tmp_path, turn_deg, values, said):
+def test_an_angle_that_is_not_that_of_the_grid_is_refused(tmp_path, turn_deg, values, off):
     def replace(file):
         file["angle"][:] = values
 
     path = turned(tmp_path, turn_deg, change=replace)
     message = "angle: expected .* within 5 degrees of that from lon_rho and lat_rho; .*"
-    refused(path, message + said)
+    refused(path, message + off)
 
 
 def globe(lat, curved=False, wet=True):
     lon = np.arange(0.0, 360, 30)
-    flow = np.where(np.broadcast_to(wet, (len(lon), len(lat))).T, 0.1, np.nan)[None]
-    names = {"uo": "eastward_sea_water_velocity", "vo": "northward_sea_water_velocity"}
-    if curved:
-        lon, lat = np.meshgrid(lon, lat)
-        dims = ("y", "x")
-        positions = {"lon": (dims, lon), "lat": (dims, lat)}
-    else:
-        dims = ("lat", "lon")
-        positions = {"lon": ("lon", lon), "lat": ("lat", lat)}
-    variables = {
-        name: (("time", *dims), flow, {"standard_name": meaning}) for name, meaning in names.items()
-    }
-    hours = {"time": ("time", [0.0], {"units": "hours since 2020-01-01"})}
-    return xr.Dataset(variables, positions | hours)
+    flow = np.where(np.broadcast_to(wet, (len(lon), len(lat))).T, 0.1, np.nan)
+    time = products.hours(count=1)
+    plain = products.regular(values=(flow, flow), lon=lon, lat=lat, time=time)
+    plain = plain.rename(latitude="lat", longitude="lon")
+    if not curved:
+        return plain
+    rows = plain.drop_vars(["lat", "lon"]).rename(lat="y", lon="x")
+    lon, lat = np.meshgrid(lon, lat)
+    return rows.assign(lon=(("y", "x"), lon), lat=(("y", "x"), lat))
 
 
 @pytest.mark.parametrize("curved", [False, True])

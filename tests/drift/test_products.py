@@ -10,7 +10,7 @@ from jaxcell.drift import Water, open_currents
 
 
 def reads(currents, u, v):
-    """The velocities are these exactly, row by row from the South."""
+    """Check that the velocities are exactly these, row by row from the South."""
     np.testing.assert_array_equal(currents.u.values[:, 0], u)
     np.testing.assert_array_equal(currents.v.values[:, 0], v)
     assert currents.water.values.all()
@@ -85,7 +85,7 @@ def test_gaps_of_a_radar_are_filled_where_most_records_are_there(tmp_path):
     u[0, 2, 2] = u[1, 2, 2]
     u[4, 1, 1] = 5
     both = np.where(water, u, np.nan), np.where(water, v, np.nan)
-    # v[0] and v[7] are there, but no current is known then.
+    # v[0] and v[7] exist, but u is missing in these records.
     both[1][0, 2, 2] = v[1, 2, 2]
     np.testing.assert_allclose(currents.u[:, 0], both[0], atol=1e-15)
     np.testing.assert_allclose(currents.v[:, 0], both[1], atol=1e-15)
@@ -122,7 +122,7 @@ def test_bad_flags_of_a_radar_are_gaps(tmp_path):
     ],
 )
 def test_calendars_keep_the_days_between_records(tmp_path, calendar, days, dates):
-    """Dates go on by the days between records, whatever their calendar calls them."""
+    """Dates continue by the days between records, in every calendar."""
     time = np.array(days), {"units": "days since 2020-01-01", "calendar": calendar}
     path = write(tmp_path, products.regular("uo", "vo", time=time))
     currents = open_currents(path)
@@ -189,7 +189,7 @@ def test_nemo_is_averaged_from_its_sides(tmp_path, names, surface):
 
 
 def test_nemo_at_the_centres_of_its_mesh_is_not_turned(tmp_path):
-    """As interpolated there: neither averaged, nor along the grid where that is said."""
+    """Velocities at the centres are neither averaged nor turned."""
     grid = products.nemo_mesh(land=())
     dataset = products.nemo(grid, "t", "uo", 1.0).rename(deptht="depth").isel(depth=0, drop=True)
     u, v = products.numbers()

@@ -14,7 +14,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds)
-def test_layers_are_put_together(seed):
+def test_layers_are_combined_in_order(seed):
     waters, chains = random_layers(seed)
     sea = Sea.of(waters, chains)
     place = [
@@ -57,7 +57,7 @@ def graph_of(sea, vertical):
 
 
 @given(seeds)
-def test_reach_equals_searches_of_the_graph(seed):
+def test_reachable_cells_are_those_of_a_graph_search(seed):
     sea = random_sea(seed, leak=0.1)
     start = int(np.random.default_rng(seed).integers(np.count_nonzero(sea.layer == 0)))
     column, at = [], start
@@ -72,7 +72,7 @@ def test_reach_equals_searches_of_the_graph(seed):
     assert expected <= free
 
 
-def test_where_the_layer_does_not_exist():
+def test_drifters_do_not_go_below_the_sea_bed():
     # Two cells that stay put, and below the second nothing.
     wets = [np.array([[True, True]]), np.array([[True, False]])]
     chains = [Chain(np.arange(n)[None], np.ones((1, n))) for n in (2, 1)]
@@ -82,17 +82,23 @@ def test_where_the_layer_does_not_exist():
     assert reachable_at_depth(sea, 1).tolist() == [False, True, False]
 
 
-def test_refusals():
-    waters, chains = random_layers(0)
-    sea = Sea.of(waters, chains)
-    surface = waters[0].cells
-    for start in (-1, surface):
-        for search in (reachable_by_layer, reachable_at_depth):
-            with pytest.raises(ValueError, match=f"cell {start} is not at the surface, which has"):
-                search(sea, start)
-    with pytest.raises(ValueError, match="got 2 for 3 layers"):
-        Sea.of(waters, chains[:2])
-    with pytest.raises(ValueError, match="that of layer 1 has"):
-        Sea.of(waters, [chains[0], chains[0], chains[2]])
-    with pytest.raises(ValueError, match="layer 1 has"):
-        Sea.of([waters[0], water(np.ones((2, 2), bool))], chains[:2])
+@pytest.mark.parametrize("search", [reachable_by_layer, reachable_at_depth])
+@pytest.mark.parametrize("off", [-1, 0])
+def test_starts_that_are_not_at_the_surface_are_refused(search, off):
+    sea = random_sea(0)
+    start = off if off < 0 else int(np.count_nonzero(sea.layer == 0))
+    with pytest.raises(ValueError, match=f"cell {start} is not at the surface, which has"):
+        search(sea, start)
+
+
+@pytest.mark.parametrize(
+    ("layers", "message"),
+    [
+        (lambda w, c: (w, c[:2]), "got 2 for 3 layers"),
+        (lambda w, c: (w, [c[0], c[0], c[2]]), "that of layer 1 has"),
+        (lambda w, c: ([w[0], water(np.ones((2, 2), bool))], c[:2]), "layer 1 has"),
+    ],
+)
+def test_layers_of_different_seas_are_refused(layers, message):
+    with pytest.raises(ValueError, match=message):
+        Sea.of(*layers(*random_layers(0)))

@@ -64,7 +64,7 @@ def test_the_exchange_is_that_of_drifters(tmp_path, currents):
         assert left == pytest.approx((last < 0).mean(), abs=0.03)
 
 
-def test_residence_times_by_dense_solves():
+def test_residence_times_are_those_of_dense_solves():
     random = np.random.default_rng(5)
     matrices = [random.dirichlet(np.ones(7), 7) * 0.95 for _ in range(2)]
     tide = ChainSequence.of([Chain.from_scipy(one) for one in matrices])
@@ -82,7 +82,7 @@ def test_residence_times_by_dense_solves():
     np.testing.assert_allclose(found.share, expected)
 
 
-def test_a_region_that_is_never_left():
+def test_a_region_that_is_never_left_has_infinite_residence():
     matrix = np.array([[1.0, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0, 0, 1], [0, 0, 0, 0]])
     inside = np.array([[True, True, False, False], [False, False, True, True]])
     found = drift.Exchange(np.array(["a", "b"]), inside, Chain.from_scipy(matrix), 1.0, 1)
@@ -90,7 +90,7 @@ def test_a_region_that_is_never_left():
     assert found.left.tolist() == [0.0, 0.5]
 
 
-def test_what_is_wrong_with_regions_is_said(tmp_path, currents):
+def test_invalid_regions_are_refused(tmp_path, currents):
     water, path = drift.Water.of(currents), tmp_path / "regions.geojson"
     far, line = shapely.box(0, 0, 1, 1), shapely.LineString([[0, 0], [1, 1]])
     for polygons, wrong in (

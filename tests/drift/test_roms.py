@@ -105,7 +105,7 @@ def test_a_current_to_the_east_comes_out_east(tmp_path, turn_deg):
 
 
 def test_nothing_flows_through_a_coast(tmp_path):
-    """Whatever the file has on the sides of land cells, also where its masks are left out."""
+    """Values on the sides of land cells have no effect, with and without masks."""
     masked = open_currents(write(tmp_path, native(0.4, 0.2)))
     beside = float(masked.u[0, 0, 3, 3]), float(masked.v[0, 0, 2, 4])
     assert beside == (pytest.approx(0.2), pytest.approx(0.1))
@@ -201,7 +201,7 @@ def croco(dataset):
 
 
 def xios(dataset):
-    """As CROCO writes it through XIOS."""
+    """The same file as XIOS writes it for CROCO."""
     dataset = dataset.rename(
         eta_rho="y_rho", xi_rho="x_rho", xi_u="x_u", eta_v="y_v", lon_rho="nav_lon_rho",
         lat_rho="nav_lat_rho", ocean_time="time_counter",
@@ -214,7 +214,7 @@ def xios(dataset):
 
 
 def equally_long(dataset):
-    """As cut with the same range of indices on all points, with garbage in the surplus."""
+    """The same file cut with one range of indices on all points, with garbage in the surplus."""
     return dataset.pad(xi_u=(0, 1), eta_v=(0, 1), mode="constant", constant_values=7.0)
 
 
@@ -255,18 +255,6 @@ def test_zeta_and_angle_may_be_missing(tmp_path):
     np.testing.assert_allclose(open_currents(write(tmp_path, degrees)).u, whole.u)
 
 
-def test_the_grid_may_be_in_another_file(tmp_path):
-    """In the file of the grid there is all that does not change in time, but for the levels."""
-    whole = native(0.3, 0.1, 30)
-    levels = ["Cs_r", "hc", "Vtransform"]
-    fixed = [name for name, one in whole.data_vars.items() if "ocean_time" not in one.dims]
-    grid = write(tmp_path, whole[[name for name in fixed if name not in levels]], "grid.nc")
-    apart = write(tmp_path, whole.drop_vars([name for name in fixed if name not in levels]))
-    found = open_currents(apart, grid=grid, depths=(0, 5))
-    expected = open_currents(write(tmp_path, whole, "whole.nc"), depths=(0, 5))
-    xr.testing.assert_equal(found, expected)
-
-
 def test_velocities_to_the_east_are_not_turned(tmp_path):
     dataset = native(0.3, 0.1, 30)
     rho = ("ocean_time", "s_rho", "eta_rho", "xi_rho")
@@ -287,7 +275,7 @@ def test_surface_files_are_read(tmp_path):
 
 @given(st.data())
 def test_a_block_is_a_part_of_the_whole(tmp_path_factory, data):
-    """Also along its edges, where the sides of cells outside of it count."""
+    """It holds along the edges too, where the sides of cells outside count."""
     path = tmp_path_factory.getbasetemp() / "block.nc"
     if not path.exists():
         rng = np.random.default_rng(3)

@@ -23,7 +23,7 @@ def months(folder):
     return [folder / f"sea_{month}.nc" for month in (1, 2, 3)]
 
 
-def test_records_go_on_from_file_to_file(tmp_path):
+def test_records_continue_from_file_to_file(tmp_path):
     paths = months(tmp_path)
     alone = [open_currents(path) for path in paths]
     joined = xr.concat(alone, "time", data_vars="minimal")
@@ -36,8 +36,8 @@ def test_records_go_on_from_file_to_file(tmp_path):
 
 
 @pytest.mark.parametrize("calendar", ["noleap", "360_day"])
-def test_calendars_go_on_from_file_to_file(tmp_path, calendar):
-    """Through the end of a leap year of the common calendar."""
+def test_calendars_continue_from_file_to_file(tmp_path, calendar):
+    """The records cross the end of a leap year of the common calendar."""
     for year in (2020, 2021):
         time = np.arange(3) * 100, {"units": f"days since {year}-05-01", "calendar": calendar}
         write(tmp_path, products.regular("uo", "vo", time=time), f"{year}.nc")
@@ -47,7 +47,7 @@ def test_calendars_go_on_from_file_to_file(tmp_path, calendar):
     np.testing.assert_array_equal(days, [0, 100, 200, year, year + 100, year + 200])
 
 
-def test_a_store_and_a_dataset_in_hand(tmp_path):
+def test_stores_and_open_datasets_are_read_alike(tmp_path):
     path = months(tmp_path)[0]
     expected = open_currents(path)
     with xr.open_dataset(path, decode_times=False) as dataset:
@@ -90,7 +90,7 @@ def test_one_record_at_a_time_is_read(tmp_path):
 
 
 def native(folder, **options):
-    """A file of CROCO, and the same in two: what does not change in time apart."""
+    """A file of CROCO, and the same in two files, one for variables that do not change in time."""
     path = croco.write(folder / "whole.nc", croco.island(), turn_deg=20.0, **options)
     with xr.open_dataset(path, decode_times=False, mask_and_scale=False) as whole:
         fixed = [name for name, one in whole.data_vars.items()
@@ -100,7 +100,7 @@ def native(folder, **options):
     return path, moving, grid
 
 
-def test_the_grid_of_croco_apart(tmp_path):
+def test_the_grid_of_croco_may_be_in_another_file(tmp_path):
     whole, moving, grid = native(tmp_path)
     expected = open_currents(whole, depths=(0, 10))
     currents = open_currents(moving, grid=grid, depths=(0, 10))
@@ -146,7 +146,7 @@ def test_velocities_at_other_times_are_refused(tmp_path):
         open_currents(paths)
 
 
-def test_sources_that_are_not_there(tmp_path):
+def test_missing_sources_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"other_\*.nc: no file has a name of this pattern"):
         open_currents(tmp_path / "other_*.nc")
     with pytest.raises(FileNotFoundError, match=r"other.nc: there is no such file"):
@@ -155,7 +155,7 @@ def test_sources_that_are_not_there(tmp_path):
         open_currents([])
     with pytest.raises(ValueError, match="cannot be read as a Zarr store"):
         open_currents(tmp_path)
-    # Nobody listens there.
+    # No server listens at this address.
     address = "http://127.0.0.1:9/dodsC/sea.nc"
     message = f"^{address}: cannot be reached by OPeNDAP .no network, or no such dataset.: "
     with pytest.raises(ValueError, match=message):

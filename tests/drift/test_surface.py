@@ -50,7 +50,7 @@ def test_wind_and_waves_are_added_at_the_surface(dataset, mean):
     assert "uwnd" not in alone.attrs["notes"]
 
 
-def test_what_is_wrong_with_wind_is_said(dataset):
+def test_missing_and_invalid_winds_are_refused(dataset):
     with pytest.raises(ValueError, match="windage: expected a share from 0 to 1, got 3"):
         drift.open_currents(dataset, windage=3)
     dataset["uwnd"][1, 2, 1] = np.nan

@@ -1,5 +1,7 @@
 """Files of trajectories in the layouts of real products, and the chains that they give."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -88,7 +90,7 @@ def test_a_zarr_store_is_read(tmp_path):
     same(drift.open_trajectories(tmp_path / "particles.zarr"))
 
 
-def test_decoded_times_of_a_dataset_in_hand_are_read():
+def test_decoded_times_of_an_open_dataset_are_read():
     found = drift.open_trajectories(xr.decode_cf(parcels()))
     same(drift.Trajectories(found.lon, found.lat, found.time - found.time[0], found.drifter))
 
@@ -96,7 +98,7 @@ def test_decoded_times_of_a_dataset_in_hand_are_read():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.drop_vars("longitude"), "lon: expected trajectories with a longitude; there"),
+        (lambda d: d.drop_vars("longitude"), "lon: expected trajectories with a longitude, got"),
         (lambda d: d.assign(rowsize=d.rowsize + 1), "rowsize: expected 9 observations of all drif"),
         (lambda d: d.assign(rowsize=("traj", [14, -2, -3])), "rowsize: .* that are none of obs"),
         (lambda d: d.assign(rowsize=("traj", [4.5, 2.5, 2])), "rowsize: .* that are none of obs"),
@@ -148,14 +150,14 @@ def test_boxes_end_at_the_poles(cell, asked, south, north):
 
 
 @pytest.mark.parametrize(("west", "cell"), [(1.7, 0.1), (3.4, 0.2), (-51.2, 0.1), (0.35, 0.01)])
-def test_boxes_begin_with_the_first_observation_whatever_the_rounding(west, cell):
+def test_boxes_begin_with_the_first_observation_despite_rounding(west, cell):
     lon = west + cell * np.array([0.0, 1.5])
     seen = drift.Trajectories(lon, np.full(2, 0.55), np.zeros(2), np.arange(2))
     assert drift.boxes(seen, cell).number.shape[1] == 2
 
 
 @pytest.mark.parametrize(("count", "moves"), [(1, []), (2, [0]), (3, [0, 0])])
-def test_a_drifter_that_was_seen_a_few_times(count, moves):
+def test_a_drifter_with_few_observations_has_few_moves(count, moves):
     seen = drift.Trajectories(
         *(np.full(count, 5.0), np.full(count, 0.5)), np.arange(count) * 3600.0, np.zeros(count, int)
     )
@@ -186,7 +188,7 @@ def walks(random, matrix, drifters, steps):
         draw = random.random(here.sum())[:, None]
         place[here, n + 1] = (draw > rows[place[here, n]]).sum(axis=1)
     gone = place == cells
-    # What is gone is seen once more, far away.
+    # A drifter that left is observed once more, far away.
     seen = ~gone | (np.cumsum(gone, axis=1) == 1)
     number, time = np.nonzero(seen)
     lon = np.where(gone, 50.0, 170 + place)[seen] + random.uniform(0.1, 0.9, seen.sum())
@@ -209,7 +211,7 @@ def known():
     return matrix, drift.count_moves(seen, water, 3600.0)
 
 
-def test_the_chain_of_trajectories_is_given_back_within_the_errors(known):
+def test_the_chain_of_trajectories_is_estimated_within_its_errors(known):
     matrix, moves = known
     found = drift.bootstrap(moves, lambda chain: chain.to_scipy().toarray(), samples=200)
     np.testing.assert_allclose(found.value, moves.chain.to_scipy().toarray())
@@ -225,7 +227,7 @@ def test_the_chain_of_trajectories_is_given_back_within_the_errors(known):
     assert 0.85 < np.median(ratio) < 1.15
 
 
-def test_what_is_asked_of_it_has_errors(known):
+def test_times_and_leakage_are_estimated_within_their_errors(known):
     matrix, moves = known
     half = np.arange(20) < 10
 
@@ -244,7 +246,7 @@ def test_what_is_asked_of_it_has_errors(known):
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_counts_are_those_of_every_pair(seed):
+def test_moves_are_those_of_every_pair_of_observations(seed):
     random = np.random.default_rng(seed)
     number = random.integers(0, 3, 12)
     hours = random.choice(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 12)
@@ -273,21 +275,19 @@ def test_counts_are_those_of_every_pair(seed):
     )  # fmt: skip
 
 
-def test_bad_input_is_refused():
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s, w: drift.boxes(s, 0), "cell: expected more than 0 and at most 90 degrees"),
+        (lambda s, w: drift.boxes(s, 1.0, (0, 10, 5, 5)), "bounds: expected West, South, East and"),
+        (lambda s, w: drift.count_moves(s, w, 0), "lag: expected a positive number of seconds"),
+        (lambda s, w: drift.count_moves(s, w, 3600.0, least=0), "least: expected 1 or more, got 0"),
+        (lambda s, w: dataclasses.replace(s, time=0 * s.time), "number 1 does not"),
+        (lambda s, w: drift.bootstrap(drift.count_moves(s, w, 6 * 3600.0), len, samples=1),
+         "samples: expected 2 or more, got 1"),
+    ],
+)  # fmt: skip
+def test_cells_lags_and_samples_out_of_range_are_refused(call, message):
     seen = drift.open_trajectories(parcels())
-    water = drift.boxes(seen, 1.0)
-    with pytest.raises(
-        ValueError, match="cell: expected more than 0 and at most 90 degrees, got 0"
-    ):
-        drift.boxes(seen, 0)
-    with pytest.raises(ValueError, match="bounds: expected West, South, East and North, got"):
-        drift.boxes(seen, 1.0, (0, 10, 5, 5))
-    with pytest.raises(ValueError, match="lag: expected a positive number of seconds, got 0"):
-        drift.count_moves(seen, water, 0)
-    with pytest.raises(ValueError, match="least: expected 1 or more, got 0"):
-        drift.count_moves(seen, water, 3600.0, least=0)
-    with pytest.raises(ValueError, match="number 2 does not"):
-        drift.Trajectories(np.zeros(3), np.zeros(3), np.array([0.0, 1, 1]), np.zeros(3, int))
-    moves = drift.count_moves(seen, water, 6 * 3600.0)
-    with pytest.raises(ValueError, match="samples: expected 2 or more, got 1"):
-        drift.bootstrap(moves, lambda chain: 0.0, samples=1)
+    with pytest.raises(ValueError, match=message):
+        call(seen, drift.boxes(seen, 1.0))

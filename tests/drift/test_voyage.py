@@ -1,7 +1,6 @@
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -52,7 +51,7 @@ def algorithm(sea, goal, discount, rounds):
 
 @given(seeds, st.sampled_from([0.0, 0.2]))
 @settings(max_examples=8)
-def test_the_algorithm_cell_by_cell(seed, leak):
+def test_values_are_those_of_the_algorithm_cell_by_cell(seed, leak):
     sea = random_sea(seed, shape=(3, 3), leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))
     found = discounted_voyage(sea, goal, 0.9)
@@ -65,7 +64,7 @@ def test_the_algorithm_cell_by_cell(seed, leak):
     assert found.action[goal] == 0
 
 
-def test_who_cannot_arrive_drifts():
+def test_a_drifter_that_cannot_arrive_drifts():
     # Three separate cells in a row over two more, each of which stays put.
     wets = [np.array([[True, True, True]]), np.array([[True, True, False]])]
     chains = [Chain(np.arange(n)[None], np.ones((1, n))) for n in (3, 2)]
@@ -79,7 +78,7 @@ def test_who_cannot_arrive_drifts():
     np.testing.assert_allclose(found.value, [never, 90, never, never, 0], atol=1e-12)
 
 
-def test_no_better_to_be_lost():
+def test_leaving_is_no_better_than_staying():
     # Cell 0 may drift off the grid for good, or go down, from where it may rise to the goal.
     wets = [np.array([[True, False]]), np.array([[True, True]]), np.array([[True, True]])]
     chains = [
@@ -95,7 +94,7 @@ def test_no_better_to_be_lost():
 
 @given(seeds, st.sampled_from([0.0, 0.3]))
 @settings(max_examples=15)
-def test_the_closed_loop(seed, leak):
+def test_the_closed_loop_follows_the_actions(seed, leak):
     sea = random_sea(seed, leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))
     surest = surest_voyage(sea, goal)
@@ -117,7 +116,7 @@ def test_the_closed_loop(seed, leak):
         assert (np.asarray(found.time) >= np.asarray(surest.time) * (1 - 1e-9)).all()
 
 
-def test_several_goals():
+def test_a_goal_may_have_several_cells():
     sea = random_sea(3)
     goals = np.array([2, sea.cells - 1])
     model = voyage_model(sea, goals, 0.9)
@@ -151,7 +150,7 @@ def test_simulated_drifters_arrive_as_often_as_predicted(leak):
         by_then = float((tracks.time <= step).mean())
         share = law[: step + 1].sum()
         assert abs(by_then - share) < 4 * math.sqrt(share * (1 - share) / drifters) + 1e-12
-    # Every step is one that the closed loop may make, and nobody comes back.
+    # Every step is one that the closed loop may make, and no drifter comes back.
     cell = np.asarray(tracks.cell)
     here, there = cell[:-1].ravel(), cell[1:].ravel()
     matrix = voyage.chain.to_scipy().toarray()
@@ -166,7 +165,7 @@ def test_simulated_drifters_arrive_as_often_as_predicted(leak):
     )
 
 
-def test_simulation_is_reproducible_and_starts_where_told():
+def test_simulation_is_reproducible_from_its_key_and_start():
     voyage = surest_voyage(random_sea(1), 0)
     key = jax.random.key(7)
     one, two = (simulate_voyages(key, voyage, 5, 30, 20) for _ in range(2))
@@ -177,20 +176,20 @@ def test_simulation_is_reproducible_and_starts_where_told():
     assert there.time.tolist() == [0, 0, 0]
 
 
-def test_refusals():
-    sea = random_sea(0)
-    with pytest.raises(ValueError, match="goal: cell 999 does not exist"):
-        discounted_voyage(sea, 999)
-    with pytest.raises(ValueError, match="goal: expected at least one cell"):
-        surest_voyage(sea, [])
-    with pytest.raises(ValueError, match="discount: expected more than 0 and less than 1, got 1"):
-        discounted_voyage(sea, 0, 1.0)
-    voyage = surest_voyage(sea, 0)
-    key = jax.random.key(0)
-    with pytest.raises(ValueError, match="drifters: expected 1 or more, got 0"):
-        simulate_voyages(key, voyage, 1, 0, 5)
-    with pytest.raises(ValueError, match="steps: expected 0 or more, got -1"):
-        simulate_voyages(key, voyage, 1, 5, -1)
-    with pytest.raises(ValueError, match="start: cell 999 does not exist"):
-        simulate_voyages(key, voyage, 999, 5, 5)
-    assert jnp.isfinite(voyage.probability).all()
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda sea, key: discounted_voyage(sea, 999), "goal: cell 999 does not exist"),
+        (lambda sea, key: surest_voyage(sea, []), "goal: expected at least one cell"),
+        (lambda sea, key: discounted_voyage(sea, 0, 1.0), "discount: expected more than 0"),
+        (lambda sea, key: simulate_voyages(key, surest_voyage(sea, 0), 1, 0, 5),
+         "drifters: expected 1 or more, got 0"),
+        (lambda sea, key: simulate_voyages(key, surest_voyage(sea, 0), 1, 5, -1),
+         "steps: expected 0 or more, got -1"),
+        (lambda sea, key: simulate_voyages(key, surest_voyage(sea, 0), 999, 5, 5),
+         "start: cell 999 does not exist"),
+    ],
+)  # fmt: skip
+def test_invalid_goals_discounts_and_simulations_are_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(random_sea(0), jax.random.key(0))

@@ -19,7 +19,7 @@ def test_chain_of_logistic_map_equals_ulams_matrix():
     chain = dynamics.chain(
         lambda x, p: 4 * x * (1 - x), Box([0], [1], [cells], "clamp"), samples=samples
     )
-    # What part of a cell is mapped to another: both branches of the inverse are known.
+    # The exact shares of a cell, by both branches of the inverse.
     edges = np.linspace(0, 1, cells + 1)
     low = (1 - np.sqrt(1 - edges)) / 2
     exact = np.zeros((cells, cells))
@@ -55,13 +55,13 @@ def test_noise_by_quadrature_has_the_moments_of_a_linear_map():
 
     chain = dynamics.chain(linear, box, samples=8, noise=(noise, 0.0), quadrature=5)
     assert chain.image.shape == (40, box.size)
-    # One mapping from a cell: fourth moments are exact but for the width of cells.
+    # One mapping from a cell: fourth moments are exact, except for the width of cells.
     places = box.centre(np.arange(box.size, dtype=np.int32))[:, 0]
     here = int(box.index(np.array([1.0, 0.0])))
     row = chain.to_scipy().toarray()[here]
     found = [float(row @ (places - decay * places[here]) ** k) for k in (0, 1, 2, 4)]
     np.testing.assert_allclose(found, [1, 0, noise**2, 3 * noise**4], atol=0.005)
-    # For ever: each of the three rows by itself is normal, of this deviation.
+    # In the limit each of the three rows is normal, of this deviation.
     mass = limiting(chain)
     assert mass @ places**2 == pytest.approx(noise**2 / (1 - decay**2), rel=0.01)
     np.testing.assert_allclose(mass.reshape(150, 3).sum(axis=0), 1 / 3)

@@ -83,7 +83,7 @@ def test_cover_of_henon_attractor_holds_its_orbit():
 
 def test_exponent_of_cantor_boundary_is_its_codimension():
     def thirds(x, p):
-        # What is left for ever is Cantor's set; both halves of each gap go to another end.
+        # The points that stay are Cantor's set; both halves of each gap go to another end.
         middle = jnp.where(x < 0.5, -0.5, 1.5)
         inside = jnp.where(x < 1 / 3, 3 * x, jnp.where(x > 2 / 3, 3 * x - 2, middle))
         return jnp.where(x < 0, -0.5, jnp.where(x > 1, 1.5, inside))

@@ -77,8 +77,8 @@ def test_two_of_four_axes_are_drawn_and_the_cut_is_reported(tmp_path, capsys):
         named = [[int(labels[k].split()[-1]) for k in row] for row in pictures[third]]
         assert named == basin[:, :, third, 4].T.tolist()
     (text,) = recorded.static("/text", "TextDocument:text")
-    told = "maps go along a and b, and the timeline `slice` through the 3 cells of c, from -1.333"
-    assert told in text
+    cut = "maps go along a and b, and the timeline `slice` through the 3 cells of c, from -1.333"
+    assert cut in text
     assert "to 1.333; they are cut at d = 0." in text
     # The last axis has more cells than the third.
     assert run([*asked, "--params", "edge=0.1:0.2:2"]) == 0
@@ -150,7 +150,7 @@ def test_interrupted_sweep_is_resumed(own, tmp_path, monkeypatch):
         assert dataset.outside_share.values.tolist() == [0, 0, 0]
 
 
-# The peak of all of the process, as the system told it.
+# The measured peak of the whole process.
 @pytest.mark.parametrize(
     ("system", "cells", "peak"),
     [("duffing", 1000, 0.36e9), ("henon", 3000, 0.53e9), ("thomas", 120, 0.39e9)],
@@ -221,7 +221,7 @@ def test_bad_parameters_are_refused_in_one_line(asked, said):
     assert "\n" not in str(refused.value)
 
 
-# Those that no published case is of.
+# Systems without a published case.
 @pytest.mark.parametrize("name", ["pendulum", "thomas"])
 def test_built_in_systems_have_attractors(name):
     found = study.Dynamics(system=name, cells=(11,)).run()

@@ -1,8 +1,4 @@
-"""Command lines that ask for what cannot be.
-
-Each has one value or more that is refused before anything long is computed; that a command ends
-well where nothing is wrong is tested elsewhere.
-"""
+"""Command lines with impossible values, which are refused before a long computation."""
 
 import os
 
@@ -47,7 +43,7 @@ MAPPED = ["cover", "groups", "localize", "navigate", "team", "patrol map"]
 
 @pytest.mark.parametrize("name", MAPPED)
 @pytest.mark.parametrize("cell", ["nan", "inf", "-1", "0", "1e-9", "1e-300", "5e-324", "1e300"])
-def test_cells_that_cannot_be(capsys, tmp_path, name, cell):
+def test_impossible_cells_are_refused(capsys, tmp_path, name, cell):
     args = [*name.split(), *COMMANDS[name], "--cell", cell, "--out", tmp_path / "out"]
     assert answers(main, capsys, *args, out=tmp_path) == 2
 
@@ -73,7 +69,7 @@ HUGE = [
 
 
 @pytest.mark.parametrize(("name", "option", "value"), HUGE)
-def test_numbers_that_cannot_be(capsys, tmp_path, name, option, value):
+def test_impossible_numbers_are_refused(capsys, tmp_path, name, option, value):
     args = [*name.split(), *COMMANDS[name], f"--{option}", value, "--out", tmp_path / "out"]
     assert answers(main, capsys, *args, out=tmp_path) == 2
 
@@ -83,7 +79,7 @@ TO_FOLDERS = ["demo", "drift", "patrol graph", "robot run", "sweep", *MAPPED]
 
 @pytest.mark.parametrize("name", TO_FOLDERS)
 @pytest.mark.parametrize("out", ["file", "file/below", "file/far/below"])
-def test_places_that_are_no_folders(capsys, tmp_path, name, out):
+def test_outputs_below_a_file_are_refused(capsys, tmp_path, name, out):
     (tmp_path / "file").write_bytes(b"kept")
     args = [*name.split(), *COMMANDS.get(name, []), "--out", tmp_path / out]
     assert answers(main, capsys, *args, out=tmp_path) == 2
@@ -92,7 +88,7 @@ def test_places_that_are_no_folders(capsys, tmp_path, name, out):
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
 @pytest.mark.parametrize("name", TO_FOLDERS)
-def test_places_that_are_not_ours(capsys, tmp_path, name):
+def test_outputs_in_protected_folders_are_refused(capsys, tmp_path, name):
     (tmp_path / "theirs").mkdir(mode=0o500)
     args = [*name.split(), *COMMANDS.get(name, []), "--out", tmp_path / "theirs" / "out"]
     assert answers(main, capsys, *args, out=tmp_path) == 2

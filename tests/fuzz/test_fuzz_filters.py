@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
-from mutations import cases, changed_json, damaged, reads_or_refuses
+from mutations import cases, changed_json, damaged, place, reads_or_refuses
 
 from jaxcell.automata import (
     Filter,
@@ -36,7 +36,7 @@ HEADER = {
 
 
 def forged(header, arrays):
-    """A file whose checksums are right, whatever is in it."""
+    """A file with right checksums and any content."""
     text = header if isinstance(header, bytes) else json.dumps(header).encode()
     stored = {
         name: np.diff(np.array(values, "<i4"), prepend=np.zeros(1, "<i4"))
@@ -48,7 +48,7 @@ def forged(header, arrays):
 
 
 def use(path):
-    """Reads a filter, and does with it all that needs nothing else."""
+    """Reads a filter, runs it, and writes it in all formats."""
     filter = Filter.load(path)
     assert len(filter.color) == len(filter.transition)
     filter.run([0])
@@ -56,16 +56,10 @@ def use(path):
         write(minimize(filter))
 
 
-def place(folder, content):
-    path = folder / "f.jxf"
-    path.write_bytes(content)
-    return path
-
-
 @cases()
 @given(damaged({"f.jxf": forged(HEADER, ARRAYS)}))
 def test_damaged_filters(tmp_path, file):
-    reads_or_refuses(Filter.load, place(tmp_path, file[1]))
+    reads_or_refuses(Filter.load, place(tmp_path, "f.jxf", file[1]))
 
 
 @cases()
@@ -76,7 +70,7 @@ def test_damaged_filters(tmp_path, file):
     ("f.jxf", json.dumps(HEADER).encode().replace(b'"metadata": {', b'"metadata": [], "x": {'))
 )
 def test_forged_headers(tmp_path, file):
-    reads_or_refuses(Filter.load, place(tmp_path, forged(file[1], ARRAYS)))
+    reads_or_refuses(Filter.load, place(tmp_path, "f.jxf", forged(file[1], ARRAYS)))
 
 
 numbers = st.sampled_from([-(2**31), -2, -1, 0, 0, 1, 1, 2, 2, 3, 3, 4, 5, 2**31 - 1])
@@ -97,26 +91,21 @@ numbers = st.sampled_from([-(2**31), -2, -1, 0, 0, 1, 1, 2, 2, 3, 3, 4, 5, 2**31
     st.booleans(),
 )
 def test_forged_tables(tmp_path, arrays, open_world):
-    path = place(tmp_path, forged({**HEADER, "open_world": open_world}, arrays))
+    path = place(tmp_path, "f.jxf", forged({**HEADER, "open_world": open_world}, arrays))
     if reads_or_refuses(Filter.load, path):
         filter = Filter.load(path)
         assert len(filter.color) == len(filter.transition)
-        try:
-            least = minimize(filter)
-        except ValueError as error:
-            assert str(error).startswith("filter: ")
-            return
         for write in (to_dot, to_jflap, to_json, to_c_header):
-            write(least)
+            write(minimize(filter))
 
 
 def test_the_undamaged_one_is_read(tmp_path):
-    assert reads_or_refuses(use, place(tmp_path, forged(HEADER, ARRAYS)))
+    assert reads_or_refuses(use, place(tmp_path, "f.jxf", forged(HEADER, ARRAYS)))
 
 
 @pytest.mark.parametrize("length", [10**6, 10**9, 10**18, 10**40])
-def test_lengths_that_are_not_there(tmp_path, length):
-    path = place(tmp_path, b"")
+def test_wrong_lengths_of_arrays_are_refused(tmp_path, length):
+    path = place(tmp_path, "f.jxf", b"")
     file = io.BytesIO()
     np.lib.format.write_array_header_1_0(
         file, {"descr": "<i4", "fortran_order": False, "shape": (length,)}
@@ -146,7 +135,7 @@ POLICY_HEADER = {"kind": "policy", "metadata": {"bounces_deg": [45.0]}}
 
 
 def use_policy(path):
-    """Reads a policy, and follows it to an end, or for a while."""
+    """Reads a policy, and follows it for up to 20 steps."""
     policy = Policy.load(path)
     policy_to_c_header(policy)
     state = policy.start()
@@ -157,7 +146,7 @@ def use_policy(path):
 @cases()
 @given(damaged({"f.jxf": forged(POLICY_HEADER, POLICY)}))
 def test_damaged_policies(tmp_path, file):
-    reads_or_refuses(Policy.load, place(tmp_path, file[1]))
+    reads_or_refuses(Policy.load, place(tmp_path, "f.jxf", file[1]))
 
 
 @cases()
@@ -166,9 +155,9 @@ def test_damaged_policies(tmp_path, file):
     st.lists(st.integers(-2, 6) | st.sampled_from([-(2**31), 2**31 - 1]), max_size=8),
 )
 def test_forged_policies(tmp_path, name, values):
-    path = place(tmp_path, forged(POLICY_HEADER, POLICY | {name: values}))
+    path = place(tmp_path, "f.jxf", forged(POLICY_HEADER, POLICY | {name: values}))
     reads_or_refuses(use_policy, path)
 
 
-def test_the_policy_that_is_damaged_is_one(tmp_path):
-    use_policy(place(tmp_path, forged(POLICY_HEADER, POLICY)))
+def test_the_undamaged_policy_is_read(tmp_path):
+    use_policy(place(tmp_path, "f.jxf", forged(POLICY_HEADER, POLICY)))

@@ -5,7 +5,7 @@ import json
 import networkx as nx
 import pytest
 from hypothesis import example, given
-from mutations import DATA, cases, changed_json, damaged, reads_or_refuses
+from mutations import DATA, cases, changed_json, damaged, place, reads_or_refuses
 
 from jaxcell.patrol import load_graph, save_graph
 
@@ -44,12 +44,6 @@ TEXTS = {
 }
 
 
-def place(folder, name, content):
-    path = folder / name
-    path.write_bytes(content)
-    return path
-
-
 @cases()
 @given(changed_json(JSON))
 def test_json_graphs(tmp_path, file):
@@ -74,7 +68,7 @@ def test_the_undamaged_ones_are_read(tmp_path):
         assert reads_or_refuses(load_graph, place(tmp_path, name, content))
 
 
-def test_entities_that_grow(tmp_path):
+def test_growing_entities_are_refused(tmp_path):
     entities = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 12))
     text = (
         f'<?xml version="1.0"?><!DOCTYPE graphml [<!ENTITY l0 "ha">{entities}]>'
@@ -84,13 +78,13 @@ def test_entities_that_grow(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["json", "graphml", "edges", "txt"])
-def test_what_is_read_can_be_written(tmp_path, suffix):
+def test_graphs_are_read_back_in_each_format(tmp_path, suffix):
     graph, names = load_graph(place(tmp_path, "g.edges", TEXTS["g.edges"]))
     save_graph(graph, tmp_path / f"again.{suffix}", names)
     assert load_graph(tmp_path / f"again.{suffix}")[1] == names
 
 
-def test_too_many_bytes(tmp_path):
+def test_too_large_files_are_refused(tmp_path):
     path = place(tmp_path, "g.edges", b"")
     with path.open("r+b") as file:
         file.truncate(64 * 2**20 + 1)

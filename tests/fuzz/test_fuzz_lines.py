@@ -1,4 +1,4 @@
-"""Random command lines: any command, with any of its options, and values that may be anything."""
+"""Random command lines: any command, with any of its options and any values."""
 
 import dataclasses
 import shutil
@@ -24,7 +24,7 @@ JUNK = {
     "empty.json": b"",
     "junk.toml": b"=",
 }
-# Where nothing is wrong these work for longer than a reader may.
+# Without an error these commands take longer than a reader may.
 LONG = {"cover", "drift", "patrol graph", "patrol map", "team", "localize", "navigate", "groups"}
 NEEDED = {
     "cover": ["map.json", "--bounces", "45", "--error", "1", "--reliability", "0.8"],
@@ -37,7 +37,7 @@ NEEDED = {
     "patrol map": ["map.json"],
     "team": ["map.json", "--bounces", "45"],
 }
-# No option takes these as they are.
+# Values that every option refuses.
 BAD = ["", " ", "-", "--", "nan", "-1", "x", "é", "nan,nan,nan", ",", "{}", "/", "x" * 300, "=b"]
 HOSTILE = [
     *("", " ", "-", "--", "nan", "inf", "-inf", "-1", "-0", "0", "0.5", "1e300", "1e-300", "x"),
@@ -69,7 +69,7 @@ def options_of(name):
 
 @st.composite
 def command_lines(draw):
-    """A command, and what stands after its name."""
+    """A command and its arguments."""
     name = draw(st.sampled_from(sorted(set(COMMANDS) - {"demo", "maps"})))
     files = [*FILES, *JUNK, "spec.toml", "folder", "no-such-file.json", *HOSTILE]
     words = [draw(st.sampled_from(files)) for _ in range(draw(st.sampled_from([1, 1, 1, 0, 2])))]
@@ -86,7 +86,7 @@ def command_lines(draw):
 
 @pytest.fixture(autouse=True)
 def folder(monkeypatch, tmp_path, imported):
-    """A folder with a file of each kind; nothing is opened on a screen."""
+    """A folder with a file of each kind; no window is opened."""
     monkeypatch.setattr("subprocess.call", lambda *args, **options: 0)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from mutations import DATA, cases, changed_json, damaged, limits, reads_or_refuses
+from mutations import DATA, cases, changed_json, damaged, limits, place, reads_or_refuses
 from PIL import Image
 
 from jaxcell.space import Workspace
@@ -48,12 +48,6 @@ IMAGES = {
     "palette.png": image("PNG", "P"),
     "two.png": image("PNG", "1"),
 }
-
-
-def place(folder, name, content):
-    path = folder / name
-    path.write_bytes(content)
-    return path
 
 
 @cases()

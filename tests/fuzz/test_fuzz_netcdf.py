@@ -1,7 +1,7 @@
-"""NetCDF files: currents, targets, and whatever `jaxcell info` is given.
+"""Damaged NetCDF files: currents, targets, and files for `jaxcell info`.
 
-Bytes of a file of version 4 that are wrong may crash the HDF5 library itself, which no reader can
-prevent, so all is read in another process.
+Wrong bytes of a file of version 4 may crash the HDF5 library itself, which no reader can prevent.
+So all files are read in another process.
 """
 
 import copy
@@ -49,7 +49,7 @@ def currents():
 
 
 def roms():
-    """As ROMS writes them: on the sides of cells, and levels that follow the sea bed."""
+    """Currents as in ROMS: on the sides of cells, with levels that follow the sea bed."""
     rho, time, s = ("eta_rho", "xi_rho"), ("ocean_time",), ("s_rho",)
     whole = np.ones((4, 5))
     return {
@@ -161,7 +161,7 @@ _SIZES = st.sampled_from([0, 1, 2, 3, 5, 1000, 10**6, 10**9, 2**31 + 5, 10**12])
 
 @st.composite
 def changed(draw, make):
-    """A file, described, that is wrong here and there."""
+    """A description of a file with some errors."""
     described = copy.deepcopy(make())
     variables = described["variables"]
     for _ in range(draw(st.integers(1, 3))):
@@ -221,7 +221,7 @@ readers = pytest.mark.parametrize("reader", FILES)
 @readers
 @cases(50)
 @given(data=st.data())
-def test_files_that_are_wrong(tmp_path, worker, reader, data):
+def test_files_with_errors_are_read_or_refused(tmp_path, worker, reader, data):
     described = data.draw(st.one_of([changed(make) for make in FILES[reader]]))
     form = data.draw(st.sampled_from(["NETCDF4", "NETCDF4", "NETCDF3_CLASSIC"]))
     path = tmp_path / "f.nc"
@@ -254,7 +254,7 @@ def corpus(tmp_path_factory):
 @pytest.mark.parametrize("form", ["NETCDF4", "NETCDF3_CLASSIC"])
 @cases(50)
 @given(data=st.data())
-def test_damaged_bytes(tmp_path, worker, reader, form, corpus, data):
+def test_damaged_files_are_read_or_refused(tmp_path, worker, reader, form, corpus, data):
     _, content = data.draw(damaged(corpus(reader, form)))
     path = tmp_path / "f.nc"
     path.write_bytes(content)

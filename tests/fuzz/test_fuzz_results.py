@@ -1,4 +1,4 @@
-"""What was written and is read again, damaged: recordings, sweeps; and pictures to cover."""
+"""Damaged recordings, sweeps, and pictures to cover."""
 
 import io
 import shutil
@@ -106,7 +106,7 @@ def test_damaged_sweeps(tmp_path, sweep, data):
     else:
         _, content = data.draw(damaged({name: (out / name).read_bytes()}))
         (out / name).write_bytes(content)
-    for use in (sweep_status, describe, open_sweep, gone_on_with, verify_sweep):
+    for use in (sweep_status, describe, open_sweep, resumed, verify_sweep):
         try:
             with limits():
                 use(out)
@@ -115,7 +115,7 @@ def test_damaged_sweeps(tmp_path, sweep, data):
             assert len(str(error)) < 1500
 
 
-def gone_on_with(out):
+def resumed(out):
     (out.parent / "spec.toml").write_text(SPEC)
     run_sweep(Spec.load(out.parent / "spec.toml"), out, resume=True)
 

@@ -1,10 +1,10 @@
-"""What a robot reads: logs of runs and files of tasks, damaged."""
+"""Damaged logs of robot runs and files of tasks."""
 
 import json
 
 import pytest
 from hypothesis import example, given
-from mutations import cases, changed_json, damaged, reads_or_refuses
+from mutations import cases, changed_json, damaged, place, reads_or_refuses
 
 from jaxcell.robot.run_log import read_log
 from jaxcell.robot.tasks.files import load_task
@@ -48,18 +48,12 @@ LOG = [
 ]
 
 
-def place(folder, name, content):
-    path = folder / name
-    path.write_bytes(content)
-    return path
-
-
 def lines(events):
     return "".join(json.dumps(event) + "\n" for event in events).encode()
 
 
 def use(path):
-    """Reads a task, and asks it what the header of a log asks."""
+    """Reads a task, and makes the header of its log."""
     task = load_task(path)
     assert len(task.strides) == task.directions
     json.dumps(task.header, allow_nan=False)
@@ -124,7 +118,7 @@ def test_positions_that_would_wrap_around(tmp_path):
 
 
 @pytest.mark.parametrize("robot", [-1, 2, 10**30])
-def test_robots_that_are_not_there(tmp_path, robot):
+def test_a_missing_robot_of_a_team_is_refused(tmp_path, robot):
     path = place(tmp_path, "team.json", json.dumps(TASKS["team.json"]).encode())
     with pytest.raises(ValueError, match=r"team\.json: there is no robot"):
         load_task(path, robot)

@@ -33,6 +33,8 @@ from jaxcell.cli.app import COMMANDS  # noqa: E402
 CASES = tomllib.loads((GOLDEN / "cases.toml").read_text(encoding="utf-8"))
 HELP = "help"
 NAMES = [HELP, *CASES]
+# Files that differ between runs.
+_UNSTABLE = ("lock", "sweep.journal")
 # Commands that print no JSON.
 _PLAIN = ("demo", "export", "robot sketch", "sweep view", "view")
 
@@ -160,7 +162,7 @@ def _files():
     for folder, folders, names in os.walk("."):
         # A sweep is looked at in its NetCDF file.
         folders[:] = sorted(name for name in folders if not name.endswith(".zarr"))
-        for path in (Path(folder, name) for name in sorted(names) if name != "lock"):
+        for path in (Path(folder, name) for name in sorted(names) if name not in _UNSTABLE):
             found[path] = path.stat().st_mtime_ns
     return found
 

@@ -83,7 +83,7 @@ def test_small_and_large_chains(cells):
 
 
 def test_chain_does_not_share_memory_with_its_arguments():
-    # Whether JAX would share memory depends on where it lies.
+    # JAX would share memory at some addresses only.
     for cells in range(1000, 1020):
         image = np.tile(np.arange(cells, dtype=np.int32), (1, 1))
         probability = np.ones((1, cells))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import matrices
+from random_chains import complete, matrices
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
@@ -45,10 +45,6 @@ def closed(matrix):
 
 def random_walk(cells, seed):
     return np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells)
-
-
-def complete(n):
-    return Chain.from_scipy((1 - np.eye(n)) / (n - 1))
 
 
 @given(matrices(), st.integers(0, 2**32 - 1))
@@ -117,7 +113,7 @@ def test_mean_product_of_many_values_does_not_overflow():
 @pytest.mark.parametrize("robots", [1, 2, 4, 8, 16, 64])
 def test_complete_graph_has_known_values(robots):
     # Any robot off the target finds it with probability 1/63 a step (Alam 2018, Table 4.1).
-    found = mean_first_arrival([complete(64)] * robots, Distinct(range(64)), 5)
+    found = mean_first_arrival([Chain.from_scipy(complete(64))] * robots, Distinct(range(64)), 5)
     expected = (1 - robots / 64) / (1 - (62 / 63) ** robots)
     assert found.value == pytest.approx(expected, rel=1e-10)
 
@@ -191,7 +187,7 @@ def test_mean_that_takes_too_many_steps_is_reported():
     assert abs(found.value - truth) <= found.certificate.residual * found.value
 
 
-FOUR, FIVE = complete(4), complete(5)
+FOUR, FIVE = Chain.from_scipy(complete(4)), Chain.from_scipy(complete(5))
 
 
 @pytest.mark.parametrize(
@@ -201,7 +197,11 @@ FOUR, FIVE = complete(4), complete(5)
         ([FOUR, FIVE], [0, 0], "that of robot 1 has 5 cells, and that of robot 0 has 4"),
         ([FOUR, FOUR], [0], "starts: expected one for each of 2 robots, got 1"),
         ([FOUR, FOUR], [0, 4], "robot 1: start: cell 4 does not exist"),
-        ([FOUR, complete(4)], Distinct([0, 1]), "distinct starts are for robots of one chain"),
+        (
+            [FOUR, Chain.from_scipy(complete(4))],
+            Distinct([0, 1]),
+            "distinct starts are for robots of one chain",
+        ),
         ([FOUR] * 3, Distinct([0, 1]), "3 robots cannot begin in 2 different cells"),
         ([FOUR], Distinct([]), "starts: expected at least one cell, got none"),
         ([FOUR], Distinct([0.5, 0.5, 0.0, 0.0]), "starts: expected whole numbers of cells"),

@@ -3,24 +3,16 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import scipy.sparse
+from random_chains import solve_exactly
 
 from jaxcell.markov.solving.elimination import eliminate
 from jaxcell.markov.solving.solve import solve_transient
 
 
 def exact(matrix, right):
-    """Gauss-Jordan in fractions; the columns of the solution of `x = right + matrix x`."""
-    n = len(matrix)
-    rows = [
-        [Fraction(int(i == j)) - matrix[i][j] for j in range(n)] + list(right[i]) for i in range(n)
-    ]
-    for k in range(n):
-        pivot = rows[k][k]
-        rows[k] = [v / pivot for v in rows[k]]
-        for i in range(n):
-            if i != k and rows[i][k]:
-                rows[i] = [a - rows[i][k] * b for a, b in zip(rows[i], rows[k], strict=True)]
-    return np.array([[float(v) for v in row[n:]] for row in rows])
+    """The columns of the solution of `x = right + matrix x`."""
+    gap = [[int(i == j) - x for j, x in enumerate(row)] for i, row in enumerate(matrix)]
+    return np.array(solve_exactly(gap, right), float)
 
 
 def trap(cells=12, seed=0):

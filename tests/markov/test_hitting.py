@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import matrices, reachable
+from random_chains import birth_and_death, matrices, reachable
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -65,11 +65,9 @@ def test_hitting_equals_the_definition(matrix, data):
 
 def test_gamblers_ruin_has_known_values():
     n, up = 12, 0.6
-    matrix = np.zeros((n + 1, n + 1))
-    matrix[0, 0] = matrix[n, n] = 1
-    for i in range(1, n):
-        matrix[i, i + 1], matrix[i, i - 1] = up, 1 - up
-    chain = Chain.from_scipy(matrix)
+    ups, downs = np.full(n, up), np.full(n, 1 - up)
+    ups[0] = downs[-1] = 0
+    chain = Chain.from_scipy(birth_and_death(ups, downs))
     groups = persistent_groups(chain)
     assert groups.group.tolist() == [0] + [-1] * (n - 1) + [1]
     i, odds = np.arange(n + 1), (1 - up) / up
@@ -86,11 +84,9 @@ def test_gamblers_ruin_has_known_values():
 def test_birth_and_death_chain_has_known_values():
     # Reflected at 0: from i to n takes n^2 - i^2 steps.
     n = 200
-    matrix = np.zeros((n + 1, n + 1))
-    matrix[0, 1] = matrix[n, n - 1] = 1
-    for i in range(1, n):
-        matrix[i, i + 1] = matrix[i, i - 1] = 0.5
-    found = hitting_times(Chain.from_scipy(matrix), n)
+    up, down = np.full(n, 0.5), np.full(n, 0.5)
+    up[0] = down[-1] = 1
+    found = hitting_times(Chain.from_scipy(birth_and_death(up, down)), n)
     np.testing.assert_allclose(found.value, n**2 - np.arange(n + 1) ** 2, rtol=1e-10)
 
 
@@ -188,7 +184,7 @@ def slow_eddy(cells, leak, share):
 def test_end_probabilities_of_a_very_slow_eddy_are_exact(leak):
     chain = slow_eddy(30, leak, 0.3)
     found = absorption_probabilities(chain, persistent_groups(chain))
-    # Whatever way it goes, it leaves from the one cell, where the odds are 3 to 7.
+    # Every path leaves from the same cell, where the odds are 3 to 7.
     expected = np.array([[0.3], [0.7]])
     np.testing.assert_allclose(found.value[:, :30], np.broadcast_to(expected, (2, 30)), atol=1e-12)
     assert found.certificate.residual < 1e-12

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
-from random_chains import matrices
+from random_chains import birth_and_death, matrices
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -59,13 +59,8 @@ def test_periodic_circle_is_uniform():
 def test_birth_and_death_chain_has_known_values():
     # Ehrenfest's urns: binomial, of period 2.
     n = 40
-    matrix = np.zeros((n + 1, n + 1))
-    for i in range(n + 1):
-        if i:
-            matrix[i, i - 1] = i / n
-        if i < n:
-            matrix[i, i + 1] = 1 - i / n
-    chain = Chain.from_scipy(matrix)
+    i = np.arange(n)
+    chain = Chain.from_scipy(birth_and_death(1 - i / n, (i + 1) / n))
     groups = persistent_groups(chain)
     assert groups.period.tolist() == [2]
     expected = [math.comb(n, i) / 2**n for i in range(n + 1)]

@@ -57,7 +57,7 @@ def test_closed_sets_with_equal_eigenvalues_are_found(size):
 
 
 def test_leakage_and_time_of_two_blocks():
-    # Whatever the cells within, from the first block one of 20 leaves, from the second one of 80.
+    # A cell of the first block is left once in 20 steps, a cell of the second once in 80.
     random = np.random.default_rng(2)
     inside = np.mean([np.eye(6)[random.permutation(6)] for _ in range(5)], axis=0)
     first, second = 1 / 20, 1 / 80
@@ -119,7 +119,7 @@ def test_coherent_sets_move():
     assert same_partition(sets.begin, block)
     np.testing.assert_array_equal(sets.end, sets.begin[turn])
     assert sets.leakage.max() < 0.021
-    # What stays where it is, nothing does.
+    # No set stays in its place.
     assert markov.almost_invariant_sets(chain, 4).leakage.min() > 0.1
 
 

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import matrices
+from random_chains import complete, matrices
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.hitting import hitting_times
@@ -32,7 +32,7 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
     chain = Chain.from_scipy(matrix)
     found = np.asarray(first_passage(chain, start, target, STEPS))
     np.testing.assert_allclose(found, by_taboo(matrix, start, there, STEPS), atol=1e-14)
-    # What has arrived and what survives is everything, from each start and whatever leaves.
+    # The mass that has arrived and the mass that survives sum to 1, from each start.
     surviving = np.asarray(survival(chain, target, STEPS))
     np.testing.assert_allclose(np.cumsum(found) + surviving @ start, 1, rtol=1e-12)
     for cell in range(cells):
@@ -40,9 +40,9 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
         np.testing.assert_allclose(surviving[:, cell], 1 - np.cumsum(law), atol=1e-12)
 
 
-def test_law_of_two_cells_is_geometric():
+def test_law_on_a_complete_graph_is_geometric():
     n = 10
-    chain = Chain.from_scipy((1 - np.eye(n)) / (n - 1))
+    chain = Chain.from_scipy(complete(n))
     time = np.arange(1, 31)
     expected = (1 - 1 / (n - 1)) ** (time - 1) / (n - 1)
     np.testing.assert_allclose(first_passage(chain, 3, 0, 30), [0, *expected], rtol=1e-13)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.special
 from hypothesis import assume, given, strategies as st
+from random_chains import complete
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import dense
@@ -44,10 +45,6 @@ def circle(n, stay=0.0):
     return stay * np.eye(n) + (1 - stay) * np.roll(np.eye(n), 1, axis=1)
 
 
-def complete(n):
-    return (1 - np.eye(n)) / (n - 1)
-
-
 @st.composite
 def irreducible(draw):
     """Matrices with few edges, among them those of a circle through all cells."""
@@ -69,7 +66,7 @@ def irreducible(draw):
         ("Metropolis", 20.156150, 31.352139, 8.242442, 0.732399),
     ],
 )
-def test_walk_on_three_cells_has_known_values(weights, commute, farthest, kemeny, modulus):
+def test_boyds_graph_has_known_values(weights, commute, farthest, kemeny, modulus):
     given_weights = WEIGHTS[weights]
     if isinstance(given_weights, str):
         given_weights = np.array(given_weights.split(), float)
@@ -156,7 +153,7 @@ def test_circle_has_known_values():
 
 
 def test_slow_chain_has_known_mixing_time():
-    # The distance halves the same way for ever: |1 - 2 e|^t / 2.
+    # The distance after t steps is |1 - 2 e|^t / 2.
     e = 2.0**-30
     chain = Chain.from_scipy(np.array([[1 - e, e], [e, 1 - e]]))
     expected = math.ceil(math.log(0.5) / math.log1p(-2 * e))

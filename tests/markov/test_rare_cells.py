@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
+from random_chains import birth_and_death, solve_exactly
 
 from jaxcell import mapping, markov
+from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.stationary import Rooted, solve_stationary
 
 
@@ -22,33 +24,18 @@ def with_diagonal(steps):
     return steps + np.diag(1 - steps.sum(axis=1))
 
 
-def birth_and_death(up, down):
-    return with_diagonal(np.diag(up, 1) + np.diag(down, -1))
-
-
-def inverse(rows):
-    """The inverse of a matrix of rationals, by Gauss-Jordan elimination."""
-    size = len(rows)
-    rows = [[*row, *(Fraction(int(i == j)) for j in range(size))] for i, row in enumerate(rows)]
-    for k in range(size):
-        pivot = next(i for i in range(k, size) if rows[i][k])
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [x / rows[k][k] for x in rows[k]]
-        for i in range(size):
-            if i != k and (factor := rows[i][k]):
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [row[size:] for row in rows]
-
-
 def exact(matrix):
     """The stationary distribution and Kemeny's constant, from the steps between cells."""
     size = len(matrix)
     gap = [[-Fraction(float(p)) for p in row] for row in matrix]
     for i in range(size):
         gap[i][i] = -sum(gap[i][:i] + gap[i][i + 1 :])
+    identity = np.eye(size, dtype=int).tolist()
     # The last row of the inverse of I - P with ones in its last column is the distribution.
-    share = inverse([[*row[:-1], Fraction(1)] for row in gap])[-1]
-    fundamental = inverse([[x + y for x, y in zip(row, share, strict=True)] for row in gap])
+    share = solve_exactly([[*row[:-1], 1] for row in gap], identity)[-1]
+    fundamental = solve_exactly(
+        [[x + y for x, y in zip(row, share, strict=True)] for row in gap], identity
+    )
     return share, sum(fundamental[i][i] for i in range(size)) - 1
 
 
@@ -80,7 +67,9 @@ def test_factorisation_gives_way_where_rounding_spoils_it(matrix):
     share, constant = exact(matrix)
     step = scipy.sparse.csr_array(matrix)
     one_class = np.zeros(len(matrix), int)
-    value, _ = solve_stationary(step, one_class, small=0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solve, "LIMITS", solve.Limits(small=0))
+        value, _ = solve_stationary(step, one_class)
     np.testing.assert_allclose(value, np.array(share, float), atol=1e-7)
     visits = Rooted.of(step, one_class, value).visits(small=0)
     assert kemeny_of(visits, np.delete(share, np.argmax(value))) == pytest.approx(
@@ -95,12 +84,13 @@ def kemeny_of(visits, share):
 
 @pytest.mark.parametrize("back", [0.1, 1 - 0.9])
 @pytest.mark.parametrize("small", [0, 200])
-def test_first_cell_may_be_rare(back, small):
+def test_first_cell_may_be_rare(back, small, monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=small))
     matrix = birth_and_death(np.full(19, 0.9), np.full(19, back))
     expected = np.array(exact(matrix)[0], float)
     for turned in (slice(None), slice(None, None, -1)):
         step = scipy.sparse.csr_array(matrix[turned, turned])
-        value, _ = solve_stationary(step, np.zeros(20, int), small=small)
+        value, _ = solve_stationary(step, np.zeros(20, int))
         assert value.max() == pytest.approx(0.8888888888888888, rel=1e-14)
         np.testing.assert_allclose(value, expected[turned], atol=1e-14)
 
@@ -138,7 +128,7 @@ def test_wells_that_products_cannot_join_get_exact_shares():
 
 
 def test_kemeny_constant_of_a_double_well_of_100_cells():
-    """By the sum over the edges of a line: the chances of being on each side, over the flow."""
+    """Sum over the edges of a line: the shares of both sides, divided by the flow."""
     x = np.linspace(-1, 1, 100)
     force = 20 * (x - x**3) / 100
     up, down = 0.5 + force[:-1] / 2, 0.5 - force[1:] / 2

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import matrices, reachable
+from random_chains import birth_and_death, matrices, reachable
 from random_models import as_model, models, policies
 
 from jaxcell.base.certificate import Outcome
@@ -43,14 +43,12 @@ def test_arriving_equals_dense_solves(matrix, data):
         assert solution.certificate.outcome is Outcome.CONVERGED
 
 
-def test_gambler_with_good_odds_has_known_values():
+def test_gambler_who_wins_has_known_times():
     # Given that he wins, a fair game of n lasts (n^2 - i^2) / 3 rounds.
     n = 30
-    matrix = np.zeros((n + 1, n + 1))
-    matrix[0, 0] = matrix[n, n] = 1
-    for i in range(1, n):
-        matrix[i, i + 1] = matrix[i, i - 1] = 0.5
-    chain, i = Chain.from_scipy(matrix), np.arange(n + 1)
+    up, down = np.full(n, 0.5), np.full(n, 0.5)
+    up[0] = down[-1] = 0
+    chain, i = Chain.from_scipy(birth_and_death(up, down)), np.arange(n + 1)
     np.testing.assert_allclose(arrival_probabilities(chain, n).value, i / n, atol=1e-14)
     found = np.asarray(conditional_hitting_times(chain, n).value)
     np.testing.assert_allclose(found[1:], (n**2 - i[1:] ** 2) / 3, rtol=1e-10)
@@ -101,7 +99,7 @@ def test_sure_is_preferred_to_quick():
 
 
 def test_waiting_for_a_drift_has_known_time():
-    # To wait costs nothing but never arrives; an attempt arrives with probability 0.01, else waits.
+    # Waiting never arrives; an attempt arrives with probability 0.01.
     waits = np.eye(2)
     attempt = np.array([[0.99, 0.01], [0, 1]])
     model = as_model(np.stack([waits, attempt]), np.zeros((2, 2)), np.ones((2, 2), bool))

@@ -5,6 +5,7 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from random_chains import complete
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
@@ -21,13 +22,9 @@ def leaving():
 
 
 def hub():
-    """One cell of many branches, to which all others lead."""
+    """Make a chain in which all cells lead to a cell with many branches."""
     first = np.random.default_rng(8).dirichlet(np.full(12, 0.3))
     return Chain.from_scipy(np.vstack([first, np.eye(12)[[0] * 11]]))
-
-
-def complete(n):
-    return Chain.from_scipy((1 - np.eye(n)) / (n - 1))
 
 
 def distance(time, law):
@@ -55,7 +52,7 @@ def test_different_robots_follow_the_exact_law():
 
 
 def test_distinct_starts_follow_the_exact_law():
-    chain = complete(10)
+    chain = Chain.from_scipy(complete(10))
     found = simulate_arrival(jax.random.key(2), [chain] * 4, Distinct(range(10)), 3, 40_000)
     law = np.asarray(first_arrival([chain] * 4, Distinct(range(10)), 3, 500))
     assert law[0] == pytest.approx(0.4)
@@ -126,7 +123,7 @@ def test_alias_tables_hold_the_distributions(slots, seed):
         np.add.at(found, first[row], part[row] / slots)
         np.add.at(found, second[row], (1 - part[row]) / slots)
         np.testing.assert_allclose(found, expected, atol=1e-15)
-        # What is impossible stays so.
+        # Impossible outcomes stay impossible.
         assert (found[expected == 0] == 0).all()
 
 
@@ -139,9 +136,11 @@ def test_alias_tables_hold_the_distributions(slots, seed):
 )
 def test_too_few_runs_or_steps_are_refused(runs, horizon, message):
     with pytest.raises(ValueError, match=message):
-        simulate_arrival(jax.random.key(0), [complete(3)], [1], 0, runs, horizon=horizon)
+        simulate_arrival(
+            jax.random.key(0), [Chain.from_scipy(complete(3))], [1], 0, runs, horizon=horizon
+        )
     with pytest.raises(ValueError, match="robot 0: start: cell 3 does not exist"):
-        simulate_arrival(jax.random.key(0), [complete(3)], [3], 0)
+        simulate_arrival(jax.random.key(0), [Chain.from_scipy(complete(3))], [3], 0)
 
 
 def test_alias_tables_do_not_depend_on_rounding():

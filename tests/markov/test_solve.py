@@ -15,7 +15,7 @@ from jaxcell.markov.transient import Transient
 def method(request, monkeypatch):
     """Restrict solves to one of the two methods."""
     trial = {"products": 10**9, "factor": 1}[request.param]
-    monkeypatch.setattr(solve, "LIMITS", Limits(trial=trial, worthwhile=0))
+    monkeypatch.setattr(solve, "LIMITS", Limits(small=0, trial=trial, worthwhile=0))
     return request.param
 
 
@@ -50,7 +50,7 @@ def test_stationary_equals_the_null_space(method):
     sparse = [scipy.sparse.csr_array(block) for block in blocks]
     matrix = scipy.sparse.block_diag(sparse, format="csr")[order][:, order]
     labels = group[order].astype(np.int32)
-    found, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels, small=0)
+    found, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels)
     for number, block in enumerate(blocks):
         values, vectors = np.linalg.eig(block.T)
         expected = vectors[:, np.argmax(values.real)].real
@@ -83,7 +83,7 @@ def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
     assert products > solve.LIMITS.worthwhile
 
 
-TWO_LEVELS = Limits(trial=1, worthwhile=0, two_level=0, complete=0, elimination=0.0)
+TWO_LEVELS = Limits(small=0, trial=1, worthwhile=0, two_level=0, complete=0, elimination=0.0)
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def test_two_levels_find_stationary_distribution(two_levels):
     matrix = scipy.sparse.csr_array(matrix)
     count, label = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
     assert count == 1
-    found, _ = solve_stationary(matrix, label.astype(np.int32), small=0)
+    found, _ = solve_stationary(matrix, label.astype(np.int32))
     np.testing.assert_allclose(matrix.T @ found, found, atol=1e-14)
     assert found.sum() == pytest.approx(1)
 

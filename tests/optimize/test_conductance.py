@@ -4,6 +4,7 @@ import cvxpy
 import networkx as nx
 import numpy as np
 import pytest
+from graphs import connected_graphs, graph_of, grid, incidence
 from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
@@ -14,16 +15,10 @@ from jaxcell.optimize.resistance import Emphasis, Laplacian, interior_point
 from jaxcell.optimize.tour import on_walk, shortest_tour
 
 
-def graph_of(network):
-    return Graph(np.array(network.edges), network.number_of_nodes())
-
-
 def commute_time(graph, weights):
     """By the pseudo-inverse, from the definition."""
-    incidence = np.zeros((graph.vertices, len(graph.edges)))
-    incidence[graph.edges[:, 0], np.arange(len(graph.edges))] = 1
-    incidence[graph.edges[:, 1], np.arange(len(graph.edges))] = -1
-    inverse = np.linalg.pinv((incidence * weights) @ incidence.T, rcond=1e-12, hermitian=True)
+    ends = incidence(graph)
+    inverse = np.linalg.pinv((ends * weights) @ ends.T, rcond=1e-12, hermitian=True)
     pairs = list(itertools.combinations(range(graph.vertices), 2))
     apart = [inverse[i, i] + inverse[j, j] - 2 * inverse[i, j] for i, j in pairs]
     return 2 * weights.sum() * float(np.mean(apart))
@@ -33,10 +28,8 @@ def least_by_cvxpy(graph, on_tour=None, share=0.0):
     """As a semidefinite program: X = [[L + J, I], [I, U]] is positive, and the trace of U least."""
     n, q = graph.vertices, len(graph.edges)
     w, bound = cvxpy.Variable(q, nonneg=True), cvxpy.Variable(n)
-    incidence = np.zeros((n, q))
-    incidence[graph.edges[:, 0], np.arange(q)] = 1
-    incidence[graph.edges[:, 1], np.arange(q)] = -1
-    laplacian = incidence @ cvxpy.diag(w) @ incidence.T + np.ones((n, n)) / n
+    ends = incidence(graph)
+    laplacian = ends @ cvxpy.diag(w) @ ends.T + np.ones((n, n)) / n
     constraints = [cvxpy.sum(w) == 1]
     for i, unit in enumerate(np.eye(n)):
         column = unit.reshape(n, 1)
@@ -54,12 +47,9 @@ def most_by_cvxpy(graph, on_tour=None, share=0.0):
 
     The sum is at most 1 for all weights if the squares on the tour and elsewhere are small enough.
     """
-    n, q = graph.vertices, len(graph.edges)
-    incidence = np.zeros((n, q))
-    incidence[graph.edges[:, 0], np.arange(q)] = 1
-    incidence[graph.edges[:, 1], np.arange(q)] = -1
+    n = graph.vertices
     # Coordinates of vectors with sum 0.
-    differences = np.linalg.svd(np.ones((1, n)))[2][1:] @ incidence
+    differences = np.linalg.svd(np.ones((1, n)))[2][1:] @ incidence(graph)
     V = cvxpy.Variable((n - 1, n - 1))
     on_it, anywhere = cvxpy.Variable(), cvxpy.Variable()
     squares = cvxpy.sum(cvxpy.square(V.T @ differences), axis=0)
@@ -69,15 +59,6 @@ def most_by_cvxpy(graph, on_tour=None, share=0.0):
     problem = cvxpy.Problem(cvxpy.Maximize(cvxpy.trace(V)), constraints)
     problem.solve(solver="CLARABEL")
     return 4 * problem.value**2 / (n - 1)
-
-
-@st.composite
-def connected_graphs(draw, most=9):
-    n = draw(st.integers(2, most))
-    tree = [(draw(st.integers(0, i - 1)), i) for i in range(1, n)]
-    others = sorted(set(itertools.combinations(range(n), 2)) - set(tree))
-    more = draw(st.lists(st.sampled_from(others), unique=True, max_size=12)) if others else []
-    return Graph(np.array(tree + more), n)
 
 
 @given(connected_graphs(), st.data())
@@ -180,8 +161,7 @@ def test_edges_that_take_time(monkeypatch, limit):
     """Against the definition, and other weights; by the interior point and by first order."""
     monkeypatch.setattr(conductance, "MAX_VERTICES", limit)
     random = np.random.default_rng(1)
-    network = nx.convert_node_labels_to_integers(nx.grid_2d_graph(3, 4))
-    graph = graph_of(network)
+    graph = grid(3, 4)
     durations = random.uniform(0.5, 20, len(graph.edges))
     found = minimum_commute(graph, durations=durations)
     assert found.weights.sum() == pytest.approx(1)
@@ -257,7 +237,7 @@ def test_a_share_of_nothing_changes_nothing(share):
     assert minimum_commute(graph, [0, 1], share).commute_time == pytest.approx(9, rel=1e-8)
 
 
-def test_refuses_a_share_that_rounds_to_all():
+def test_a_share_that_rounds_to_1_is_refused():
     with pytest.raises(ValueError, match="is lost in rounding; expected less"):
         minimum_commute(graph_of(nx.path_graph(200)), [0, 1], 1 - 2**-53)
 
@@ -271,7 +251,7 @@ def test_all_the_weight_on_a_tour_through_all_vertices():
 
 
 def test_steps_in_32_bits_end_at_the_same_weights():
-    graph = graph_of(nx.convert_node_labels_to_integers(nx.grid_2d_graph(7, 7)))
+    graph = grid(7, 7)
     tour = on_walk(graph, shortest_tour(graph, [0, 6, 48]))
     for problem in (Emphasis(np.ones_like(tour), 0.0), Emphasis(tour, 0.7)):
         exact, rounded = (
@@ -286,7 +266,7 @@ def test_steps_in_32_bits_end_at_the_same_weights():
     ("network", "steps"),
     [(nx.path_graph(200), 3), (nx.barbell_graph(12, 60), 30), (nx.lollipop_graph(20, 40), 30)],
 )
-def test_graphs_with_long_ways_take_few_steps(network, steps):
+def test_few_steps_are_enough_on_elongated_graphs(network, steps):
     assert minimum_commute(graph_of(network)).certificate.iterations <= steps
 
 
@@ -322,7 +302,7 @@ def test_tours_are_shortest(graph, data):
     assert [frozenset(e) in used for e in graph.edges.tolist()] == on_walk(graph, walk).tolist()
 
 
-def test_a_tour_of_many_vertices_is_good():
+def test_the_tour_of_a_circle_goes_round():
     # Points on a circle, in any order: the shortest tour goes round.
     angles = np.random.default_rng(3).uniform(0, 2 * np.pi, 30)
     xy = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -346,7 +326,7 @@ def test_a_tour_of_many_vertices_is_good():
         (lambda: Graph([[0, 1]], xy=[[0, 0], [0, np.nan]]), r"xy\[1, 1\] is nan"),
     ],
 )
-def test_refuses_graphs(make, message):
+def test_wrong_graphs_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
 
@@ -363,12 +343,12 @@ def test_refuses_graphs(make, message):
         ({"emphasis": [0, 1], "share": 1.0}, "the tour leaves out vertex 2"),
     ],
 )
-def test_refuses_problems(arguments, message):
+def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         minimum_commute(graph_of(nx.path_graph(4)), **arguments)
 
 
-def test_refuses_a_graph_in_parts():
+def test_a_graph_in_separate_parts_is_refused():
     graph = Graph([[0, 1], [1, 2], [3, 4]])
     message = r"vertices 3, 4 \(2 of 5\) cannot be reached from vertex 0"
     with pytest.raises(ValueError, match=message):

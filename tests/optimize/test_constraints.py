@@ -1,24 +1,21 @@
 import cvxpy
-import networkx as nx
 import numpy as np
 import pytest
+from graphs import grid, incidence
 
-from jaxcell.optimize import Graph, Linear, minimum_commute
+from jaxcell.optimize import Linear, minimum_commute
 from jaxcell.optimize.constraints import room
 
 
-GRID = Graph(np.array(nx.convert_node_labels_to_integers(nx.grid_2d_graph(3, 4)).edges))
+GRID = grid(3, 4)
 EDGES = len(GRID.edges)
 UNIT = np.eye(EDGES)
 
 
 def by_cvxpy(graph, constraints):
     """The least commute time, by a semidefinite program."""
-    n, edges = graph.vertices, len(graph.edges)
-    A = np.zeros((n, edges))
-    A[graph.edges[:, 0], np.arange(edges)] = 1
-    A[graph.edges[:, 1], np.arange(edges)] = -1
-    w = cvxpy.Variable(edges, nonneg=True)
+    n, A = graph.vertices, incidence(graph)
+    w = cvxpy.Variable(len(graph.edges), nonneg=True)
     rules = [cvxpy.sum(w) == 1]
     for one in constraints:
         rules.append(one.coefficients @ w >= max(one.lower, -99))
@@ -98,41 +95,54 @@ def test_any_convex_constraint():
     assert by_rule.commute_time == pytest.approx(expected, rel=1e-6)
 
 
-def test_contradictions_are_named_and_no_more():
-    contradiction = [
-        Linear("much here", UNIT[0], lower=0.6),
-        Linear("some there", UNIT[4], lower=0.1),
-        Linear("much there", UNIT[1], lower=0.5),
-        Linear("little there", UNIT[4], upper=0.2),
-    ]
-    with pytest.raises(RuntimeError, match=r"contradict each other: much here, much there$"):
-        minimum_commute(GRID, constraints=contradiction)
-    with pytest.raises(RuntimeError, match=r"no weights meet negative$"):
-        minimum_commute(GRID, constraints=[*caps(0.9), Linear("negative", UNIT[0], upper=-1)])
-    with pytest.raises(RuntimeError, match=r"contradict each other: cap 0, cap 1, .*cap 16$"):
-        minimum_commute(GRID, constraints=caps(0.05))
-    with pytest.raises(
-        RuntimeError, match="leave no weight for edges between vertex 1 and vertex 0"
-    ):
-        minimum_commute(GRID, constraints=[Linear("apart", UNIT[:2].sum(axis=0), upper=0)])
-    with pytest.raises(RuntimeError, match="no weights meet them"):
-        minimum_commute(GRID, constraints=lambda weights, visits: [weights <= 0.01])
+CONTRADICTION = [
+    Linear("much here", UNIT[0], lower=0.6),
+    Linear("some there", UNIT[4], lower=0.1),
+    Linear("much there", UNIT[1], lower=0.5),
+    Linear("little there", UNIT[4], upper=0.2),
+]
 
 
-def test_refusals():
-    with pytest.raises(ValueError, match="a: expected finite coefficients"):
-        Linear("a", np.zeros(3))
-    with pytest.raises(
-        ValueError, match="a: expected a lower bound up to the upper one, got 2 and"
-    ):
-        Linear("a", np.ones(3), 2, 1)
-    with pytest.raises(ValueError, match="constraints: a has 3 coefficients; expected 17"):
-        minimum_commute(GRID, constraints=[Linear("a", np.ones(3), upper=2)])
-    with pytest.raises(ValueError, match="expected rules that are convex"):
-        minimum_commute(GRID, constraints=lambda weights, visits: [cvxpy.norm(weights) >= 0.3])
-    large = Graph([[i, i + 1] for i in range(60)])
-    with pytest.raises(ValueError, match="for up to 60 vertices, got 61; expected linear"):
-        minimum_commute(large, constraints=lambda weights, visits: [])
+@pytest.mark.parametrize(
+    ("constraints", "message"),
+    [
+        (CONTRADICTION, "contradict each other: much here, much there$"),
+        ([*caps(0.9), Linear("negative", UNIT[0], upper=-1)], "no weights meet negative$"),
+        (caps(0.05), "contradict each other: cap 0, cap 1, .*cap 16$"),
+        (
+            [Linear("apart", UNIT[:2].sum(axis=0), upper=0)],
+            "leave no weight for edges between vertex 1 and vertex 0",
+        ),
+        (lambda weights, visits: [weights <= 0.01], "no weights meet them"),
+    ],
+)
+def test_a_smallest_contradiction_is_named(constraints, message):
+    with pytest.raises(RuntimeError, match=message):
+        minimum_commute(GRID, constraints=constraints)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Linear("a", np.zeros(3)), "a: expected finite coefficients"),
+        (lambda: Linear("a", np.ones(3), 2, 1), "a: expected a lower bound up to the upper one"),
+        (
+            lambda: minimum_commute(GRID, constraints=[Linear("a", np.ones(3), upper=2)]),
+            "constraints: a has 3 coefficients; expected 17",
+        ),
+        (
+            lambda: minimum_commute(GRID, constraints=lambda w, _: [cvxpy.norm(w) >= 0.3]),
+            "expected rules that are convex",
+        ),
+        (
+            lambda: minimum_commute(grid(1, 61), constraints=lambda weights, visits: []),
+            "for up to 60 vertices, got 61; expected linear",
+        ),
+    ],
+)
+def test_wrong_constraints_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
 
 
 def test_the_bound_holds_for_any_prices():

@@ -95,7 +95,7 @@ def test_a_later_choice_where_one_set_is_left():
 
 @pytest.mark.parametrize("shape", [(0, 3), (3, 0), (3, 3)])
 @pytest.mark.parametrize("cover", [greedy_cover, minimum_cover])
-def test_nothing_to_cover_with(cover, shape):
+def test_no_sets_are_chosen_if_none_has_an_element(cover, shape):
     found = cover(np.zeros(shape, bool))
     assert found.chosen.size == 0
     assert found.uncovered.tolist() == list(range(shape[1]))
@@ -110,6 +110,6 @@ def test_out_of_time_there_is_a_cover_and_a_bound():
         minimum_cover(sets, time_limit=0.0)
 
 
-def test_refuses_a_negative_choice():
+def test_a_negative_choice_is_refused():
     with pytest.raises(ValueError, match=r"choice: expected .* at least 0, got -1"):
         greedy_cover(np.ones((2, 2), bool), -1)

@@ -5,21 +5,12 @@ import cvxpy
 import networkx as nx
 import numpy as np
 import pytest
+from graphs import SMALL, graph_of, incidence
 from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize.graph import Graph
 from jaxcell.optimize.mixing import fastest_averaging, fastest_mixing
-
-
-# The small example of Boyd, "Convex optimization of graph Laplacian eigenvalues" (2006).
-TAILS = [1, 2, 3, 1, 2, 2, 6, 5, 7, 8, 6, 7, 2]
-HEADS = [2, 3, 4, 5, 8, 4, 5, 7, 3, 4, 7, 8, 7]
-SMALL = Graph(np.array([TAILS, HEADS]).T - 1)
-
-
-def graph_of(network):
-    return Graph(np.array(network.edges), network.number_of_nodes())
 
 
 def random_graph(vertices, edges, seed):
@@ -56,13 +47,10 @@ def check_chain(graph, found, stationary):
 def least_by_cvxpy(graph, stationary, chain):
     n, q = graph.vertices, len(graph.edges)
     w = cvxpy.Variable(q)
-    incidence = np.zeros((n, q))
-    incidence[graph.edges[:, 0], np.arange(q)] = 1
-    incidence[graph.edges[:, 1], np.arange(q)] = -1
     root = np.sqrt(stationary)
-    scaled = incidence / root[:, None]
+    scaled = incidence(graph) / root[:, None]
     matrix = np.eye(n) - np.outer(root, root) - scaled @ cvxpy.diag(w) @ scaled.T
-    limits = [w >= 0, np.abs(incidence) @ w <= stationary] if chain else []
+    limits = [w >= 0, np.abs(incidence(graph)) @ w <= stationary] if chain else []
     problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sigma_max(matrix)), limits)
     with warnings.catch_warnings():
         # Some versions stop a little before their own tolerance.
@@ -89,12 +77,11 @@ def test_the_small_graph():
     )
     np.testing.assert_allclose(8 * chain.weights, np.array(expected.split(), float), atol=2e-5)
     check_chain(SMALL, chain, np.full(8, 1 / 8))
-    # Vertices 3 and 8 have the same neighbours.
     for weights in (found.weights, chain.weights):
         np.testing.assert_allclose(weights[[1, 2, 8]], weights[[4, 9, 11]], atol=1e-6)
 
 
-def test_simpler_weights_are_slower_by_as_much_as_published():
+def test_rates_of_simpler_weights_are_as_published():
     degree = np.bincount(SMALL.edges.ravel())
     metropolis = 1 / degree[SMALL.edges].max(axis=1)
     laplacian = np.linalg.eigvalsh(np.eye(8) - averaging(SMALL, np.ones(13)))
@@ -196,12 +183,12 @@ def test_a_tolerance_below_rounding_is_not_met():
         ({"tolerance": 0.0}, "tolerance: expected a positive number, got 0.0"),
     ],
 )
-def test_refuses_problems(arguments, message):
+def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         fastest_mixing(Graph([[0, 1], [1, 2]]), **arguments)
 
 
 @pytest.mark.parametrize("function", [fastest_mixing, fastest_averaging])
-def test_refuses_a_graph_in_parts(function):
+def test_a_graph_in_separate_parts_is_refused(function):
     with pytest.raises(ValueError, match="expected all vertices connected"):
         function(Graph([[0, 1], [2, 3]]))

@@ -7,7 +7,7 @@ SINK = -1
 
 
 class Drifter:
-    """Where a drifter of one cell may be a step later, cell by cell in plain NumPy."""
+    """The images of a drifter of one cell after a step, cell by cell in plain NumPy."""
 
     def __init__(
         self,

@@ -70,9 +70,9 @@ class Runs:
     heading: np.ndarray
     "The heading of each run, in radians."
     length: np.ndarray
-    "How far the robot ran, in metres."
+    "The length of each run, in metres."
     observed: np.ndarray
-    "How far it ran by its own measure."
+    "The length by the robot's own measure."
     point: np.ndarray
     "The place of the bump at the end of the run."
     wall: np.ndarray
@@ -111,7 +111,7 @@ class Room:
         return np.where(corner.any(axis=1), self.walls + corner.argmax(axis=1), at)
 
     def leaves(self, at, u):
-        """Whether a robot at each place can set out along `u`, which may be along a wall."""
+        """Check whether a robot at each place can start along `u`, which may be along a wall."""
         wall = np.where(at == INSIDE, 0, at % self.walls)
         away = _dot(self.normal[wall], u) >= -PARALLEL
         return np.where(at >= self.walls, self._in_wedge(wall, u), (at == INSIDE) | away)
@@ -235,7 +235,7 @@ class ExactRoom:
         )
 
     def leaves(self, point, u, came=None):
-        """Whether a robot can set out from a point; `came` is the direction that it came by."""
+        """Check whether a robot can start from a point; `came` is the direction of its arrival."""
         wedges = [edge for edge in self.edges if edge[1] == point]
         if wedges:
             wedges = [one for one in wedges if came is None or _within(one, _minus(came))]

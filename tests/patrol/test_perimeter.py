@@ -117,7 +117,7 @@ def test_maximin_of_small_perimeters(distance, time, movement, turn, p, value):
     assert at(polynomials, found.p)[found.segment] == pytest.approx(found.value, abs=1e-9)
 
 
-def test_who_always_goes_ahead_is_back_in_time():
+def test_robots_that_always_go_ahead_detect_in_time():
     for movement, turn in MODELS:
         found = maximin(detection_polynomials(Perimeter(12, 2, movement, turn), 6))
         assert found.value == 1
@@ -126,7 +126,7 @@ def test_who_always_goes_ahead_is_back_in_time():
     assert maximin(detection_polynomials(Perimeter(12, 2, Movement.DCP), 5)[1:]).value == 1
 
 
-def test_what_no_robot_can_reach_is_open():
+def test_a_segment_out_of_reach_is_never_detected():
     found = maximin(detection_polynomials(Perimeter(12, 1, Movement.DNCP), 5))
     assert found.value == 0
     assert found.certificate.outcome is Outcome.CONVERGED
@@ -198,7 +198,7 @@ def test_means_in_closed_form():
         np.testing.assert_allclose(time, [d, *i], rtol=1e-12)
 
 
-def test_who_only_turns_goes_nowhere():
+def test_robots_that_only_turn_reach_nothing_new():
     time = np.asarray(mean_hitting_times(Perimeter(8, 1, Movement.DCP), 0.0))
     assert time[0] == 1
     assert np.isinf(time[1:]).all()

@@ -1,12 +1,10 @@
-import json
 import math
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from jaxcell.bounce.coverage import coverage_policy
-from jaxcell.record import dataset, save_dataset, save_recording
+from jaxcell.record import dataset, save_recording
 from jaxcell.record.bounce.coverage import heat_levels, heat_scale
 from jaxcell.space import ENDPOINT
 
@@ -24,28 +22,15 @@ def policy(cells):
     return coverage_policy(cells, BOUNCES, math.pi / 4, 0.6, motion=ENDPOINT)
 
 
-def test_the_dataset_holds_the_policy(cells, policy, tmp_path):
-    file = tmp_path / "coverage.nc"
-    save_dataset(dataset(policy, spec={"map": "lab"}), file)
-    with xr.open_dataset(file) as found:
-        np.testing.assert_array_equal(found.alpha, policy.alpha)
-        np.testing.assert_array_equal(found.mixture, policy.mixture)
-        np.testing.assert_array_equal(found.target, policy.target)
-        np.testing.assert_allclose(found.share.sum("direction"), found.coverage, atol=1e-15)
-        np.testing.assert_allclose(found.coverage.T @ found.alpha, found.mixture, atol=1e-15)
-        np.testing.assert_allclose(found.bounce_deg, [45, 90, 135])
-        for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
-            assert int(found.persistent_groups[i]) == groups.count
-            np.testing.assert_array_equal(found.group[i].values.ravel(), groups.group)
-            weights = found.group_weight[i].values
-            np.testing.assert_array_equal(weights[: groups.count], limiting.weights)
-            assert not weights[groups.count :].any()
-            assert int(found.group_size[i].sum()) == int((found.group[i] >= 0).sum())
-            assert float(found.stationarity_residual[i]) < 1e-10
-        assert found.total_variation == policy.total_variation
-        assert json.loads(found.attrs["spec"]) == {"map": "lab"}
-        picture = found.mixture.set_index(position=("y", "x")).unstack()
-        assert picture.shape == cells.free.shape
+def test_the_dataset_has_the_groups_of_each_angle(cells, policy):
+    kept = dataset(policy)
+    for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
+        assert int(kept.persistent_groups[i]) == groups.count
+        np.testing.assert_array_equal(kept.group[i].values.ravel(), groups.group)
+        weights = kept.group_weight[i].values
+        np.testing.assert_array_equal(weights[: groups.count], limiting.weights)
+        assert not weights[groups.count :].any()
+        assert int(kept.group_size[i].sum()) == int((kept.group[i] >= 0).sum())
 
 
 def test_heat_has_two_classes_to_a_doubling():

@@ -59,6 +59,12 @@ def leaving():
     return study(sea(east, 0.1 * east, wet, angle=0.5), drift.DriftStep(2000, edge="exit"))
 
 
+def kinds(found, name, water):
+    """The class of each cell in a picture of a recording."""
+    buffer = found.static(f"/map/grid/{name}", "SegmentationImage:buffer")[0]
+    return np.reshape(buffer, water.number.shape)[water.row, water.column].astype(int)
+
+
 def map_of(sea, number):
     """The map of one layer."""
     return CurrentMap(new_stream("test"), sea, Clock.of(sea), number)
@@ -181,14 +187,11 @@ def test_the_recording_shows_groups(gyres, found):
     np.testing.assert_array_equal(scale, [1, -1, 1])
     for layer, water in enumerate(gyres.waters):
         behaviour = gyres.layers[layer].behaviour
-        labels = found.classes(f"/map/grid/groups_{layer}")
-        buffer = found.static(f"/map/grid/groups_{layer}", "SegmentationImage:buffer")[0]
-        picture = np.reshape(buffer, water.number.shape)
-        assert {labels[kind] for kind in picture[water.number < 0]} == {"land"}
+        labels, rank = found.classes(f"/map/grid/groups_{layer}"), gyres.group_ranks[layer]
         group, part = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)
-        for cell, kind in enumerate(picture[water.row, water.column].tolist()):
+        assert labels[0] == "land"
+        for cell, kind in enumerate(kinds(found, f"groups_{layer}", water).tolist()):
             homes = () if group[cell] >= 0 else behaviour.transient.domiciles[part[cell]]
-            rank = gyres.group_ranks[layer]
             if group[cell] >= 0:
                 expected = f"persistent group {rank[group[cell]]}"
             elif len(homes) == 1:
@@ -278,9 +281,7 @@ def test_the_recording_shows_regions_and_their_exchange(asked):
 def test_the_recording_shows_beaches_and_how_many_strand(asked):
     found, shown = asked
     water, beaching = found.waters[0], found.beaching
-    buffer = shown.static("/map/grid/beached", "SegmentationImage:buffer")[0]
-    kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
-    np.testing.assert_array_equal(kind > 1, drift.coast(water))
+    np.testing.assert_array_equal(kinds(shown, "beached", water) > 1, drift.coast(water))
     ends = np.array(shown.static("/beaching/curve/share", "LineStrips2D:strips")[0])
     assert len(ends) == beaching.steps + 1
     assert np.ptp(ends[:, 1]) > 0
@@ -331,9 +332,7 @@ def test_the_recording_shows_currents_and_drifters(gyres, found):
 
 def test_the_recording_shows_times_deployment_and_reach(gyres, found):
     sea_map = map_of(gyres, 0)
-    buffer = found.static("/map/grid/absorption_0", "SegmentationImage:buffer")[0]
-    water = gyres.waters[0]
-    kind = np.reshape(buffer, water.number.shape)[water.row, water.column].astype(int)
+    kind = kinds(found, "absorption_0", gyres.waters[0])
     hours = np.asarray(gyres.layers[0].behaviour.hours)
     assert (kind[hours == 0] == 1).all()
     order = np.argsort(hours)
@@ -341,10 +340,8 @@ def test_the_recording_shows_times_deployment_and_reach(gyres, found):
     marks = np.array(found.static("/map/deployment", "Points2D:positions"))
     np.testing.assert_allclose(marks, sea_map.xy(gyres.deployment.cells), rtol=1e-5)
     labels = found.classes("/map/grid/reach_2")
-    buffer = found.static("/map/grid/reach_2", "SegmentationImage:buffer")[0]
-    water = gyres.waters[2]
-    kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
-    stays = np.array(["stays" in labels[one] for one in kind])
+    kind = kinds(found, "reach_2", gyres.waters[2])
+    stays = np.array(["stays" in labels[number] for number in kind])
     np.testing.assert_array_equal(stays, gyres.of_layer(gyres.reachable[0], 2))
     text = found.static("/reach/text", "TextDocument:text")[0]
     assert f"| 10 m | {stays.sum()} |" in text
@@ -363,11 +360,8 @@ def test_the_recording_shows_the_voyage(gyres, found):
     assert (np.abs(vectors[action[others] == 0][:, :2]).sum(axis=1) > 0).all()
     goal = np.array(found.static("/space/goal", "Points3D:positions"))
     assert goal.shape == (1, 3)
-    np.testing.assert_allclose(
-        goal[0, :2],
-        map_of(gyres, 1).xy(np.array([GOAL - 538]))[0],
-        rtol=1e-5,
-    )
+    place = map_of(gyres, 1).xy(np.array([GOAL - 538]))[0]
+    np.testing.assert_allclose(goal[0, :2], place, rtol=1e-5)
     assert goal[0, 2] < 0
     # Drifters start above one another, at the surface.
     places = found.over("minute", "/space/drifters", "Points3D:positions")
@@ -426,12 +420,12 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
 def test_all_cells_persistent(tmp_path, read):
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)
-    one = study(
+    lone = study(
         sea(np.tile(swirl[:, None], 5), np.tile(-swirl, (5, 1))),
         drift.DriftStep(2000, spread="all"),
     )
-    assert one.layers[0].transient_groups == 0
-    record.save_recording(one, tmp_path / "all.rrd")
+    assert lone.layers[0].transient_groups == 0
+    record.save_recording(lone, tmp_path / "all.rrd")
     found = read(tmp_path / "all.rrd")
     assert not {entity for entity in found.entities if "absorption" in entity}
 
@@ -444,14 +438,13 @@ def test_cells_that_take_almost_forever_are_shown(tmp_path, read):
     behaviour = drift.long_term_behaviour(chain, 3600, throw=False)
     late = np.asarray(behaviour.absorption.value) > 10_000
     assert 0 < late.sum() < water.cells
-    one = study(currents, drift.DriftStep(3600))
-    np.testing.assert_array_equal(one.layers[0].almost_forever, late)
-    record.save_recording(one, tmp_path / "late.rrd")
+    lone = study(currents, drift.DriftStep(3600))
+    np.testing.assert_array_equal(lone.layers[0].almost_forever, late)
+    record.save_recording(lone, tmp_path / "late.rrd")
     found = read(tmp_path / "late.rrd")
     labels = found.classes("/map/grid/absorption_0")
-    buffer = found.static("/map/grid/absorption_0", "SegmentationImage:buffer")[0]
-    kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
-    shown = np.array([labels[one].startswith("almost forever") for one in kind])
+    kind = kinds(found, "absorption_0", water)
+    shown = np.array([labels[number].startswith("almost forever") for number in kind])
     np.testing.assert_array_equal(shown, late)
     text = found.static("/absorption/text", "TextDocument:text")[0]
     assert f"| {late.sum()} |" in text
@@ -469,14 +462,14 @@ def test_a_large_sea_makes_a_small_file(tmp_path):
 def test_many_groups_have_few_colours(tmp_path, read):
     """Every cell is a group of its own where the step is too short."""
     east = np.random.default_rng(0).uniform(-1, 1, (2, 15, 20))
-    one = study(sea(*east), drift.DriftStep(100, edge="exit"), start=0)
-    assert one.layers[0].persistent_groups > 200
-    record.save_recording(one, tmp_path / "many.rrd")
+    lone = study(sea(*east), drift.DriftStep(100, edge="exit"), start=0)
+    assert lone.layers[0].persistent_groups > 200
+    record.save_recording(lone, tmp_path / "many.rrd")
     found = read(tmp_path / "many.rrd")
     labels = found.classes("/map/grid/groups_0")
     assert len(labels) <= 255
     assert "a smaller persistent group" in labels
-    assert one.layers[0].warning in found.static("/groups/text", "TextDocument:text")[0]
+    assert lone.layers[0].warning in found.static("/groups/text", "TextDocument:text")[0]
 
 
 @pytest.mark.parametrize(
@@ -491,8 +484,8 @@ def test_many_groups_have_few_colours(tmp_path, read):
 )
 def test_the_clock_is_as_fine_as_the_steps(duration, hours, unit, frame):
     currents = sea(*np.full((2, 3, 3, 4), 0.2), hours=hours)
-    one = study(currents, drift.DriftStep(duration, spread="all"))
-    clock = Clock.of(one)
+    lone = study(currents, drift.DriftStep(duration, spread="all"))
+    clock = Clock.of(lone)
     assert clock.unit == unit
     assert clock.frame == frame
     # It goes on for 40 steps, and until the current of three records begins again.
@@ -565,16 +558,16 @@ def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
     dataset = record.dataset(found)
     number = dataset.nearly_closed_sets_number.values[0]
     assert ((number == -2) == ~leaving.currents.water.values[0]).all()
-    for one, size in enumerate(dataset.nearly_closed_sets_size.values):
-        assert (number == one).sum() == size
-    listed = record.summary(found)["nearly_closed_sets"]
-    assert [one["leakage"] for one in listed["sets"]] == sets.leakage.tolist()
+    for rank, size in enumerate(dataset.nearly_closed_sets_size.values):
+        assert (number == rank).sum() == size
+    listed = record.summary(found)["nearly_closed_sets"]["sets"]
+    assert [row["leakage"] for row in listed] == sets.leakage.tolist()
     assert "nearly_closed_sets" not in record.summary(leaving)
     file = tmp_path / "drift.rrd"
     record.save_recording(found, file, spec={})
     recorded = read(file)
-    kinds = recorded.static("/map/grid/nearly_closed_0", "SegmentationImage:buffer")[0]
+    shown = kinds(recorded, "nearly_closed_0", leaving.waters[0])
     # 0 is land and 1 is in no set.
-    np.testing.assert_array_equal(np.unique(kinds), np.unique(number + 2))
+    np.testing.assert_array_equal(np.unique(shown), np.unique(number[number > -2] + 2))
     text = recorded.static("/nearly_closed/text", "TextDocument:text")[0]
     assert f"after **{sets.window_hours:.3g} hours**" in text

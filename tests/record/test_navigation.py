@@ -1,13 +1,11 @@
 import itertools
-import json
 
 import numpy as np
 import pytest
-import xarray as xr
 from recordings import packed
 
 from jaxcell.bounce import all_plans, plan
-from jaxcell.record import dataset, save_dataset, save_recording
+from jaxcell.record import dataset, save_recording
 from jaxcell.record.canvas.palette import TRAIL
 from jaxcell.space import CellSpace
 
@@ -44,24 +42,6 @@ def split():
     """Two rooms that have no way between them, and a plan to try it."""
     cells = CellSpace.of_grid(np.array([[1, 1, 1, 0, 1, 1]] * 3, bool), 24)
     return plan(cells, BOUNCES, 0, cells.size - 1)
-
-
-def test_the_dataset_holds_the_plan(cells, found, tmp_path):
-    save_dataset(dataset(found, spec={"keep": 1}), tmp_path / "plan.nc")
-    with xr.open_dataset(tmp_path / "plan.nc") as data:
-        assert (data.start, data.goal, data.cost) == (found.start, found.goal, found.cost)
-        assert data["visited"].values.tolist() == found.visited.tolist()
-        np.testing.assert_array_equal(data.actions, found.actions)
-        assert set(data.actions_deg.values) <= {0, 45, 90, 135}
-        x, y, theta = cells.centre(found.visited)
-        for name, values in (("robot_x", x), ("robot_y", y), ("robot_theta", theta)):
-            np.testing.assert_array_equal(data[name], values)
-        for z in range(0, cells.size, 7):
-            direction, position = divmod(z, cells.positions)
-            one = data.isel(direction=direction, position=position)
-            assert one.reaches == found.reaching[z]
-            assert (one.x, one.y, one.theta) == cells.centre(z)
-        assert json.loads(data.spec) == {"keep": 1}
 
 
 def test_the_dataset_says_that_there_is_no_path(split):

@@ -248,7 +248,7 @@ def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
     for vertex in range(graph.vertices):
         (curve,) = found.static(f"/waits/news/{vertex}", "LineStrips2D:strips")
         height = -np.array(curve)[:, 1] / 90
-        np.testing.assert_allclose(height, news.told[: len(height), vertex], atol=1e-6)
+        np.testing.assert_allclose(height, news.known[: len(height), vertex], atol=1e-6)
     bars = found.picture("/waits/charges/interval")
     assert np.argmax(bars.sum(axis=0)) == kept.interval.argmax()
     assert "/waits/news/0" not in _recorded(patrol, tmp_path, read).entities
@@ -325,7 +325,7 @@ def test_vertices_in_one_place_and_two_of_them(tmp_path):
     save_recording(patrol_of(graph), tmp_path / "two.rrd")
 
 
-def test_what_does_not_belong_together_is_refused(eight, weights, patrol, game, tmp_path):
+def test_parts_of_different_patrols_are_refused(eight, weights, patrol, game, tmp_path):
     graph, names = eight
     other = Graph(graph.edges[:-1], xy=graph.xy)
     chain = random_walk(graph, weights)

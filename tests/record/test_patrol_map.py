@@ -10,9 +10,10 @@ import xarray as xr
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
+    Attack,
+    Capture,
     PatrolledMap,
     capture_policies,
-    capture_probabilities,
     cell_graph,
     distributed_policies,
     vulnerability,
@@ -53,11 +54,12 @@ def make(robots, *, base=False, lost=None):
     found = policies(0.8)
     if lost is not None:
         after = reassign(graph, visible, regions, found, lost)
-    capture = capture_probabilities(graph, visible, found, TIMES)
+    attacks = Attack(TIMES)
+    capture = Capture.of(graph, visible, found, attacks, regions)
     watched = np.zeros(cells.positions, bool) if regions is None else regions.view
-    target = int(np.where(watched, 2, capture[0]).argmin())
+    target = int(np.where(watched, 2, capture.probability[0]).argmin())
     key = jax.random.key(1)
-    attack = vulnerability(key, graph, visible, found, target, TIMES, runs=400)
+    attack = vulnerability(key, graph, visible, found, target, attacks, runs=400)
     return PatrolledMap(
         cells=cells,
         reach=2.5,
@@ -65,7 +67,7 @@ def make(robots, *, base=False, lost=None):
         visible=visible,
         policies=found,
         attack=attack,
-        capture=capture,
+        captures=capture,
         regions=regions,
         reassignment=after,
         shares=np.array([0.0, 0.8]),
@@ -119,7 +121,7 @@ def test_the_dataset_holds_the_patrol(alone, tmp_path):
         np.testing.assert_array_equal(found.visible, alone.visible)
         np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), alone.xy)
         assert found.attack_time.values.tolist() == TIMES
-        np.testing.assert_array_equal(found.capture, alone.capture)
+        np.testing.assert_array_equal(found.captures_probability, alone.captures.probability)
         for robot, policy in enumerate(alone.policies):
             cover = found.cover.values[robot]
             np.testing.assert_array_equal(cover[cover >= 0], policy.cover)
@@ -135,15 +137,15 @@ def test_the_dataset_holds_the_patrol(alone, tmp_path):
             np.testing.assert_array_equal(found[f"attack_{name}"], getattr(attack, name))
         np.testing.assert_array_equal(found.attack_arrival, attack.arrivals.time)
         assert [float(found[f"attack_fit_l{i}"]) for i in (1, 2, 3, 4)] == pytest.approx(
-            [float(one) for one in jax.tree.leaves(attack.fit.law)]
+            [attack.fit.l1, attack.fit.l2, attack.fit.l3, attack.fit.l4]
         )
         assert found.share.values.tolist() == [0.0, 0.8]
         assert found.share_capture.values.tolist() == [0.3, 0.2]
         assert json.loads(found.attrs["spec"]) == {"robots": 2}
         assert found.attack_target == attack.target
         assert "regions_region" not in found
-        picture = found.capture.set_index(position=("y", "x")).unstack()
-        assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.capture[0, 0]
+        picture = found.captures_probability.set_index(position=("y", "x")).unstack()
+        assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.captures.probability[0, 0]
 
 
 def test_the_dataset_holds_the_regions(based, tmp_path):
@@ -164,11 +166,16 @@ def changed(patrol, **changes):
     return dataclasses.replace(patrol, attack=dataclasses.replace(patrol.attack, **changes))
 
 
+def caught(patrol, probability):
+    capture = dataclasses.replace(patrol.captures, probability=probability)
+    return dataclasses.replace(patrol, captures=capture)
+
+
 @pytest.mark.parametrize(
     ("wrong", "check"),
     [
-        (lambda p: dataclasses.replace(p, capture=p.capture[::-1]), "capture_falls_with_time"),
-        (lambda p: dataclasses.replace(p, capture=p.capture + 0.9), "capture_out_of_0_to_1"),
+        (lambda p: caught(p, p.captures.probability[::-1]), "captures_falls_with_time"),
+        (lambda p: caught(p, p.captures.probability + 0.9), "captures_probability_out_of_0_to_1"),
         (lambda p: changed(p, exact=p.attack.exact / 2), "attack_exact_is_of_law"),
         (lambda p: changed(p, law=p.attack.law + 0.5), "attack_law_beyond_1|exact_is_of_law"),
     ],
@@ -178,7 +185,7 @@ def test_a_patrol_that_contradicts_itself_is_refused(alone, wrong, check):
         dataset(wrong(alone))
 
 
-def test_nobody_cheats(alone):
+def test_attacks_keep_to_their_rules(alone):
     """The rules of the attacks, from the places of the robots."""
     attacks = simulate_attacks(alone, 3)
     edges = {frozenset(edge) for edge in alone.graph.edges.tolist()}
@@ -333,7 +340,7 @@ def test_the_recording_shows_the_law(alone, recorded, read):
 
 
 def test_the_recording_shows_the_vulnerability(alone, recorded, read):
-    found, caught = read(recorded), alone.capture[0]
+    found, caught = read(recorded), alone.captures.probability[0]
     kind = still(alone, found, "/map/grid/capture").astype(int)
     assert kind.min() >= 3
     assert kind.max() <= 34
@@ -343,8 +350,8 @@ def test_the_recording_shows_the_vulnerability(alone, recorded, read):
     (label,) = found.static("/map/worst_capture/label", "Points2D:labels")
     assert label == f"most vulnerable: {caught.min():.3f}"
     classes = found.classes("/map/grid/capture")
-    low = classes[still(alone, found, "/map/grid/capture")[alone.capture[0].argmin()]]
-    assert low.startswith(f"caught with probability {alone.capture[0].min():.3f}"[:-1])
+    low = classes[still(alone, found, "/map/grid/capture")[alone.captures.probability[0].argmin()]]
+    assert low.startswith(f"caught with probability {alone.captures.probability[0].min():.3f}"[:-1])
     text = found.static("/vulnerability/text", "TextDocument:text")[0]
     assert f"{100 * caught.min():.4g} %" in text
 
@@ -359,8 +366,8 @@ def test_an_emphasis_that_lowers_capture_is_remarked(alone):
 
 def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, monkeypatch):
     for steps in ("_TRIAL", "_STEPS"):
-        monkeypatch.setattr(f"jaxcell.patrol.map.capture.{steps}", 25)
-    problem = alone.graph, alone.visible, 2, TIMES[0]
+        monkeypatch.setattr(f"jaxcell.patrol.map.capture_search.{steps}", 25)
+    problem = alone.graph, alone.visible, 2, Attack(TIMES[0])
     search = capture_policies(*problem, starts=1)
     frontier = capture_frontier(*problem, [0.0, 0.6])
     patrol = dataclasses.replace(
@@ -408,11 +415,10 @@ def test_the_recording_shows_the_regions(based, tmp_path, read):
 
 def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
     everything = np.ones_like(alone.visible)
-    attack = vulnerability(
-        jax.random.key(0), alone.graph, everything, alone.policies, 3, TIMES, runs=10
-    )
-    capture = capture_probabilities(alone.graph, everything, alone.policies, TIMES)
-    patrol = dataclasses.replace(alone, visible=everything, attack=attack, capture=capture)
+    problem = alone.graph, everything, alone.policies
+    attack = vulnerability(jax.random.key(0), *problem, 3, Attack(TIMES), runs=10)
+    capture = Capture.of(*problem, Attack(TIMES))
+    patrol = dataclasses.replace(alone, visible=everything, attack=attack, captures=capture)
     save_recording(patrol, tmp_path / "all.rrd")
     found = read(tmp_path / "all.rrd")
     assert "/target/times/fitted" not in found.entities
@@ -422,11 +428,17 @@ def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
     assert set(map(tuple, curve.values())) == {(0,)}
 
 
-def test_what_does_not_belong_together_is_refused(alone, based):
+def test_parts_of_different_patrols_are_refused(alone, based):
     for change, message in (
         ({"graph": Graph([[0, 1]])}, "graph: expected 46 cells, got 2"),
-        ({"capture": alone.capture[:, :5]}, "capture: expected 46 cells, got 5"),
-        ({"capture": alone.capture[:1]}, "capture: expected 3 rows, one per attack time, got 1"),
+        (
+            {"captures": dataclasses.replace(alone.captures, probability=np.ones((3, 5)))},
+            "captures: expected 46 cells, got 5",
+        ),
+        (
+            {"captures": dataclasses.replace(alone.captures, attack=alone.captures.attack.first)},
+            r"captures: expected the attack times \[.*\], got \[.\]",
+        ),
         ({"reassignment": based.reassignment}, "reassignment: expected regions with it"),
         (
             {"cells": CellSpace.of_grid(np.ones((2, 23), bool), 8)},

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import rerun as rr
-from rerun.chunk import RrdReader
+from recordings import Recording
 from waiting import wait_until
 from wheels import bounce_filter, map_cells
 
@@ -27,19 +27,6 @@ def strict():
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)
-
-
-def over(path, timeline, entity, column):
-    """The values of a column by time, from all chunks of a recording; later rows win."""
-    found = {}
-    for chunk in RrdReader(path).stream().to_chunks():
-        batch = chunk.to_record_batch()
-        if chunk.entity_path == entity and {column, timeline} <= set(batch.schema.names):
-            values = batch.column(column).to_pylist()
-            times = batch.column(timeline)
-            times = times.cast("int64").to_pylist() if timeline == "seconds" else times.to_pylist()
-            found |= dict(zip(times, values, strict=True))
-    return found
 
 
 def observation(text, state, estimate=(0.0, 0.0, 0.0), **fields):
@@ -61,11 +48,12 @@ def test_the_belief_and_the_numbers_are_those_of_the_filter(tmp_path):
         for second, (text, state) in enumerate(zip(observed, states[1:], strict=True), 1):
             recording.event("observation", observation(text, state, seconds=second))
         recording.event("end", {"seconds": 10, "result": "localized", "reason": "it is known"})
-    origins = over(path, "observation", "/map/belief", "Arrows2D:origins")
-    vectors = over(path, "observation", "/map/belief", "Arrows2D:vectors")
-    sizes = over(path, "observation", "/filter/uncertainty", "Scalars:scalars")
-    colors = over(path, "observation", "/filter/color", "Scalars:scalars")
-    bumps = over(path, "observation", "/robot/robot/bumped", "Scalars:scalars")
+    recorded = Recording(path)
+    origins = recorded.over("observation", "/map/belief", "Arrows2D:origins")
+    vectors = recorded.over("observation", "/map/belief", "Arrows2D:vectors")
+    sizes = recorded.over("observation", "/filter/uncertainty", "Scalars:scalars")
+    colors = recorded.over("observation", "/filter/color", "Scalars:scalars")
+    bumps = recorded.over("observation", "/robot/robot/bumped", "Scalars:scalars")
     for time, state in enumerate(states):
         x, y, theta = LAB.centre(FILTER.cells(state))
         np.testing.assert_allclose(origins[time], np.stack([x, y], axis=1), atol=1e-6)
@@ -78,11 +66,11 @@ def test_the_belief_and_the_numbers_are_those_of_the_filter(tmp_path):
         if time:
             assert bumps[time] == [int(observed[time - 1])]
     # By the clock too: the number after an observation begins with it.
-    seconds = over(path, "seconds", "/filter/uncertainty", "Scalars:scalars")
+    seconds = recorded.over("seconds", "/filter/uncertainty", "Scalars:scalars")
     assert [time / 1e9 for time in sorted(seconds)] == list(range(11))
-    texts = over(path, "seconds", "/log", "TextLog:text")
+    texts = recorded.over("seconds", "/log", "TextLog:text")
     assert texts[10 * 10**9] == ["end: localized: it is known"]
-    left = over(path, "observation", "/map/candidates", "Boxes2D:centers")
+    left = recorded.over("observation", "/map/candidates", "Boxes2D:centers")
     x, y, _ = LAB.centre(FILTER.cells(states[-1]))
     np.testing.assert_allclose(left[len(observed)], np.stack([x, y], axis=1), atol=1e-6)
 
@@ -92,10 +80,11 @@ def test_a_refuted_robot_is_nowhere(tmp_path):
     with RobotRecording(path, [RecordedRobot()], cells=LAB, filter=FILTER) as recording:
         recording.event("observation", observation("1", None, seconds=1.0))
         recording.event("end", {"seconds": 1.0, "result": "refuted", "reason": "it slipped"})
-    assert over(path, "observation", "/map/belief", "Arrows2D:origins")[1] == []
-    assert over(path, "observation", "/filter/uncertainty", "Scalars:scalars")[1] == [0]
-    assert over(path, "observation", "/map/candidates", "Boxes2D:centers") == {}
-    assert over(path, "observation", "/log", "TextLog:level")[1] == ["WARN"]
+    recorded = Recording(path)
+    assert recorded.over("observation", "/map/belief", "Arrows2D:origins")[1] == []
+    assert recorded.over("observation", "/filter/uncertainty", "Scalars:scalars")[1] == [0]
+    assert recorded.over("observation", "/map/candidates", "Boxes2D:centers") == {}
+    assert recorded.over("observation", "/log", "TextLog:level")[1] == ["WARN"]
 
 
 def test_many_cells_are_shaded(tmp_path):
@@ -106,8 +95,9 @@ def test_many_cells_are_shaded(tmp_path):
     assert start.size > 400
     with RobotRecording(path, [RecordedRobot()], cells=cells, filter=filter):
         pass
-    assert over(path, "observation", "/map/belief", "Arrows2D:origins")[0] == []
-    (buffer,) = over(path, "observation", "/map/grid/belief", "SegmentationImage:buffer")[0]
+    recorded = Recording(path)
+    assert recorded.over("observation", "/map/belief", "Arrows2D:origins")[0] == []
+    (buffer,) = recorded.over("observation", "/map/grid/belief", "SegmentationImage:buffer")[0]
     # Every direction is possible at every free square.
     np.testing.assert_array_equal(
         np.array(buffer).reshape(cells.free.shape), np.where(cells.free, 8, 0)
@@ -125,14 +115,15 @@ def test_poses_belong_to_the_observation_that_they_lead_to(tmp_path):
         last = trace[-1]
         trace += [(5 + t, 1.0, last[2], math.pi / 2 + t) for t in np.arange(0.1, 1.0, 0.1)]
         trace += [(6 + t, 1.0 + t / 5, last[2], math.pi) for t in np.arange(0.0, 1.0, 0.1)]
-    by_time = over(path, "seconds", "/map/robots/robot", "Arrows2D:origins")
+    recorded = Recording(path)
+    by_time = recorded.over("seconds", "/map/robots/robot", "Arrows2D:origins")
     times = np.array(sorted(by_time)) / 1e9
     # Ten a second, and the last of each look, of which one may come at any time.
     assert np.diff(times).max() < 0.12
     assert len(times) < 80
     np.testing.assert_allclose(by_time[min(by_time)], [START[:2]], atol=1e-6)
-    by_observation = over(path, "observation", "/map/robots/robot", "Arrows2D:origins")
-    headings = over(path, "observation", "/map/robots/robot", "Arrows2D:vectors")
+    by_observation = recorded.over("observation", "/map/robots/robot", "Arrows2D:origins")
+    headings = recorded.over("observation", "/map/robots/robot", "Arrows2D:vectors")
     assert sorted(by_observation) == [0, 1, 2]
     # The turn is part of the observation that it follows, and nothing else after it is.
     np.testing.assert_allclose(by_observation[1], [last[1:3]], atol=_near())
@@ -140,12 +131,12 @@ def test_poses_belong_to_the_observation_that_they_lead_to(tmp_path):
     assert math.atan2(up, right) == pytest.approx(math.pi, abs=0.25)
     np.testing.assert_allclose(by_observation[2], [trace[-1][1:3]], atol=1e-6)
     # The trail has a corner where it turned: its ends are the start and the last pose.
-    (trail,) = over(path, "observation", "/map/trails/robot", "LineStrips2D:strips")[2]
+    (trail,) = recorded.over("observation", "/map/trails/robot", "LineStrips2D:strips")[2]
     expected = [START[:2], last[1:3], trace[-1][1:3]]
     np.testing.assert_allclose([trail[0], trail[-2], trail[-1]], expected, atol=_near())
     # 0.9 m ahead is north of the start, and 0.1 m to the right is east of it. The time is that of
     # the robot, not of the clock.
-    estimates = over(path, "seconds", "/map/estimates/robot", "Points2D:positions")
+    estimates = recorded.over("seconds", "/map/estimates/robot", "Points2D:positions")
     np.testing.assert_allclose(estimates[round(last[0] * 1e9)], [[1.1, 2.9]], atol=1e-6)
 
 
@@ -164,13 +155,14 @@ def test_several_robots_without_a_filter(tmp_path):
         traces[1].append((1.0, 7.5, 2.5, 0.0))
         recording.event("observation", {"seconds": 9.0, "observation": 1, "robot": 1})
         recording.event("visit", {"seconds": 9.0, "robot": 0, "cell": 7})
-    assert over(path, "seconds", "/log", "TextLog:text") == {
+    recorded = Recording(path)
+    assert recorded.over("seconds", "/log", "TextLog:text") == {
         10**9: ["robot 2: observation 1: bump"],
         0: ["robot 1: visit: 7"],
     }
-    places = over(path, "seconds", r"/map/robots/robot\ 2", "Arrows2D:origins")
+    places = recorded.over("seconds", r"/map/robots/robot\ 2", "Arrows2D:origins")
     np.testing.assert_allclose(places[10**9], [[7.5, 2.5]])
-    places = over(path, "seconds", r"/map/robots/robot\ 1", "Arrows2D:origins")
+    places = recorded.over("seconds", r"/map/robots/robot\ 1", "Arrows2D:origins")
     assert list(places) == [0]
 
 
@@ -178,11 +170,11 @@ def test_a_real_robot_without_a_map(tmp_path):
     path = tmp_path / "run.rrd"
     with RobotRecording(path, [RecordedRobot()]) as recording:
         recording.event("observation", observation("0", 1, (1.0, 0.1, 0.0), seconds=3.0))
-    places = over(path, "seconds", "/odometry/estimates/robot", "Points2D:positions")
+    recorded = Recording(path)
+    places = recorded.over("seconds", "/odometry/estimates/robot", "Points2D:positions")
     np.testing.assert_allclose(places[3 * 10**9], [[1.0, 0.1]], atol=1e-6)
-    entities = {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
-    assert not any(entity.startswith("/map/grid") for entity in entities)
-    assert "/map/belief" not in entities
+    assert not any(entity.startswith("/map/grid") for entity in recorded.entities)
+    assert "/map/belief" not in recorded.entities
 
 
 def test_the_recording_of_a_killed_process_can_be_read(tmp_path):
@@ -198,7 +190,7 @@ with RobotRecording(sys.argv[1], [RecordedRobot()], cells=map_cells("lab_a.json"
     path = tmp_path / "run.rrd"
 
     def bumps():
-        return over(path, "observation", "/robot/robot/bumped", "Scalars:scalars")
+        return Recording(path).over("observation", "/robot/robot/bumped", "Scalars:scalars")
 
     def written():
         # Part of a file may be no recording yet.
@@ -248,8 +240,9 @@ def test_the_body_and_the_touches_of_walls_are_shown_while_they_last(tmp_path):
     robot = RecordedRobot(start=START, trace=trace, radius=0.174, touches=[(0.42, 1.2, 2.0)])
     with RobotRecording(path, [robot], cells=LAB) as recording:
         recording.event("end", {"seconds": 1, "result": "arrived", "reason": "it is there"})
-    bodies = over(path, "seconds", "/map/robots/robot/body", "Points2D:positions")
+    recorded = Recording(path)
+    bodies = recorded.over("seconds", "/map/robots/robot/body", "Points2D:positions")
     np.testing.assert_allclose(list(bodies.values()), [[pose[1:3]] for pose in trace], atol=1e-6)
-    touches = over(path, "seconds", "/map/robots/robot/touch", "Points2D:positions")
+    touches = recorded.over("seconds", "/map/robots/robot/touch", "Points2D:positions")
     shown = {round(time / 1e9, 1) for time, places in touches.items() if places}
     assert shown == {0.5}

@@ -49,7 +49,7 @@ def test_a_robot_comes_home_from_anywhere_and_a_replay_agrees(task, seed, tmp_pa
     assert robot.replay_anywhere(robot.read_log(path), task.settings) == outcome
 
 
-def test_another_map_is_found_out(task):
+def test_another_map_is_refuted(task):
     elsewhere = space.Workspace([(0, 0), (9, 0), (9, 7), (0, 7)])
     walker = robot.Walker(SimulatedCreate(Body(elsewhere, (4.0, 3.0, 1.0))), 1.0)
     outcome = robot.run_anywhere(walker, task.settings, limit=60)

@@ -5,9 +5,9 @@ import pytest
 
 from jaxcell.automata import Belief, HiddenMap
 from jaxcell.robot import RunLog, Walker, read_log
-from jaxcell.robot.believer import replay_belief, run_belief
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.direct import DirectBody
+from jaxcell.robot.followers import BeliefFollower, replay_follower, run_follower
 from jaxcell.space import CellSpace, Workspace
 
 
@@ -46,37 +46,30 @@ def test_a_robot_is_localized_and_its_log_says_the_same(tmp_path):
     belief = belief_of(cells)
     walker, body = walker_in(room, (2.5, 0.5, 0.0), noise=0.01)
     with RunLog(tmp_path / "run.jsonl", {"kind": "belief"}) as log:
-        outcome = run_belief(walker, belief, [np.pi], log=log)
+        outcome = run_follower(walker, BeliefFollower(belief), [np.pi], log=log)
     assert outcome.result == "localized"
     assert int(cells.index(*body.pose)) in outcome.cells
     assert len(outcome.cells) <= 4
     run = read_log(tmp_path / "run.jsonl")
-    assert replay_belief(run, belief) == outcome
+    assert replay_follower(run, BeliefFollower(belief)) == outcome
     events = [one for one in run.events if one["event"] == "observation"]
     assert {"credible", "nowhere", "likeliest"} <= events[-1].keys()
     assert events[-1]["credible"] == len(outcome.cells)
 
 
-def test_a_robot_that_is_nowhere_stops_and_says_so():
+def test_a_robot_that_is_nowhere_on_the_map_stops():
     # It is in a corridor, and believes in a ring of twenty cells, in which nothing is in the way.
     ring = np.roll(np.eye(20), 1, axis=1)
     hidden = HiddenMap.of(ring, np.zeros((20, 20)), np.arange(20), np.full(20, 0.05))
     walker, _ = walker_in(corridor(10), (0.5, 0.5, 0.0))
-    outcome = run_belief(walker, Belief(hidden), [np.pi])
+    outcome = run_follower(walker, BeliefFollower(Belief(hidden)), [np.pi])
     assert outcome.result == "refuted"
     assert "nowhere on the map" in outcome.reason
     assert outcome.cells == ()
     assert outcome.observations == "0000000001"
 
 
-def test_a_run_ends_at_the_limit():
-    walker, _ = walker_in(corridor(30), (0.5, 0.5, 0.0))
-    outcome = run_belief(walker, belief_of(CellSpace.of(corridor(30), 1.0, 2)), [np.pi], limit=3)
-    assert outcome.result == "unfinished"
-    assert outcome.observations == "000"
-
-
-def test_the_direct_body_does_as_it_is_told():
+def test_the_direct_body_goes_and_turns_as_commanded():
     body = Body(corridor(3), (0.5, 0.5, 0.0))
     robot = DirectBody(body)
     assert robot.forward(1.0, tolerance=0.01) == pytest.approx((1.0, 0.0, False, 0.0))

@@ -105,7 +105,7 @@ def test_encoder_noise_is_not_motion():
     assert body.travelled[0] != body.travelled[1]
 
 
-def test_bad_input():
+def test_a_bad_start_of_a_body_is_refused():
     with pytest.raises(ValueError, match=r"pose: a body of radius 0.17 m at \(0.1 m, 1 m\)"):
         Body(ROOM, (0.1, 1.0, 0.0))
     with pytest.raises(ValueError, match="veer: expected a finite number from 0, got -1"):

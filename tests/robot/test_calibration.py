@@ -65,7 +65,7 @@ def test_a_calibration_is_measured_kept_and_used(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.usefixtures("patient")
-def test_what_is_no_measurement_is_refused(tmp_path, monkeypatch, capsys):
+def test_answers_that_are_no_measurements_are_refused(tmp_path, monkeypatch, capsys):
     path = tmp_path / "calibration.json"
     with Emulator(worn(), line=Line(speedup=20.0)) as robot:
         for answer in ("far", "10"):
@@ -90,7 +90,7 @@ def test_what_is_no_measurement_is_refused(tmp_path, monkeypatch, capsys):
         ),
     ],
 )
-def test_bad_files(tmp_path, text, message):
+def test_damaged_calibrations_are_refused(tmp_path, text, message):
     path = tmp_path / "calibration.json"
     path.write_text(text)
     with pytest.raises(ValueError, match=message) as caught:

@@ -58,7 +58,7 @@ def test_a_known_speed_for_a_known_time_is_a_distance(speed):
         assert body.theta - before == pytest.approx(angle, abs=0.01)
 
 
-def test_a_bump_ends_it_and_the_clock_tells_how_far_it_was():
+def test_a_bump_ends_a_timed_motion_with_its_distance():
     robot, body = clocked((3.0, 1.0, 0.0))
     moved = robot.forward(2.0, tolerance=0.01)
     assert moved.bumped
@@ -80,7 +80,7 @@ def test_a_walker_walks_by_the_clock():
     assert (body.x, body.y) == pytest.approx((0.5, 2.5), abs=0.05)
 
 
-def test_bad_input():
+def test_bad_speeds_of_a_clock_are_refused():
     for fields in ({"speed": 0.0}, {"speed": 0.6}, {"turning": -1.0}, {"turning": math.nan}):
         name = next(iter(fields))
         with pytest.raises(ValueError, match=f"{name}: expected more than 0 and at most"):

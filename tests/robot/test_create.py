@@ -166,7 +166,7 @@ def test_an_exception_stops_the_wheels(terminal):
     eventually(lambda: robot.mode == 0)
 
 
-def test_it_does_not_drive_unarmed(terminal):
+def test_an_unarmed_robot_does_not_drive(terminal):
     robot, name = terminal
     with Create.open(name, patience=PATIENCE) as create:
         with pytest.raises(RobotStopped, match="not armed"):
@@ -266,7 +266,7 @@ def test_a_caller_that_sleeps_stops_the_wheels(terminal):
         eventually(lambda: robot.wheels == (0, 0))
 
 
-def test_a_silent_robot_is_told_to_stop(terminal):
+def test_a_silent_robot_gets_the_command_to_stop(terminal):
     robot, name = terminal
     with Create.open(name, patience=0.5) as create:
         create.arm()
@@ -288,7 +288,7 @@ def test_a_command_cut_short_does_not_swallow_the_halt(terminal):
     eventually(lambda: robot.mode == 0 and robot.wheels == (0, 0))
 
 
-def test_a_line_that_ends():
+def test_a_line_that_ends_stops_the_driver():
     master, slave = pty.openpty()
     tty.setraw(slave)
     os.set_blocking(master, False)
@@ -303,7 +303,7 @@ def test_a_line_that_ends():
             keep_driving(create)
 
 
-def test_a_line_without_a_robot():
+def test_a_line_without_a_robot_is_refused():
     master, slave = pty.openpty()
     tty.setraw(slave)
     try:
@@ -314,7 +314,7 @@ def test_a_line_without_a_robot():
         os.close(master)
 
 
-def test_a_line_over_the_network():
+def test_a_robot_drives_over_a_network_socket():
     with socket.create_server(("127.0.0.1", 0)) as server:
         create = Create.open(f"socket://127.0.0.1:{server.getsockname()[1]}", patience=PATIENCE)
         with server.accept()[0] as line:
@@ -326,7 +326,7 @@ def test_a_line_over_the_network():
                 eventually(lambda: robot.commands[-2:] == [Command(128), Command(173)])
 
 
-def test_a_line_that_another_has(terminal):
+def test_a_line_in_use_is_refused(terminal):
     _, name = terminal
     with (
         Create.open(name, patience=PATIENCE),
@@ -354,7 +354,7 @@ def test_a_watchdog_that_does_not_start_leaves_no_line_open():
     assert sorted(os.listdir("/dev/fd")) == before
 
 
-def test_refusals(terminal):
+def test_bad_speeds_and_distances_are_refused(terminal):
     with Create.open(terminal[1], patience=PATIENCE) as create:
         create.arm()
         for call, named in [

@@ -25,7 +25,7 @@ def test_a_lost_byte_makes_no_other_command_of_a_pair(right, left, lost):
     assert [one.opcode for one in damaged if one.opcode != 145] == []
 
 
-def test_a_turn_on_the_spot_stays_one_at_every_speed():
+def test_a_turn_on_the_spot_stays_on_the_spot_at_every_speed():
     for speed in range(-500, 501):
         right, left = sent(speed, -speed)
         assert right == -left
@@ -37,7 +37,7 @@ def test_a_turn_on_the_spot_stays_one_at_every_speed():
             assert right == speed
 
 
-def test_a_straight_way_stays_one_at_every_speed():
+def test_a_straight_drive_stays_straight_at_every_speed():
     for speed in range(-500, 501):
         right, left = sent(speed, speed)
         assert right == left
@@ -59,7 +59,7 @@ def test_a_pair_that_gives_way_is_slower_on_the_same_arc(right, left):
 
 
 @pytest.mark.parametrize(("right", "left"), [(0.501, 0.0), (0.0, float("nan"))])
-def test_a_speed_out_of_range(right, left):
+def test_a_speed_out_of_range_is_refused(right, left):
     with pytest.raises(ValueError, match=r"= (0.501|nan): expected -0.5 to 0.5 m/s"):
         wheel_speeds(right=right, left=left)
 

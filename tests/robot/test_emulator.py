@@ -122,7 +122,7 @@ def test_drive_commands(command, wheels):
         until(lambda: robot.wheels == wheels)
 
 
-def test_it_drives_as_far_as_its_encoders_tell():
+def test_the_emulated_robot_drives_as_far_as_its_encoders_count():
     with emulated() as (robot, host):
         host.send(oi.START, oi.SAFE, oi.drive_direct(right=200, left=200))
         until(lambda: robot.pose[0] > 2)
@@ -261,7 +261,7 @@ def test_a_truncated_command_swallows_the_next():
         until(lambda: robot.wheels == (-500, 100))
 
 
-def test_bad_input():
+def test_bad_lines_of_an_emulator_are_refused():
     with pytest.raises(ValueError, match="dropped: expected a probability below 1, got 1"):
         Line(dropped=1.0)
     with pytest.raises(ValueError, match="speedup: expected a finite number above 0"):

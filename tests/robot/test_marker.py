@@ -1,4 +1,4 @@
-"""The marker in drawn frames. `experiments/ch4_marker.py` has the same rates over thousands."""
+"""The marker in drawn frames; `experiments/chapter_4/marker.py` has rates of thousands."""
 
 import dataclasses
 import inspect
@@ -67,7 +67,7 @@ def test_markers_are_found_under_hard_conditions(conditions, rate):
     assert binom.cdf(len(found), 10, rate) > SURELY, len(found)
 
 
-def test_rates_can_be_refuted():
+def test_false_rates_are_refuted_by_the_interval():
     """Of markers too small to be seen the ordinary rate is refuted."""
     found, _ = detection(Conditions(span=(8, 10)), 10, seed=3)
     assert binom.cdf(len(found), 10, 0.98) < SURELY
@@ -157,13 +157,13 @@ def test_a_cross_cut_off_by_the_frame_is_not_whole():
         (np.zeros(5, np.uint8), "got uint8 of 5"),
     ],
 )
-def test_what_is_no_frame_is_refused(frame, told):
+def test_arrays_that_are_no_frames_are_refused(frame, told):
     # Tests may check annotations at run time, which users do not.
     with pytest.raises(ValueError, match=told):
         inspect.unwrap(find_cross)(frame)
 
 
-def test_looks_report_what_is_there():
+def test_looks_report_the_marker_in_the_frame():
     frames = iter([np.full((240, 320), 128, np.uint8), upright(100)])
     look = CrossLook(lambda: next(frames))
     assert look(7) is None
@@ -208,7 +208,7 @@ class FakeCapture:
         return True, np.stack([grey] * 3, axis=-1)
 
 
-def test_cameras_are_looked_through_afresh(monkeypatch):
+def test_cameras_give_the_newest_frame(monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", FakeCapture)
     look = CrossLook(camera(0))
     assert look(0) is not None
@@ -220,7 +220,7 @@ def test_cameras_are_looked_through_afresh(monkeypatch):
         camera(3)
 
 
-def test_without_opencv_it_says_what_to_install():
+def test_a_missing_opencv_names_the_extra_to_install():
     program = (
         "import sys; sys.modules['cv2'] = None\n"
         "import numpy as np\n"

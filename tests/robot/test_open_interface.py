@@ -48,7 +48,7 @@ def values_of(ids):
 lists_of_ids = st.lists(st.sampled_from(sorted(PACKETS)), min_size=1, max_size=20)
 
 
-def test_vectors_of_the_specification():
+def test_commands_have_the_bytes_of_the_specification():
     assert drive(-200, 500) == bytes([137, 255, 56, 1, 244])
     assert drive(200) == bytes([137, 0, 200, 128, 0])
     assert drive(200, -1) == bytes([137, 0, 200, 255, 255])
@@ -134,7 +134,7 @@ def test_a_group_is_its_members(group):
         (lambda: encode([23], {"current": 40000}), "current = 40000"),
     ],
 )
-def test_refusals(call, named):
+def test_values_that_the_interface_cannot_carry_are_refused(call, named):
     with pytest.raises(ValueError, match=named):
         call()
 
@@ -241,7 +241,7 @@ def test_one_damaged_byte_in_three_frames_gives_no_wrong_values(rows):
 
 
 @given(st.lists(st.tuples(damages, values_of(STREAM)), max_size=6), st.binary(max_size=50))
-def test_any_damage_is_borne(rows, noise):
+def test_damaged_bytes_raise_no_error(rows, noise):
     data = b"".join(damaged(stream_frame(STREAM, values), *damage) for damage, values in rows)
     StreamParser(STREAM).feed(noise + data + noise)
 

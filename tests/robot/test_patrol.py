@@ -128,7 +128,7 @@ def test_an_intruder_ends_a_patrol(task_of, tmp_path):
     assert run_patrol(walker, at_once, look=lambda _: 1).observations == ""
 
 
-def test_an_obstacle_that_is_not_in_the_map_is_gone_round(task_of, tmp_path):
+def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, tmp_path):
     hall = CellSpace.of(Workspace([(0, 0), (5, 0), (5, 3), (0, 3)]), 1.0, 8)
     task = task_of(hall, round_tour(hall, np.array([5, 9])), start=5)
     box = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
@@ -146,7 +146,7 @@ def test_an_obstacle_that_is_not_in_the_map_is_gone_round(task_of, tmp_path):
     assert replay_patrol(read_log(tmp_path / "run.jsonl"), task) == outcome
 
 
-def test_a_robot_that_is_walled_in_gives_up_and_says_what_it_sensed(task_of):
+def test_a_walled_in_robot_gives_up_with_its_observations(task_of):
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     task = task_of(hall, round_tour(hall, np.array([0, 2])))
     room = Workspace([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -222,7 +222,7 @@ def test_robots_and_seeds_draw_differently(task_of):
         ),
     ],
 )
-def test_bad_files(task_of, change, message):
+def test_damaged_patrols_are_refused(task_of, change, message):
     task = task_of(LAB, random_walk(LAB, 0))
     file = json.loads(task.path.read_text())
     change(file)
@@ -232,7 +232,7 @@ def test_bad_files(task_of, change, message):
     assert str(task.path) in str(caught.value)
 
 
-def test_bad_input(task_of):
+def test_bad_settings_of_a_patrol_are_refused(task_of):
     task = task_of(LAB, random_walk(LAB, 0))
     with pytest.raises(ValueError, match=r"there is no robot 1; robots are 0 to 0"):
         load_task(task.path, 1)

@@ -6,7 +6,15 @@ import pytest
 from wheels import map_cells, walker_in
 
 from jaxcell.bounce import bounce_map, localization_policy
-from jaxcell.robot import RunLog, Walker, load_task, read_log, replay_policy, run_policy
+from jaxcell.robot import (
+    PolicyFollower,
+    RunLog,
+    Walker,
+    load_task,
+    read_log,
+    replay_follower,
+    run_follower,
+)
 
 
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
@@ -50,7 +58,7 @@ class ModelWalker(Walker):
 def test_the_robot_is_localized_to_its_true_configuration(cell, found, tmp_path):
     walker = ModelWalker(LAB_A, cell)
     with RunLog(tmp_path / "run.jsonl", {"kind": "policy"}) as log:
-        outcome = run_policy(walker, found.policy, BOUNCES, log=log)
+        outcome = run_follower(walker, PolicyFollower(found.policy), BOUNCES, log=log)
     assert outcome.result == "localized"
     run = found.drive(cell)
     assert outcome.observations == run.word
@@ -58,7 +66,7 @@ def test_the_robot_is_localized_to_its_true_configuration(cell, found, tmp_path)
     assert set(outcome.colors[:-1]) == {1}
     assert outcome.colors[-1] > 1
     kept = read_log(tmp_path / "run.jsonl")
-    assert replay_policy(kept, found.policy) == outcome
+    assert replay_follower(kept, PolicyFollower(found.policy)) == outcome
     # The states of the log are those at bumps.
     states = [event["state"] for event in kept.events if event["event"] == "observation"]
     bumps = run.observations == 1
@@ -67,7 +75,7 @@ def test_the_robot_is_localized_to_its_true_configuration(cell, found, tmp_path)
 
 def test_an_emulated_robot_is_localized_as_the_model_is(found):
     walker, body = walker_in(LAB_A, 70)
-    outcome = run_policy(walker, found.policy, BOUNCES)
+    outcome = run_follower(walker, PolicyFollower(found.policy), BOUNCES)
     run = found.drive(70)
     assert outcome.observations == run.word
     assert outcome.cells == (run.end,) == (int(LAB_A.index(*body.pose)),)
@@ -77,24 +85,16 @@ def test_a_policy_of_another_map_is_refuted(found, tmp_path):
     # In lab B the robot bumps where it cannot in lab A.
     walker = ModelWalker(LAB_B, 77)
     with RunLog(tmp_path / "run.jsonl", {"kind": "policy"}) as log:
-        outcome = run_policy(walker, found.policy, BOUNCES, log=log)
+        outcome = run_follower(walker, PolicyFollower(found.policy), BOUNCES, log=log)
     assert outcome.result == "refuted"
     assert outcome.cells == ()
     assert outcome.colors[-1] == len(found.policy.ends) + 2
     assert f"the robot observed {outcome.observations}" in outcome.reason
     run = read_log(tmp_path / "run.jsonl")
-    assert replay_policy(run, found.policy) == outcome
+    assert replay_follower(run, PolicyFollower(found.policy)) == outcome
     changed = tuple(dict(event, color=7) if "color" in event else event for event in run.events)
     with pytest.raises(ValueError, match="observation 0: the log has colour 7, the policy 1"):
-        replay_policy(dataclasses.replace(run, events=changed), found.policy)
-
-
-def test_gives_up_at_the_limit(found):
-    walker = ModelWalker(LAB_A, 70)
-    outcome = run_policy(walker, found.policy, BOUNCES, limit=2)
-    assert outcome.result == "unfinished"
-    assert len(outcome.observations) == 2
-    assert "not localized after 2 observations" in outcome.reason
+        replay_follower(dataclasses.replace(run, events=changed), PolicyFollower(found.policy))
 
 
 def test_a_task_has_the_angles_of_its_policy(found, tmp_path):

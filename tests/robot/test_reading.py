@@ -56,7 +56,7 @@ def test_modes_of_robots_that_count_them_from_one(said, first, mode):
         ({"charge": 0, "capacity": 0}, None),
     ],
 )
-def test_dangers(values, named):
+def test_dangers_are_named(values, named):
     danger = reading(**values).danger
     assert danger is None if named is None else named in danger
 

@@ -9,9 +9,10 @@ from wheels import body_in, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.emulation.direct import DirectBody
+from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.patrol import Patrol, run_patrol
+from jaxcell.robot.plan import run_plan
 from jaxcell.robot.run_log import RunLog, read_log
-from jaxcell.robot.runner import run_filter, run_plan
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.robot.team import run_member, save_team
@@ -40,7 +41,9 @@ class Stopping(DirectBody):
 
 def filter_run(folder):
     filter = bounce_filter(LAB, 135)
-    return lambda walker, log: run_filter(walker, filter, math.radians(135), log=log)
+    return lambda walker, log: run_follower(
+        walker, FilterFollower(filter), [math.radians(135)], log=log
+    )
 
 
 def plan_run(folder):

@@ -18,9 +18,9 @@ from wheels import MAPS, bounce_filter, map_cells, pose_of
 from jaxcell.cli import main
 from jaxcell.robot import RobotStopped, Walker, cell_strides
 from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.ros import Base, Candidates, Create3, node
 from jaxcell.robot.run_log import RunLog
-from jaxcell.robot.runner import run_filter
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.space import Workspace
@@ -70,7 +70,7 @@ def world_of(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_goes_as_far_as_it_is_told(world_of, kind):
+def test_a_robot_goes_as_far_as_commanded(world_of, kind):
     world = world_of((1.0, 1.5, 0.0), kind)
     with KINDS[kind](remap=["__ns:=/one"]) as robot:
         with pytest.raises(RobotStopped, match="it is not armed"):
@@ -192,7 +192,7 @@ def test_a_base_is_given_the_type_of_speeds_that_it_takes(world_of):
     assert world.published["cmd_vel"][0].header.frame_id == "base_link"
 
 
-def test_a_base_that_takes_no_speeds_is_named(world_of, monkeypatch):
+def test_a_base_without_a_topic_of_speeds_is_refused(world_of, monkeypatch):
     monkeypatch.setattr(node, "GREETING", 10.0)
     monkeypatch.setattr("jaxcell.robot.ros.base.GREETING", 0.1)
     world_of((1.0, 1.5, 0.0), "base").speeds = []
@@ -258,14 +258,14 @@ def test_signals_end_the_process_again_though_closing_fails(world_of, monkeypatc
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_a_robot_that_is_not_there_is_named(world_of, monkeypatch):
+def test_a_missing_robot_is_named(world_of, monkeypatch):
     monkeypatch.setattr(node, "GREETING", 0.1)
     world_of((1.0, 1.5, 0.0), "create3").dead = True
     with pytest.raises(ConnectionError, match=r"no odometry comes on /odom: .* ROS_DOMAIN_ID 0"):
         Create3().__enter__()
 
 
-def test_without_ros_it_says_how_to_have_it():
+def test_a_missing_ros_names_its_installation():
     with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not here; where it is: source "):
         Create3().__enter__()
 
@@ -282,7 +282,7 @@ def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind
         walker = Walker(
             robot, 1.0, strides=cell_strides(8, 1.0, 1.0), direction=70 // LAB.positions
         )
-        outcome = run_filter(walker, task.filter, task.bounce, log=log)
+        outcome = run_follower(walker, FilterFollower(task.filter), [task.bounce], log=log)
     assert outcome.result == "localized"
     assert int(LAB.index(*world.body.pose)) in outcome.cells
     arrays, grids = world.published["candidates"], world.published["candidate_squares"]
@@ -333,7 +333,7 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_command_line_drives_it(world_of, tmp_path, capsys, kind):
+def test_the_command_line_drives_a_robot_on_ros(world_of, tmp_path, capsys, kind):
     world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
     path = tmp_path / "filter.jxf"
     about = {**SPEC, "map": str(MAPS / "lab_a.json"), "name": LAB.workspace.name}

@@ -71,7 +71,7 @@ def test_the_ways_are_east_north_west_south():
     ]
 
 
-def test_it_goes_straight_where_that_is_as_short():
+def test_a_route_prefers_to_go_straight():
     steps = grid_steps(np.ones((4, 4), bool))
     assert route(steps, 0, 15, ahead=0) == [0, 0, 0, 1, 1, 1]
     assert route(steps, 0, 15, ahead=1) == [1, 1, 1, 0, 0, 0]
@@ -79,7 +79,7 @@ def test_it_goes_straight_where_that_is_as_short():
     assert next_way(steps, wave(steps, 0), 15, ahead=3) == 3
 
 
-def test_bad_input():
+def test_bad_grids_are_refused():
     steps = grid_steps(np.ones((2, 2), bool))
     with pytest.raises(ValueError, match="goal: position 4 does not exist; positions are 0 to 3"):
         wave(steps, 4)

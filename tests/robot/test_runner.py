@@ -8,8 +8,9 @@ from wheels import bounce_filter, bounce_tables, map_cells, walker_in as walker_
 
 from jaxcell.robot.emulation.body import Noise
 from jaxcell.robot.emulation.direct import DirectBody
+from jaxcell.robot.followers import FilterFollower, replay_follower, run_follower
+from jaxcell.robot.plan import plan_outcome, run_plan
 from jaxcell.robot.run_log import RunLog, read_log
-from jaxcell.robot.runner import plan_outcome, replay_filter, run_filter, run_plan
 
 
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
@@ -22,7 +23,7 @@ walker_in = functools.partial(walker_with, robot=DirectBody)
 def test_the_emulated_robot_is_localized_to_its_true_configuration(cell, bounce_deg):
     filter = bounce_filter(LAB_A, bounce_deg)
     walker, body = walker_with(LAB_A, cell)
-    outcome = run_filter(walker, filter, math.radians(bounce_deg))
+    outcome = run_follower(walker, FilterFollower(filter), [math.radians(bounce_deg)])
     assert outcome.result == "localized"
     assert int(LAB_A.index(*body.pose)) in outcome.cells
     state = filter.run(outcome.observations).states[-1].item()
@@ -35,7 +36,7 @@ def test_it_is_localized_from_many_cells(bounce_deg):
     image, bumped = bounce_tables(LAB_A, bounce_deg)
     for cell in np.random.default_rng(2).choice(LAB_A.size, 4, replace=False).tolist():
         walker, body = walker_in(LAB_A, cell)
-        outcome = run_filter(walker, filter, math.radians(bounce_deg), until="cycle")
+        outcome = run_follower(walker, FilterFollower(filter, "cycle"), [math.radians(bounce_deg)])
         observed = ""
         for _ in outcome.observations:
             observed += str(int(bumped[cell]))
@@ -58,7 +59,9 @@ def test_a_filter_of_another_map_is_refuted_with_what_was_observed(open_world, t
     for cell in range(0, LAB_A.size, 19):
         walker, _ = walker_in(LAB_A, cell)
         with RunLog(tmp_path / f"{cell}.jsonl", {"kind": "filter"}) as log:
-            outcome = run_filter(walker, filter, math.radians(45), log=log, until="cycle")
+            outcome = run_follower(
+                walker, FilterFollower(filter, "cycle"), [math.radians(45)], log=log
+            )
         observed = ""
         for _ in outcome.observations:
             observed += str(int(bumped[cell]))
@@ -81,13 +84,14 @@ def test_a_slipping_robot_is_refuted_or_lost_and_never_an_error():
     for seed in range(6):
         noise = Noise(distance=0.3, rotation=0.3)
         walker, _ = walker_in(LAB_A, 70, noise=noise, rng=np.random.default_rng(seed))
-        results.add(run_filter(walker, filter, math.radians(45), limit=60).result)
+        results.add(
+            run_follower(walker, FilterFollower(filter), [math.radians(45)], limit=60).result
+        )
     assert "refuted" in results
     assert results <= {"refuted", "localized", "unfinished"}
 
 
-@pytest.mark.parametrize("logged", [True, False])
-def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path, logged):
+def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path):
     filter, (image, bumped) = bounce_filter(LAB_A, 135), bounce_tables(LAB_A, 135)
     # From here one configuration is left long before the knowledge cycle.
     start = cell = 148
@@ -102,10 +106,14 @@ def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path, lo
     outcomes = {}
     for until in ("known", "cycle"):
         walker, _ = walker_in(LAB_A, start)
-        header = {"kind": "filter"} | ({"until": until} if logged else {})
-        with RunLog(tmp_path / f"{until}.jsonl", header) as log:
-            outcomes[until] = run_filter(walker, filter, math.radians(135), log=log, until=until)
-        assert replay_filter(read_log(tmp_path / f"{until}.jsonl"), filter) == outcomes[until]
+        with RunLog(tmp_path / f"{until}.jsonl", {"kind": "filter"}) as log:
+            outcomes[until] = run_follower(
+                walker, FilterFollower(filter, until), [math.radians(135)], log=log
+            )
+        run = read_log(tmp_path / f"{until}.jsonl")
+        # The logs of earlier versions do not say until when their filters ran.
+        for follower in (FilterFollower(filter), FilterFollower(filter, until)):
+            assert replay_follower(run, follower) == outcomes[until]
     assert outcomes["known"].observations == word[:known]
     assert outcomes["known"].cells == (ends[known - 1],)
     assert outcomes["cycle"].observations == word
@@ -114,7 +122,9 @@ def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path, lo
 
 def test_the_limit_ends_a_run():
     walker, _ = walker_in(LAB_A, 70)
-    outcome = run_filter(walker, bounce_filter(LAB_A, 45), math.radians(45), limit=3)
+    outcome = run_follower(
+        walker, FilterFollower(bounce_filter(LAB_A, 45)), [math.radians(45)], limit=3
+    )
     assert outcome.result == "unfinished"
     assert len(outcome.observations) == len(outcome.colors) == 3
     assert outcome.reason.startswith("not localized after 3 observations; ")
@@ -128,7 +138,7 @@ def test_a_log_is_written_as_it_goes_and_replays_to_the_same_colours(tmp_path):
     step = walker.step
     walker.step = lambda: (seen.append(len(path.read_text().splitlines())), step())[1]
     with RunLog(path, {"kind": "filter", "bounce_deg": 45}) as log:
-        outcome = run_filter(walker, filter, math.radians(45), log=log)
+        outcome = run_follower(walker, FilterFollower(filter), [math.radians(45)], log=log)
     # Before each step the header and every observation so far are in the file.
     assert seen == list(range(1, len(outcome.observations) + 1))
     run = read_log(path)
@@ -142,9 +152,9 @@ def test_a_log_is_written_as_it_goes_and_replays_to_the_same_colours(tmp_path):
         "result": "localized",
         "reason": outcome.reason,
     }
-    assert replay_filter(run, filter) == outcome
+    assert replay_follower(run, FilterFollower(filter)) == outcome
     with pytest.raises(ValueError, match=r"observation \d+: the log has colour"):
-        replay_filter(run, bounce_filter(LAB_A, 135))
+        replay_follower(run, FilterFollower(bounce_filter(LAB_A, 135)))
     with pytest.raises(FileExistsError):
         RunLog(path, {})
 
@@ -153,7 +163,9 @@ def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     path = tmp_path / "run.jsonl"
     walker, _ = walker_in(LAB_A, 70)
     with RunLog(path, {"kind": "filter"}) as log:
-        outcome = run_filter(walker, bounce_filter(LAB_A, 45), math.radians(45), log=log)
+        outcome = run_follower(
+            walker, FilterFollower(bounce_filter(LAB_A, 45)), [math.radians(45)], log=log
+        )
     whole = path.read_bytes()
     lines = whole.count(b"\n")
     for length in range(whole.index(b"\n") + 1, len(whole)):
@@ -164,14 +176,14 @@ def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
         assert run.whole == (whole[length - 1 : length] == b"\n")
 
 
-def test_a_log_tells_its_events_once_they_are_written(tmp_path):
+def test_a_listener_gets_events_after_they_are_written(tmp_path):
     path, told = tmp_path / "run.jsonl", []
     with RunLog(path, {"kind": "filter"}) as log:
         log.on_event = lambda name, fields: told.append(
             ({"event": name, **fields}, json.loads(path.read_text().splitlines()[-1]))
         )
         walker, _ = walker_in(LAB_A, 70)
-        run_filter(walker, bounce_filter(LAB_A, 45), math.radians(45), log=log)
+        run_follower(walker, FilterFollower(bounce_filter(LAB_A, 45)), [math.radians(45)], log=log)
     assert [event for event, _ in told] == list(read_log(path).events)
     assert all(event == written for event, written in told)
 
@@ -192,7 +204,7 @@ def test_a_log_whose_end_is_not_written_is_closed(tmp_path):
         log.event("note")
 
 
-def test_a_header_that_is_no_json_leaves_no_file(tmp_path):
+def test_a_header_that_is_not_json_leaves_no_file(tmp_path):
     with pytest.raises(ValueError, match="not JSON compliant"):
         RunLog(tmp_path / "run.jsonl", {"cell_m": math.nan})
     assert not list(tmp_path.iterdir())
@@ -220,7 +232,7 @@ def test_an_error_ends_a_log_with_its_reason(tmp_path):
         ('{HEADER}\n{"event": "observation", "observation": 2}\n', "line 2: observation: expected"),
     ],
 )
-def test_a_file_that_is_no_log(tmp_path, text, message):
+def test_a_file_that_is_not_a_log_is_refused(tmp_path, text, message):
     header = json.dumps({"format": "jaxcell-robot-log", "version": 1})
     path = tmp_path / "run.jsonl"
     path.write_text(text.replace("{HEADER}", header))
@@ -256,7 +268,7 @@ def test_a_plan_arrives(tmp_path):
     assert plan_outcome(run.header["actions"], run.observations) == outcome
 
 
-def test_a_plan_and_reality_disagree():
+def test_a_plan_that_meets_another_map_is_refuted():
     actions = plan_of(PLAN_START, 20)
     wall = next(i for i, action in enumerate(actions) if action)
     for wrong, text in [

@@ -13,7 +13,7 @@ from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.runner import run_filter
+from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import Workspace
 
@@ -23,17 +23,17 @@ ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 HALL = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
 
 
-def test_it_agrees_with_the_robot_on_the_line():
+def test_the_simulated_robot_agrees_with_the_robot_on_a_line():
     cell, bounce = 70, math.radians(45)
     filter = bounce_filter(LAB, 45)
     walker, body = walker_in(LAB, cell)
-    outcome = run_filter(walker, filter, bounce)
+    outcome = run_follower(walker, FilterFollower(filter), [bounce])
     strides = cell_strides(8, 1.0, 1.0)
     with Emulator(body_in(LAB, cell), line=Line(speedup=20.0)) as robot:
         with Create.open(robot.port, patience=5.0) as create:
             create.arm()
             walker = Walker(create, 1.0, strides=strides, direction=cell // LAB.positions)
-            assert run_filter(walker, filter, bounce) == outcome
+            assert run_follower(walker, FilterFollower(filter), [bounce]) == outcome
         x, y, theta = robot.pose
     # Steps may miss by 4 mm and turns by 0.4 degrees.
     assert body.pose[:2] == pytest.approx((x, y), abs=0.03)
@@ -41,7 +41,7 @@ def test_it_agrees_with_the_robot_on_the_line():
     assert LAB.index(*body.pose) == LAB.index(x, y, theta)
 
 
-def test_it_goes_as_far_as_it_is_told():
+def test_a_robot_goes_as_far_as_commanded():
     body = Body(ROOM, (1.0, 1.5, 0.0))
     robot = SimulatedCreate(body)
     assert robot.forward(0.537, tolerance=1e-3) == pytest.approx((0.537, 0, False, 0), abs=1e-3)
@@ -62,7 +62,7 @@ def test_it_goes_as_far_as_it_is_told():
     assert 3 < robot.robot.seconds - began < 4
 
 
-def test_it_is_no_faster_than_its_line_says(monkeypatch):
+def test_the_simulated_robot_is_no_faster_than_its_line(monkeypatch):
     clock = [5.0]
 
     def sleep(seconds):
@@ -130,7 +130,7 @@ def test_the_odometry_is_the_truth():
     assert off < math.radians(0.1)
 
 
-def test_an_arc_is_counted_as_one():
+def test_an_arc_is_counted_as_an_arc():
     body = Body(HALL, (0.0, 0.0, 0.0))
     robot = SimulatedCreate(body)
     # On half a circle of a metre, in half a minute.

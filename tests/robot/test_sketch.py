@@ -25,8 +25,7 @@ from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.policy import run_policy
-from jaxcell.robot.runner import run_filter
+from jaxcell.robot.followers import FilterFollower, PolicyFollower, run_follower
 from jaxcell.robot.sketch import (
     PROGRAM_BYTES,
     bounce_sketch,
@@ -212,7 +211,7 @@ def expected(cells, cell, task, *, known: bool = True, **fields):
         strides=task.strides if known else None,
         direction=cell // cells.positions if known else 0,
     )
-    return run_filter(walker, task.filter, task.bounce, limit=200, until="cycle")
+    return run_follower(walker, FilterFollower(task.filter, "cycle"), [task.bounce], limit=200)
 
 
 def room(cell: float) -> CellSpace:
@@ -304,48 +303,47 @@ def test_a_policy_chooses_the_angles_that_the_host_does(compiled):
     run = play(compiled(policy_sketch(task, direction=cell // ROOM.positions)), robot, seconds=600)
     body = SimulatedCreate(body_in(ROOM, cell))
     walker = Walker(body, task.step, strides=task.strides, direction=cell // ROOM.positions)
-    host = run_policy(walker, task.policy, task.bounces)
+    host = run_follower(walker, PolicyFollower(task.policy), task.bounces)
     assert (run.end, host.result) == ("localized", "localized")
     assert (run.observed, run.colors) == (host.observations, host.colors)
     assert f"configurations: {len(host.cells)}\n" in run.usb
     assert int(ROOM.index(*robot.pose)) in host.cells
 
 
-def test_a_policy_that_does_not_fit_is_refused_with_sizes():
-    task = policy_task()
-    total = sum(policy_table_bytes(task.policy).values())
-    policy_sketch(task, flash=PROGRAM_BYTES + total)
-    message = rf"policy\.jxf: the tables have {total} bytes; there is room for {total - 1},"
-    with pytest.raises(ValueError, match=message):
-        policy_sketch(task, flash=PROGRAM_BYTES + total - 1)
-    oblique = dataclasses.replace(task, bounces=(task.bounces[0], 1.0))
-    with pytest.raises(ValueError, match=r"bounces_deg: 57\.2958 deg is not a whole number of the"):
-        policy_sketch(oblique, direction=0)
-
-
 BOUNCE = bounce_sketch(math.radians(90), 0.25)
 
 
+def check_places(run: Run, places: list[tuple[float, float, float]], cell: int) -> None:
+    """Check that a robot which only bounces went from cell to cell as the map says."""
+    for bumped, (x, y, _) in zip(run.observed, places, strict=True):
+        assert int(bumped) == ROOM_BUMPED[cell]
+        cell = int(ROOM_IMAGE[cell])
+        assert math.dist((x, y), [float(part) for part in ROOM.centre(cell)[:2]]) < 0.02
+
+
 @needs_compiler
-def test_a_robot_that_only_bounces_is_where_the_cells_say(compiled):
-    cell = 5
-    robot = Robot(body_in(ROOM, cell))
-    places: list[tuple[int, tuple[float, float, float]]] = []
+@pytest.mark.parametrize(("byte", "seconds"), [(None, 45), (0, 17), (10, 17), (14, 17)])
+def test_a_robot_that_only_bounces_is_where_the_cells_say(compiled, byte, seconds):
+    """Also if every fifth answer has a wrong bumper, or a wrong high byte of an encoder."""
+    robot, count = Robot(body_in(ROOM, 5)), itertools.count()
+    places: list[tuple[float, float, float]] = []
+
+    def wrong(sent: bytes) -> bytes:
+        if byte is None or len(sent) != 24 or next(count) % 5:
+            return sent
+        return sent[:byte] + bytes([sent[byte] ^ 1]) + sent[byte + 1 :]
 
     def look(run: Run, now: float) -> None:
         if len(run.observed) > len(places):
-            places.append((int(run.observed[-1]), robot.pose))
+            places.append(robot.pose)
+        robot.damage = wrong
 
-    run = play(compiled(BOUNCE), robot, seconds=45, at=look)
+    run = play(compiled(BOUNCE), robot, seconds=seconds, at=look)
     assert run.end is None
     assert run.colors == ()
-    assert len(places) >= 12
-    for bumped, (x, y, _) in places:
-        assert bumped == ROOM_BUMPED[cell]
-        cell = int(ROOM_IMAGE[cell])
-        centre = ROOM.centre(cell)
-        assert math.hypot(x - float(centre[0]), y - float(centre[1])) < 0.02
-    assert run.observed.count("1") > 3
+    assert len(places) >= seconds // 5
+    assert seconds < 45 or run.observed.count("1") > 3
+    check_places(run, places, 5)
 
 
 def after(count: int, act):
@@ -375,7 +373,7 @@ def after(count: int, act):
         (lambda r: setattr(r._body, "advance", lambda *_: None), "a motion takes too long"),
     ],
 )
-def test_it_stops_the_robot(compiled, danger, end):
+def test_the_sketch_stops_the_robot_in_danger(compiled, danger, end):
     robot = Robot(body_in(ROOM, 0))
     run = play(compiled(BOUNCE), robot, seconds=40, at=after(1, lambda: danger(robot)))
     assert run.observed.startswith("0")
@@ -432,19 +430,16 @@ def test_the_line_comes_to_19200_baud(compiled, flags):
 
 
 @needs_compiler
-def test_without_a_robot_it_says_so(compiled):
+@pytest.mark.parametrize(
+    ("change", "end"),
+    [({"deaf": True}, "stopped: the robot does not answer"), ({"first_mode": 1}, None)],
+)
+def test_a_deaf_robot_ends_a_sketch_and_modes_from_1_do_not(compiled, change, end):
     robot = Robot(body_in(ROOM, 0))
-    robot.deaf = True
-    assert play(compiled(BOUNCE), robot, seconds=60).end == "stopped: the robot does not answer"
-
-
-@needs_compiler
-def test_a_robot_that_counts_its_modes_from_1(compiled):
-    robot = Robot(body_in(ROOM, 0))
-    robot.first_mode = 1
-    run = play(compiled(BOUNCE), robot, seconds=9)
-    assert run.observed.startswith("0")
-    assert run.end is None
+    vars(robot).update(change)
+    run = play(compiled(BOUNCE), robot, seconds=60 if end else 9)
+    assert run.end == end
+    assert run.observed.startswith("0") is (end is None)
 
 
 @needs_compiler
@@ -475,34 +470,7 @@ def damaged(data: bytes, rng: np.random.Generator, rate: float) -> bytes:
 
 
 @needs_compiler
-@pytest.mark.parametrize("byte", [0, 10, 14])
-def test_an_answer_with_a_wrong_byte_fools_nobody(compiled, byte):
-    """The bumper, and the high byte of each encoder."""
-    cell, count = 5, itertools.count()
-    robot = Robot(body_in(ROOM, cell))
-    places: list[tuple[float, float, float]] = []
-
-    def wrong(sent: bytes) -> bytes:
-        if len(sent) != 24 or next(count) % 5:
-            return sent
-        return sent[:byte] + bytes([sent[byte] ^ 1]) + sent[byte + 1 :]
-
-    def look(run: Run, now: float) -> None:
-        if len(run.observed) > len(places):
-            places.append(robot.pose)
-        robot.damage = wrong
-
-    run = play(compiled(BOUNCE), robot, seconds=17, at=look)
-    assert len(places) >= 3
-    for bumped, (x, y, _) in zip(run.observed, places, strict=True):
-        assert int(bumped) == ROOM_BUMPED[cell]
-        cell = int(ROOM_IMAGE[cell])
-        centre = ROOM.centre(cell)
-        assert math.hypot(x - float(centre[0]), y - float(centre[1])) < 0.02
-
-
-@needs_compiler
-def test_the_data_of_a_drive_command_are_no_commands(compiled):
+def test_the_data_of_a_drive_command_are_not_opcodes(compiled):
     # The robot would obey them if the opcode got lost. Bad encoders make it steer a lot.
     noise = Noise(encoder=1.0)
     robot = Robot(body_in(ROOM, 0, noise=noise, rng=np.random.default_rng(0)))
@@ -515,7 +483,7 @@ def test_the_data_of_a_drive_command_are_no_commands(compiled):
 @needs_compiler
 @settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 0.1, 0.5]))
-def test_no_damage_makes_it_hang(compiled, seed, rate):
+def test_a_sketch_never_hangs_on_a_damaged_line(compiled, seed, rate):
     robot, rng = Robot(body_in(ROOM, 0)), np.random.default_rng(seed)
     asked: list[float] = []
 
@@ -545,15 +513,22 @@ def test_the_tables_are_those_of_the_header():
         assert list(table_bytes(filter).values()) == sizes
 
 
-def test_a_filter_that_does_not_fit_is_refused_with_sizes():
-    task = ROOM_TASK
-    total = sum(table_bytes(task.filter).values())
-    filter_sketch(task, flash=PROGRAM_BYTES + total)
-    with pytest.raises(
-        ValueError,
-        match=rf"filter\.jxf: the tables have {total} bytes; there is room for {total - 1},",
-    ):
-        filter_sketch(task, flash=PROGRAM_BYTES + total - 1)
+def sketches():
+    """A filter and a policy: the task, the sketch of it, and the bytes of its tables."""
+    policy = policy_task()
+    return [
+        (ROOM_TASK, filter_sketch, sum(table_bytes(ROOM_TASK.filter).values())),
+        (policy, policy_sketch, sum(policy_table_bytes(policy.policy).values())),
+    ]
+
+
+def test_tables_that_do_not_fit_the_flash_are_refused_with_sizes():
+    for task, sketch, total in sketches():
+        sketch(task, flash=PROGRAM_BYTES + total)
+        message = rf"\.jxf: the tables have {total} bytes; there is room for {total - 1},"
+        with pytest.raises(ValueError, match=message):
+            sketch(task, flash=PROGRAM_BYTES + total - 1)
+    task, _, total = sketches()[0]
     with pytest.raises(ValueError, match=f"the tables have {total + 32} bytes"):
         filter_sketch(task, direction=0, flash=PROGRAM_BYTES + total)
     states = 9000
@@ -570,7 +545,7 @@ def test_a_filter_that_does_not_fit_is_refused_with_sizes():
         filter_sketch(large, flash=10**6)
 
 
-def test_bad_input():
+def test_bad_directions_and_angles_of_sketches_are_refused():
     with pytest.raises(ValueError, match="direction: expected 0 to 3, got 4"):
         filter_sketch(ROOM_TASK, direction=4)
     oblique = dataclasses.replace(ROOM_TASK, bounce=1.0)
@@ -579,6 +554,10 @@ def test_bad_input():
     ):
         filter_sketch(oblique, direction=0)
     filter_sketch(oblique)
+    task = policy_task()
+    oblique = dataclasses.replace(task, bounces=(task.bounces[0], 1.0))
+    with pytest.raises(ValueError, match=r"bounces_deg: 57\.2958 deg is not a whole number of the"):
+        policy_sketch(oblique, direction=0)
     for step in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(ValueError, match="step: expected a positive number"):
             bounce_sketch(1.0, step)
@@ -587,12 +566,12 @@ def test_bad_input():
 
 
 @needs_compiler
-def test_no_name_of_a_file_gets_out_of_the_comment(compiled):
+def test_a_file_name_cannot_end_the_comment(compiled):
     path = Path("a*/ int x; /* $tables ??/ \n // \\")
     compiled(filter_sketch(dataclasses.replace(ROOM_TASK, path=path)))
 
 
-def test_the_comment_is_whole():
+def test_the_comment_of_a_sketch_is_complete():
     for text in (filter_sketch(ROOM_TASK, direction=1), BOUNCE):
         comment = text[: text.index("*/")]
         assert "$" not in text

@@ -34,7 +34,7 @@ def frames(strain, wheels, *, left=(), right=(), overcurrent=()):
     return None
 
 
-def test_a_wheel_that_is_to_turn_and_does_not_is_blocked():
+def test_a_wheel_that_does_not_turn_as_commanded_is_blocked():
     i, found = frames(Strain(), (100, 100), left=[65535] * 100)
     assert found == "the left wheel is blocked: it does not turn"
     assert 0.9 < i * 0.015 < 1.1

@@ -15,7 +15,7 @@ LAB = map_cells("lab_a.json")
 SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 
 
-def test_a_filter_is_read_with_what_its_robot_has_to_know(tmp_path):
+def test_a_filter_is_read_with_the_numbers_of_its_map(tmp_path):
     path = tmp_path / "filter.jxf"
     bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
     task = load_task(path)
@@ -51,7 +51,7 @@ def test_a_plan_is_read(tmp_path):
         ({"start": -1}, "start: expected a whole number from 0"),
     ],
 )
-def test_bad_plans(tmp_path, changed, message):
+def test_damaged_plans_are_refused(tmp_path, changed, message):
     path = tmp_path / "summary.json"
     path.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]} | changed))
     with pytest.raises(ValueError, match=message) as caught:
@@ -59,7 +59,7 @@ def test_bad_plans(tmp_path, changed, message):
     assert str(path) in str(caught.value)
 
 
-def test_other_bad_files(tmp_path):
+def test_damaged_tasks_are_refused(tmp_path):
     path = tmp_path / "filter.jxf"
     bounce_filter(LAB, 45, metadata=SPEC).save(path)
     with pytest.raises(ValueError, match="bounce_deg: expected a finite number"):

@@ -130,7 +130,7 @@ def task_of(tmp_path, actions, bounce=135):
     return load_task(file)
 
 
-def test_a_robot_in_the_way_is_waited_for(tmp_path):
+def test_a_robot_waits_for_another_in_its_way(tmp_path):
     floor, waits = Floor([0, 1, 1, 0, 1]), []
     outcome = run_member(floor, task_of(tmp_path, "002+1-"), pause=1.5, sleep=waits.append)
     assert outcome.result == "arrived"
@@ -146,7 +146,7 @@ def test_a_robot_in_the_way_is_waited_for(tmp_path):
         ("0210", [0, 0], "action 2 of 4: the robot met no wall where there is one"),
     ],
 )
-def test_a_trajectory_and_reality_disagree(tmp_path, actions, bumps, message):
+def test_a_trajectory_that_meets_another_map_is_refuted(tmp_path, actions, bumps, message):
     outcome = run_member(Floor(bumps), task_of(tmp_path, actions), sleep=lambda _: None)
     assert outcome.result == "refuted"
     observed = "".join(map(str, bumps))
@@ -172,7 +172,7 @@ def test_a_team_with_steps_of_thin_walls_tells_walls_from_robots():
     assert member_actions(path, bumped, free_steps(hall)) == ["201", "201"]
 
 
-def test_bad_files(tmp_path):
+def test_damaged_teams_are_refused(tmp_path):
     task = task_of(tmp_path, "01")
     good = json.loads(task.path.read_text())
     for field, value, message in [

@@ -23,9 +23,10 @@ from wheels import (
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.patrol import Patrol, run_patrol
+from jaxcell.robot.plan import run_plan
 from jaxcell.robot.routing import wave
-from jaxcell.robot.runner import run_filter, run_plan
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.robot.team import member_actions, run_member, save_team
@@ -65,7 +66,7 @@ def starts_in(cells: CellSpace, count: int, seed: int = 0) -> list[int]:
     return np.random.default_rng(seed).choice(cells.size, count, replace=False).tolist()
 
 
-def test_every_map_is_here():
+def test_every_map_of_the_data_is_tested():
     assert set(CASES) == {
         path.name for path in MAPS.iterdir() if path.suffix in (".json", ".txt", ".yaml")
     }
@@ -91,13 +92,15 @@ def test_a_robot_bounces_as_the_cells_say(name):
 
 
 @some_maps
-def test_a_filter_is_right(name):
+def test_a_filter_localizes_to_the_true_cell(name):
     cells, bounce = cells_of(name), CASES[name][0]
     filter = bounce_filter(cells, bounce)
     image, bumped = bounce_tables(cells, bounce)
     (cell,) = starts_in(cells, 1)
     walker, body = walker_in(cells, cell, robot=robot_for(name))
-    outcome = run_filter(walker, filter, math.radians(bounce), limit=300, until="cycle")
+    outcome = run_follower(
+        walker, FilterFollower(filter, "cycle"), [math.radians(bounce)], limit=300
+    )
     observed = ""
     for _ in outcome.observations:
         observed += str(int(bumped[cell]))

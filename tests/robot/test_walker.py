@@ -14,7 +14,7 @@ from jaxcell.space import CellSpace, Workspace
 
 @pytest.mark.parametrize("directions", [1, 4, 8, 12, 16, 360])
 @pytest.mark.parametrize("step", [1.0, 1.4, 2.0])
-def test_strides_lead_to_the_centre_of_the_cell_where_the_step_ends(directions, step):
+def test_strides_lead_to_centres_of_cells(directions, step):
     cells = CellSpace.of_grid(np.ones((9, 9), bool), directions, cell=0.5)
     for k, (ahead, left) in enumerate(cell_strides(directions, 0.5, step * 0.5)):
         x, y, theta = map(float, cells.centre(k * cells.positions + 40))
@@ -26,7 +26,7 @@ def test_strides_lead_to_the_centre_of_the_cell_where_the_step_ends(directions, 
         assert y + ahead * math.sin(theta) + left * math.cos(theta) == pytest.approx(centre[1])
 
 
-def test_without_a_heading_every_step_is_of_one_length():
+def test_steps_without_a_heading_have_one_length():
     hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
     body = Body(hall, (0.0, 0.0, math.radians(45)))
     walker = Walker(SimulatedCreate(body), 1.0)
@@ -36,7 +36,7 @@ def test_without_a_heading_every_step_is_of_one_length():
     assert walker.estimate == pytest.approx((3, 0, 0), abs=0.01)
 
 
-def test_what_a_step_misses_is_made_good_in_the_next():
+def test_the_next_step_corrects_the_error_of_a_step():
     hall = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
     body = Body(hall, (0.0, 0.0, 0.0))
     walker = Walker(SimulatedCreate(body), 1.0, tolerance=0.05, turn_tolerance=0.02)
@@ -50,7 +50,7 @@ def test_what_a_step_misses_is_made_good_in_the_next():
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_slip_is_not_seen_by_the_estimate(seed):
+def test_the_estimate_does_not_see_slip(seed):
     hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
     noise = Noise(distance=0.1, rotation=0.05)
     body = Body(hall, (0.0, 0.0, 0.0), noise=noise, rng=np.random.default_rng(seed))
@@ -61,7 +61,7 @@ def test_slip_is_not_seen_by_the_estimate(seed):
     assert math.hypot(body.x - 2, body.y) > 1e-6
 
 
-def test_bad_input():
+def test_bad_steps_of_a_walker_are_refused():
     wheels = SimulatedCreate(Body(Workspace([(0, 0), (9, 0), (9, 9)]), (5.0, 2.0, 0.0)))
     for field, value in itertools.product(["step", "tolerance"], [0.0, math.nan, -1.0]):
         with pytest.raises(ValueError, match=f"{field}: expected a positive number"):

@@ -56,14 +56,14 @@ def test_every_map_is_named_in_the_readme(name):
         ),
     ],
 )
-def test_labs(name, area, obstacles):
+def test_labs_have_the_obstacles_of_the_dissertation(name, area, obstacles):
     lab = load(name)
     assert [shapely.Polygon(ring).bounds for ring in lab.obstacles] == obstacles
     assert free_cells(lab) == lab.free_space.area == area
     assert (lab.cell, lab.directions, lab.robot_radius) == (1, 8, 0)
 
 
-def test_room_of_figure_2_6():
+def test_the_room_of_figure_2_6_has_four_separate_obstacles():
     room = load("room_200x125.json")
     assert shapely.Polygon(room.boundary).bounds == (0, 0, 200, 125)
     assert all((ring == np.round(ring)).all() for ring in room.obstacles)

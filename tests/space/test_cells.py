@@ -73,12 +73,12 @@ def test_ties_go_up_and_right():
         (lambda w: CellSpace.of(w, 1.0, 8).centre(-1), "cell -1 does not exist"),
     ],
 )
-def test_refuses(call, message):
+def test_numbers_out_of_range_are_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call(Workspace(BOX))
 
 
-def test_refuses_a_point_in_an_obstacle_and_a_space_with_no_centre():
+def test_points_in_obstacles_and_spaces_without_centres_are_refused():
     walled = Workspace(BOX, obstacles=[[(1, 1), (2, 1), (2, 2), (1, 2)]])
     with pytest.raises(ValueError, match="in an obstacle"):
         CellSpace.of(walled, 1.0, 8).index(1.5, 1.5)
@@ -86,7 +86,7 @@ def test_refuses_a_point_in_an_obstacle_and_a_space_with_no_centre():
         CellSpace.of(Workspace([(0, 0), (1, 0), (0, 1)]), 10.0, 8)
 
 
-def test_knows_walls_that_follow_the_grid():
+def test_walls_along_the_grid_are_recognised():
     obstacle = [(1, 1), (2, 1), (2, 2), (1, 2)]
     assert CellSpace.of(Workspace(BOX, [obstacle]), 1.0, 8).gridded
     assert CellSpace.of(Workspace(BOX, [obstacle]), 0.5, 8).gridded

@@ -34,7 +34,7 @@ def test_squares_are_free_whose_centres_are(cell, parts, holes):
     x, y = ((np.arange(math.ceil(size / cell - 1e-9)) + 0.5) * cell for size in (5, 4))
     centres = shapely.points(*np.meshgrid(x, y))
     distance = shapely.distance(environment, centres)
-    # Where rounding decides it is left open.
+    # Cases that rounding decides are left open.
     sure = (distance == 0) | (distance > 1e-6)
     np.testing.assert_array_equal(blocked[sure], distance[sure] > 0)
 

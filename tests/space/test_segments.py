@@ -19,7 +19,7 @@ def workspace_of(free):
 
 
 def steps_on_grid(cells, step, collision):
-    """What the stencil says, one cell and one direction after the other."""
+    """Compute the steps of a stencil, one cell and one direction at a time."""
     shape = stencil(cells.directions, Motion(step, collision), cells.free.shape)
     rows, columns = cells.free.shape
 
@@ -72,7 +72,7 @@ def test_a_step_is_free_if_its_segment_is_covered(room, scale):
         cells = CellSpace.of(Workspace(*room), 0.9, directions)
     except ValueError:
         return
-    # What touches a wall within a rounding error is told apart in the tests below.
+    # Steps that touch a wall within a rounding error have tests of their own below.
     surely, maybe = (cells.workspace.free_space.buffer(margin) for margin in (-1e-6, 1e-6))
     x, y, _ = cells.centre(np.arange(cells.positions))
     for rule in ("swept", "endpoint"):

@@ -34,7 +34,7 @@ def rooms(draw):
 
 
 def parts_of(cells):
-    """What of each cell lies in the environment, as triangles: of which cell, and their corners."""
+    """List the triangles of the free part of each cell: their cell, and their corners."""
     x, y, _ = cells.centre(np.arange(cells.positions))
     half = cells.cell / 2
     boxes = shapely.box(x - half, y - half, x + half, y + half)
@@ -74,7 +74,7 @@ def test_a_cell_is_visible_if_the_hull_of_its_parts_and_the_centre_is_free(
         hidden, beside = (np.bincount(of, area) for area in (hidden, beside))
         far = np.full(cells.positions, -np.inf)
         np.maximum.at(far, of, np.hypot(*np.moveaxis(corners - here, -1, 0)).max(axis=1) - reach)
-        # What a rounding error decides is told apart in the tests below.
+        # Cases that a rounding error decides have tests of their own below.
         clear = ((hidden < 1e-12) | (hidden > 1e-6)) & (np.abs(far) > 1e-6)
         expected = (hidden < 1e-6) & (far < 0)
         np.testing.assert_array_equal(found[i][clear], expected[clear])
@@ -143,7 +143,7 @@ def test_centres_see_each_other_if_the_segment_is_free(room, reach):
 
 
 @given(rooms(), st.floats(0.5, 4), st.floats(0, 3))
-def test_who_sees_farther_sees_no_less(room, reach, more):
+def test_a_longer_range_hides_no_cell(room, reach, more):
     try:
         cells = CellSpace.of(Workspace(*room), 0.8, 1)
     except ValueError:
@@ -212,7 +212,7 @@ def test_the_blocked_part_of_a_cell_need_not_be_seen():
     assert not sees(cells, (0.5, 0.5), (2.5, 0.5), np.hypot(2.25, 0.5) - 1e-6)
 
 
-def test_nobody_sees_a_cell_that_a_wall_cuts_in_two():
+def test_a_cell_that_a_wall_cuts_in_two_is_never_seen():
     cells = cells_of([(2.6, 0), (2.7, 0), (2.7, 6), (2.6, 6)])
     found = visible_cells(cells, 20.0)
     cut = cells.index(2.5, np.arange(6) + 0.5)
@@ -275,25 +275,21 @@ def test_headings_are_views():
     np.testing.assert_array_equal(own, views[which, np.arange(cells.positions)])
 
 
-@pytest.mark.parametrize("reach", [0, -1.0, float("nan")])
-def test_refuses_a_range_that_is_none(reach):
-    for visible in (visible_cells, visible_centres):
-        with pytest.raises(ValueError, match="reach: expected more than 0 m, got"):
-            visible(cells_of(), reach)
-
-
-@pytest.mark.parametrize("view", [0.0, -1.0, 6.3, float("nan"), float("inf")])
-def test_refuses_a_field_of_view_that_is_none(view):
-    with pytest.raises(ValueError, match="field_of_view: expected more than 0 and at most 2 pi"):
-        visible_cells(cells_of(), 1.0, field_of_view=view, heading=0.0)
-
-
-def test_refuses_half_a_camera_and_headings_that_do_not_fit():
-    cells = cells_of()
-    for camera in ({"field_of_view": 1.0}, {"heading": 1.0}):
-        with pytest.raises(ValueError, match="both or neither"):
-            visible_cells(cells, 1.0, **camera)
-    with pytest.raises(ValueError, match="a last axis of 1 or 36"):
-        visible_cells(cells, 1.0, field_of_view=1.0, heading=np.zeros(35))
-    with pytest.raises(ValueError, match="heading: expected finite numbers, got nan"):
-        visible_cells(cells, 1.0, field_of_view=1.0, heading=np.full((2, 1), np.nan))
+@pytest.mark.parametrize(
+    ("reach", "camera", "message"),
+    [
+        *((reach, {}, "reach: expected more than 0 m, got") for reach in (0, -1.0, np.nan)),
+        *(
+            (1.0, {"field_of_view": view, "heading": 0.0}, "field_of_view: expected more than 0")
+            for view in (0.0, -1.0, 6.3, np.nan, np.inf)
+        ),
+        (1.0, {"field_of_view": 1.0}, "both or neither"),
+        (1.0, {"heading": 1.0}, "both or neither"),
+        (1.0, {"field_of_view": 1.0, "heading": np.zeros(35)}, "a last axis of 1 or 36"),
+        (1.0, {"field_of_view": 1.0, "heading": np.full((2, 1), np.nan)}, "finite numbers, got"),
+    ],
+)
+def test_ranges_and_cameras_that_do_not_fit_are_refused(reach, camera, message):
+    for visible in (visible_cells, visible_centres)[: 1 if camera else 2]:
+        with pytest.raises(ValueError, match=message):
+            visible(cells_of(), reach, **camera)

@@ -22,7 +22,7 @@ def rooms(draw):
 
 
 def shadow(here, start, end):
-    """What lies behind a wall, as far as any map reaches."""
+    """Make the shadow of a wall, longer than any map."""
     middle = (start + end) / 2
     far = [here + 200 * (p - here) / np.hypot(*(p - here)) for p in (end, middle, start)]
     return shapely.Polygon([start, end, *far]).buffer(0)
@@ -35,7 +35,7 @@ def sector(here, reach, view, heading, chords):
 
 
 @given(rooms(), st.floats(0.3, 9), st.sampled_from([2 * np.pi, 5.0, np.pi, 1.2]), st.floats(-4, 4))
-def test_it_is_what_no_wall_casts_a_shadow_on(room, reach, view, heading):
+def test_the_polygon_is_the_environment_without_the_shadows_of_walls(room, reach, view, heading):
     boundary, obstacles, point = room
     try:
         workspace = Workspace(boundary, obstacles)
@@ -65,7 +65,7 @@ def test_it_is_what_no_wall_casts_a_shadow_on(room, reach, view, heading):
 
 
 @given(rooms(), st.lists(st.tuples(st.floats(0, 6), st.floats(0, 6)), min_size=20, max_size=40))
-def test_a_point_is_in_it_if_the_way_there_is_free(room, points):
+def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(room, points):
     boundary, obstacles, point = room
     try:
         workspace = Workspace(boundary, obstacles)
@@ -86,7 +86,7 @@ def test_a_point_is_in_it_if_the_way_there_is_free(room, points):
 
 @given(rooms(), st.floats(0.7, 6))
 @settings(max_examples=20)
-def test_a_cell_is_wholly_visible_if_the_polygon_covers_what_is_free_of_it(room, reach):
+def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(room, reach):
     try:
         cells = CellSpace.of(Workspace(*room[:2]), 0.9, 1)
     except ValueError:
@@ -106,7 +106,7 @@ def test_a_cell_is_wholly_visible_if_the_polygon_covers_what_is_free_of_it(room,
         assert not visible[i][still > 1e-6].any()
 
 
-def test_areas_that_are_known():
+def test_polygons_have_known_areas():
     empty = Workspace(ROOM)
     assert visibility_polygon(empty, (3, 3)).equals(shapely.Polygon(ROOM))
     assert visibility_polygon(empty, (0, 0)).area == pytest.approx(36)
@@ -125,7 +125,7 @@ def test_areas_that_are_known():
     assert visibility_polygon(wall, (1, 3)).area == pytest.approx(12 + 2 * 2)
 
 
-def test_where_obstacles_meet_it_falls_into_pieces():
+def test_the_polygon_has_two_pieces_in_a_point_of_two_obstacles():
     pair = [[(2, 2), (3, 2), (3, 1), (2, 1)], [(1, 2), (2, 2), (2, 3), (1, 3)]]
     found = visibility_polygon(Workspace(ROOM, pair), (2, 2), 1.0)
     assert found.is_valid
@@ -136,7 +136,7 @@ def test_where_obstacles_meet_it_falls_into_pieces():
     assert across.intersection(shapely.box(2, 2, 6, 6)).area == 0
 
 
-def test_on_a_wall_it_is_the_free_side():
+def test_from_a_wall_the_free_side_is_visible():
     wall = Workspace(ROOM, [[(2, 2), (4, 2), (4, 4), (2, 4)]])
     assert visibility_polygon(wall, (2, 3)).area == pytest.approx(12)
     assert visibility_polygon(wall, (2, 2)).area == pytest.approx(36 - 16)
@@ -163,7 +163,7 @@ def test_the_radius_of_the_robot_is_no_wall():
         ({"quad_segs": 0}, "quad_segs: expected a whole number from 1"),
     ],
 )
-def test_refuses(changes, message):
+def test_points_and_numbers_out_of_range_are_refused(changes, message):
     workspace = Workspace(ROOM, [[(2, 2), (4, 2), (4, 4), (2, 4)]])
     with pytest.raises(ValueError, match=message):
         visibility_polygon(**{"workspace": workspace, "point": (1.0, 1.0)} | changes)

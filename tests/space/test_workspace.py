@@ -101,7 +101,7 @@ def test_a_margin_may_cut_the_free_space():
     assert "in 2 pieces" in cut.describe()
 
 
-def test_describe():
+def test_a_map_is_described_in_one_line():
     room = Workspace(ROOM, [box(1, 1, 2, 2)], robot_radius=0.25, name="Den")
     assert room.describe() == (
         "Den: 6 x 5 m, 1 obstacle, robot of radius 0.25 m, free space 22.554 m² in one piece"
@@ -149,7 +149,7 @@ def test_decimals_are_kept():
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
-def test_any_scale(scale):
+def test_maps_of_any_scale_have_the_right_area(scale):
     room = Workspace(np.array(ROOM) * scale, [np.array(box(2, 0, 3, 2)) * scale])
     assert room.free_space.area == pytest.approx(28 * scale**2)
     assert room.pieces == 1

@@ -72,7 +72,7 @@ def test_wide_integers_of_a_design(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "message"),
     [
         ("samples = 4\ndesign = 'grid'", "random.design: expected one of sobol, latin_hypercube"),
         ("samples = 4\ndesign = ['sobol']", "random.design: expected one of sobol"),
@@ -80,8 +80,8 @@ def test_wide_integers_of_a_design(tmp_path):
         ("samples = 4194304\ndesign = 'saltelli'", "expected at most 10000000 members"),
     ],
 )
-def test_designs_that_are_none(tmp_path, table, told):
-    with pytest.raises(ValueError, match=told):
+def test_unknown_designs_are_refused(tmp_path, table, message):
+    with pytest.raises(ValueError, match=message):
         columns(tmp_path, f"{table}\nx = {{uniform = [0, 1]}}")
 
 
@@ -139,7 +139,7 @@ def test_sobol_indices_of_the_function_of_ishigami(ishigami, capsys):
                 assert high - low < 0.2
 
 
-def test_sobol_indices_are_shown_where_there_are_some(stub_spec, tmp_path, capsys, monkeypatch):
+def test_sobol_indices_of_finite_variables_are_printed(stub_spec, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.record.log_sweep", lambda *_, **__: None)
     monkeypatch.setattr("jaxcell.cli.sweep.view.has_display", lambda: False)
     text = '[random]\nsamples = 8\ndesign = "saltelli"\nx = {integers = [1, 9]}'

@@ -1,4 +1,4 @@
-"""What members read is the same when a sweep is gone on with, or it is told what is not."""
+"""Files and modules that members read must be unchanged when a sweep is resumed."""
 
 import importlib
 import json
@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from PIL import Image
+from sweep_kills import damage_chunk
 
 from jaxcell.cli import main
 from jaxcell.sweep import Spec, open_sweep, run_sweep, verify_sweep
@@ -42,14 +43,14 @@ def begun(tmp_path, monkeypatch):
     sys.modules.pop("user_task", None)
 
 
-def test_a_file_that_was_changed_is_told(begun, tmp_path, capsys):
+def test_a_changed_file_is_refused(begun, tmp_path, capsys):
     (tmp_path / "1.txt").write_text("7")
     (tmp_path / "3.txt").unlink()
-    with pytest.raises(ValueError, match="out: begun with others: ") as told:
+    with pytest.raises(ValueError, match="out: made with other versions or files ") as caught:
         run_sweep(begun, "out", resume=True)
-    assert r"1.txt: 6b86b273ff34 there, 7902699be42c here" in str(told.value)
-    assert r"3.txt: 4e07408562be there, no such file here" in str(told.value)
-    assert "2.txt" not in str(told.value)
+    assert r"1.txt: 6b86b273ff34 there, 7902699be42c here" in str(caught.value)
+    assert r"3.txt: 4e07408562be there, no such file here" in str(caught.value)
+    assert "2.txt" not in str(caught.value)
     assert main(["sweep", "spec.toml", "--out", "out", "--resume"]) == 2
     assert "1.txt: 6b86b273ff34 there" in capsys.readouterr().err
     (tmp_path / "1.txt").write_text("1")
@@ -60,7 +61,7 @@ def test_a_file_that_was_changed_is_told(begun, tmp_path, capsys):
         assert "resumed_anyway" not in dataset.attrs
 
 
-def test_the_module_of_a_task_that_was_changed_is_told(begun, tmp_path):
+def test_a_changed_module_of_the_task_is_refused(begun, tmp_path):
     (tmp_path / "user_task.py").write_text(TASK.replace("FACTOR", "2"))
     with pytest.raises(ValueError, match=r"task user_task:task: \w{12} there, \w{12} here"):
         run_sweep(begun, "out", resume=True)
@@ -122,13 +123,13 @@ def test_an_edited_module_that_a_task_imports_is_refused(package, tmp_path, file
     run_sweep(package, "out", chunks=[0])
     with open(tmp_path / file, "a") as source:
         source.write("# edited\n")
-    digest = rf"begun with others: module {module} \({file.rpartition('/')[2]}\): \w{{12}} there, "
+    digest = rf"or files \(module {module} \({file.rpartition('/')[2]}\): \w{{12}} there, "
     with pytest.raises(ValueError, match=digest):
         run_sweep(package, "out", resume=True)
     assert run_sweep(package, "out", resume=True, anyway=True).complete
     with open_sweep("out") as dataset:
-        (told,) = json.loads(dataset.attrs["resumed_anyway"])
-    assert told.startswith(f"module {module} ")
+        (message,) = json.loads(dataset.attrs["resumed_anyway"])
+    assert message.startswith(f"module {module} ")
 
 
 def test_an_edited_module_that_the_task_does_not_import_is_not_refused(package, tmp_path):
@@ -150,7 +151,7 @@ def test_the_file_of_a_system_and_what_it_imports_are_digested(package, tmp_path
     }
 
 
-def test_a_run_that_goes_on_anyway_says_so(begun, tmp_path, capsys):
+def test_the_result_lists_changes_of_a_sweep_resumed_anyway(begun, tmp_path, capsys):
     (tmp_path / "1.txt").write_text("7")
     assert main(["sweep", "spec.toml", "--out", "out", "--anyway"]) == 2
     assert "--anyway: expected with --resume" in capsys.readouterr().err
@@ -159,34 +160,35 @@ def test_a_run_that_goes_on_anyway_says_so(begun, tmp_path, capsys):
     assert run_sweep(begun, "out", resume=True, anyway=True).complete
     with open_sweep("out") as dataset:
         assert dataset.value.values.tolist() == [1, 2, 3]
-        told = json.loads(dataset.attrs["resumed_anyway"])
-    assert [line.partition(":")[0] for line in told] == ["1.txt", "2.txt"]
+        message = json.loads(dataset.attrs["resumed_anyway"])
+    assert [line.partition(":")[0] for line in message] == ["1.txt", "2.txt"]
     # The files are those of the last run now.
     assert run_sweep(begun, "out", resume=True).complete
     assert verify_sweep("out").damaged == ()
 
 
 def test_damage_is_not_mended_with_other_files(begun, tmp_path):
-    path = tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0"
-    path.write_bytes(b"?" + path.read_bytes()[1:])
+    damage_chunk(tmp_path / "out", 0)
     (tmp_path / "1.txt").write_text("7")
-    with pytest.raises(ValueError, match=r"damaged \(chunk 0: value\), and begun with others: 1.t"):
+    with pytest.raises(
+        ValueError, match=r"damaged \(chunk 0\), and made with other versions or files: 1.t"
+    ):
         verify_sweep("out")
     (tmp_path / "1.txt").write_text("1")
     assert verify_sweep("out").whole
 
 
-def test_a_task_that_cannot_be_found_is_told_where_it_is_needed(begun, tmp_path, monkeypatch):
+def test_a_missing_task_is_refused_only_if_chunks_have_to_be_computed(begun, tmp_path, monkeypatch):
     (tmp_path / "user_task.py").unlink()
     monkeypatch.delitem(sys.modules, "user_task")
     importlib.invalidate_caches()
     assert verify_sweep("out").damaged == ()
-    (tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0").unlink()
+    damage_chunk(tmp_path / "out", 0)
     with pytest.raises(ValueError, match=r"task user_task:task: .* there, no such file here"):
         verify_sweep("out")
 
 
-def test_files_that_are_read(tmp_path, monkeypatch):
+def test_files_that_members_read_are_digested(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Image.fromarray(np.zeros((2, 2), np.uint8)).save("room.pgm")
     for name, text in {"a.yaml": "image: room.pgm", "b.json": "{}", "c.nc": "x"}.items():
@@ -205,7 +207,7 @@ def test_files_that_are_read(tmp_path, monkeypatch):
     assert {name for name in found if found[name] != again[name]} == {"room.pgm"}
 
 
-def test_the_image_of_a_map_may_lie_anywhere(tmp_path):
+def test_the_image_of_a_map_may_have_any_path(tmp_path):
     (tmp_path / "images").mkdir()
     (tmp_path / "specs").mkdir()
     image = tmp_path / "images" / "room.pgm"

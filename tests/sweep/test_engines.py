@@ -1,10 +1,8 @@
 import json
-import multiprocessing
 import os
 import re
 import subprocess
 import sys
-from collections import deque
 from pathlib import Path
 
 import dask
@@ -28,20 +26,20 @@ LOCAL_QUEUE = 'LocalCluster(cores=1, memory="1GB", interface="lo")'
 
 @pytest.fixture(scope="module")
 def server():
-    """Where workers are forked from."""
+    """The process from which workers are forked."""
     with sweep_workers.server():
         yield
 
 
 @pytest.fixture
 def forked(server, monkeypatch):
-    """Workers that start in no time."""
+    """Workers that start in milliseconds."""
     monkeypatch.setattr("jaxcell.sweep.workers.process.subprocess", sweep_workers.FORKED)
 
 
 @pytest.fixture(scope="module")
 def cluster(server):
-    """The address of a cluster that was started by somebody else."""
+    """The address of a cluster that another program started."""
     settings = {
         "distributed.worker.multiprocessing-method": "forkserver",
         "distributed.worker.preload": ["sweep_workers"],
@@ -73,7 +71,7 @@ def jobs_of(count, task="sweep_stub:stub", **fixed):
 
 
 @pytest.mark.usefixtures("forked")
-def test_processes_give_the_same_and_leave_nobody(stub_spec, tmp_path, whole):
+def test_the_engine_processes_gives_the_same_bytes(stub_spec, tmp_path, whole):
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
     before = dict(os.environ)
     assert run_sweep(spec, out, engine="processes", workers=2).complete
@@ -107,40 +105,26 @@ def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
     assert len({process for process, _, numbers in calls if numbers == "1"}) == 3
 
 
-def test_deaths_are_counted_for_each_job_and_forgotten_with_it(monkeypatch):
+def test_deaths_are_counted_for_each_job(monkeypatch):
     deaths = {number: 3 if number == 7 else 2 for number in range(30)}
     made = []
 
     class Mortal:
-        """A worker within this process that dies of a job as often as it is to."""
+        """A worker within this process that dies of a job some times."""
 
         def __init__(self, environment):
-            self.connection, self._end = multiprocessing.Pipe()
-            self.jobs, self.began = deque(), None
             made.append(self)
 
-        def give(self, job):
-            self.jobs.append(job)
-            self._end.send(None)
-
-        def receive(self):
-            self.connection.recv()
-            number = self.jobs[0].number
-            if deaths[number]:
-                deaths[number] -= 1
+        def compute(self, job, timeout):
+            if deaths[job.number]:
+                deaths[job.number] -= 1
                 raise EOFError
-            self.jobs.popleft()
-            return number
+            return job.number
 
         def end(self):
-            self.connection.close()
-            self._end.close()
+            pass
 
-    monkeypatch.setattr("jaxcell.sweep.workers.engines.Worker", Mortal)
-    # Two jobs are on their way at a time; a later one may come to lie where one was.
-    monkeypatch.setattr(
-        "jaxcell.sweep.workers.engines.id", lambda job: job.number % 2, raising=False
-    )
+    monkeypatch.setattr("jaxcell.sweep.workers.process.Worker", Mortal)
     outcomes = [(job.number, found) for job, found in engine_named("processes", 1)(jobs_of(30)[0])]
     died = Failed("its worker died each of 3 times: out of memory?")
     assert outcomes == [(number, died if number == 7 else number) for number in range(30)]
@@ -148,9 +132,7 @@ def test_deaths_are_counted_for_each_job_and_forgotten_with_it(monkeypatch):
 
 
 @pytest.mark.usefixtures("forked")
-def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path, monkeypatch):
-    # At the first death, of the chunk, of a half of it, and of the member.
-    monkeypatch.setattr("jaxcell.sweep.workers.engines._MAX_DEATHS", 1)
+def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
     spec = stub_spec("kill = 5", text="[grid]\nx = {count = 12}")
     found = run_sweep(spec, tmp_path / "out", engine="processes", workers=1)
     assert found.done == 2
@@ -222,13 +204,13 @@ def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '"tcp://a:1"', "[" * 100_000])
-def test_files_of_no_scheduler(tmp_path, text):
+def test_other_files_are_refused_as_files_of_a_scheduler(tmp_path, text):
     (tmp_path / "scheduler.json").write_text(text)
     with pytest.raises(ValueError, match=r"scheduler\.json: expected the file that a scheduler"):
         scheduler_address(tmp_path / "scheduler.json")
 
 
-def test_the_recipe_for_a_queue(spec_file, tmp_path):
+def test_the_script_of_the_documentation_for_a_queue_runs(spec_file, tmp_path):
     """The script of the documentation on this machine in place of a queue, from no worker on."""
     page = (TESTS.parent / "docs/pages/how_to/sweep.md").read_text()
     script = re.search(r'title="slurm.py"\n(.*?)```', page, re.DOTALL)[1]
@@ -246,7 +228,7 @@ def test_the_recipe_for_a_queue(spec_file, tmp_path):
     assert sweep_status(tmp_path / "runs" / "angles").complete
 
 
-def test_a_timeout_that_is_none():
+def test_wrong_timeouts_are_refused():
     with pytest.raises(ValueError, match=r"the engine local .* cannot end a chunk"):
         engine_named("local", timeout=3.0)
     for timeout in (0.0, -1.0, float("nan"), float("inf")):
@@ -275,7 +257,7 @@ def test_workers_end_with_the_run(stub_spec, tmp_path):
 
 
 @pytest.mark.usefixtures("forked")
-def test_few_jobs_are_on_their_way():
+def test_few_jobs_are_submitted_at_a_time():
     take, taken = jobs_of(100)
     outcomes = engine_named("processes", 1)(take)
     first = next(outcomes)
@@ -284,7 +266,7 @@ def test_few_jobs_are_on_their_way():
     outcomes.close()
 
 
-def test_workers_are_told_their_share(monkeypatch):
+def test_workers_get_their_share_of_the_processors(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)))
     for name in ("PJRT_NPROC", "OMP_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
@@ -296,7 +278,7 @@ def test_workers_are_told_their_share(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "workers", "told"),
+    ("name", "workers", "message"),
     [
         ("ray", None, "engine: expected local, processes, dask or dask://host:port, got 'ray'"),
         ("dask://host", None, "got 'dask://host'"),
@@ -306,8 +288,8 @@ def test_workers_are_told_their_share(monkeypatch):
         ("processes", 0, "workers: expected at least 1, got 0"),
     ],
 )
-def test_engines_that_are_none(name, workers, told):
-    with pytest.raises(ValueError, match=told):
+def test_unknown_engines_are_refused(name, workers, message):
+    with pytest.raises(ValueError, match=message):
         engine_named(name, workers)
 
 
@@ -318,15 +300,15 @@ def test_dask_is_an_extra(monkeypatch):
 
 
 @pytest.mark.parametrize(("engine", "kills"), [("processes", 2), ("dask", 1)])
-def test_sweeps_that_are_killed_and_gone_on_with(stub_spec, tmp_path, engine, kills):
+def test_killed_sweeps_of_workers_are_resumed(stub_spec, tmp_path, engine, kills):
     spec = stub_spec("seconds = 0.01")
-    (told,) = kill_apart(
+    (counts,) = kill_apart(
         {"file": str(spec.path), "base": str(tmp_path), "kills": kills, "engine": engine}
     )
-    assert told["kills"] >= kills
+    assert counts["kills"] >= kills
 
 
-def test_a_killed_run_leaves_its_workers_to_die(stub_spec, tmp_path):
+def test_workers_of_a_killed_run_end(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
     spec = stub_spec(f'seconds = 0.05\nfolder = "{calls}"', text="[grid]\nx = {count = 8000}")
@@ -363,13 +345,13 @@ def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
-def test_dask_gives_the_same(cluster, stub_spec, tmp_path, whole):
+def test_dask_gives_the_same_bytes(cluster, stub_spec, tmp_path, whole):
     out = tmp_path / "out"
     assert run_sweep(stub_spec(name="whole.toml"), out, engine=cluster).complete
     assert tree(out) == whole
 
 
-def test_a_dask_worker_that_dies_mid_run(cluster, stub_spec, tmp_path):
+def test_jobs_of_a_dask_worker_that_dies_are_tried_again(cluster, stub_spec, tmp_path):
     spec = stub_spec(f'kill = 5\nonce = "{tmp_path / "once"}"')
     assert run_sweep(spec, tmp_path / "out", engine=cluster).complete
     assert (tmp_path / "once").exists()
@@ -382,7 +364,7 @@ def test_a_dask_worker_that_dies_mid_run(cluster, stub_spec, tmp_path):
 
 def alive(process: int) -> bool:
     try:
-        # One that nobody waited for is there, but does not run.
+        # A process whose parent has not waited for it exists, but does not run.
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False

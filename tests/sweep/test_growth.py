@@ -1,4 +1,4 @@
-"""More values of a parameter: what is done stays, and what comes out is the larger sweep."""
+"""A sweep with more values of a parameter keeps its members, and has the larger result."""
 
 import json
 
@@ -21,7 +21,7 @@ GROWN = {
 
 @pytest.fixture
 def computed(monkeypatch):
-    """The members that the task was asked for."""
+    """The members that the task has computed."""
     members = []
     kept = sweep_stub.stub
 
@@ -88,7 +88,7 @@ def test_more_samples_begin_with_the_same(stub_spec, kind, ends):
     np.testing.assert_array_equal(few, many[:37])
 
 
-def test_what_was_not_done_is_computed_too(stub_spec, tmp_path, computed):
+def test_growth_also_computes_chunks_that_were_not_done(stub_spec, tmp_path, computed):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(large, tmp_path / "whole")
     run_sweep(small, tmp_path / "out", chunks=[1])
@@ -99,7 +99,7 @@ def test_what_was_not_done_is_computed_too(stub_spec, tmp_path, computed):
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
-def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
+def test_growth_does_not_keep_a_damaged_chunk(stub_spec, tmp_path):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(large, tmp_path / "whole")
     run_sweep(small, tmp_path / "out")
@@ -110,7 +110,7 @@ def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
-def test_what_went_on_anyway_stays_told(stub_spec, tmp_path, monkeypatch):
+def test_growth_keeps_the_list_of_changes(stub_spec, tmp_path, monkeypatch):
     run_sweep(stub_spec(text=SMALL), tmp_path / "out")
     large = stub_spec(text=GROWN["between"], name="large.toml")
     monkeypatch.setattr("jaxcell.sweep.storage.digests.__version__", "9.9")
@@ -118,17 +118,17 @@ def test_what_went_on_anyway_stays_told(stub_spec, tmp_path, monkeypatch):
         run_sweep(large, tmp_path / "out", resume=True)
     run_sweep(large, tmp_path / "out", resume=True, anyway=True)
     with open_sweep(tmp_path / "out") as dataset:
-        (told,) = json.loads(dataset.attrs["resumed_anyway"])
+        (message,) = json.loads(dataset.attrs["resumed_anyway"])
         assert dataset.attrs["jaxcell_version"] == "9.9"
-    assert told.startswith("jaxcell_version: ")
+    assert message.startswith("jaxcell_version: ")
 
 
-def test_the_difference_is_shown(stub_spec, tmp_path):
+def test_the_error_of_another_specification_shows_the_difference(stub_spec, tmp_path):
     run_sweep(stub_spec(text="[grid]\nx = {count = 36}"), tmp_path / "out")
     other = stub_spec(text="[grid]\nx = {start = 0, stop = 72, step = 6}", name="other.toml")
-    with pytest.raises(ValueError, match="not the specification of the sweep") as told:
+    with pytest.raises(ValueError, match="not the specification of the sweep") as caught:
         run_sweep(other, tmp_path / "out", resume=True)
-    assert str(told.value).endswith(
+    assert str(caught.value).endswith(
         "x: 36 values there, 12 here; new: 36, 42, 48, 54, 60, 66, missing: 1, 2, 3, 4, ..., 35"
     )
 
@@ -136,7 +136,7 @@ def test_the_difference_is_shown(stub_spec, tmp_path):
 def test_runs_that_are_killed_while_a_sweep_grows(stub_spec, tmp_path):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(small, tmp_path / "small")
-    (told,) = kill_apart(
+    (counts,) = kill_apart(
         {
             "file": str(large.path),
             "base": str(tmp_path),
@@ -144,4 +144,4 @@ def test_runs_that_are_killed_while_a_sweep_grows(stub_spec, tmp_path):
             "begun": str(tmp_path / "small"),
         }
     )
-    assert told["kills"] >= 10
+    assert counts["kills"] >= 10

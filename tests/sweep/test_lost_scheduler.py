@@ -12,7 +12,7 @@ from jaxcell.cli import main
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_scheduler_that_goes_is_told_in_one_line(tmp_path, number):
+def test_the_error_of_a_lost_scheduler_is_one_line(tmp_path, number):
     file, begun = tmp_path / "scheduler.json", tmp_path / "begun"
     begun.mkdir()
     (tmp_path / "some.toml").write_text(
@@ -37,19 +37,19 @@ def test_a_scheduler_that_goes_is_told_in_one_line(tmp_path, number):
         driver = start("jaxcell", "sweep", "some.toml", stderr=subprocess.PIPE, text=True)
         wait_until(lambda: any(begun.iterdir()))
         scheduler.send_signal(number)
-        told = driver.communicate()[1]
+        message = driver.communicate()[1]
     finally:
         for process in processes:
             process.kill()
             process.wait()
     assert driver.returncode == 2
-    lines = [line for line in told.splitlines() if " ... (0:" not in line]
-    assert len(lines) == 1, told
+    lines = [line for line in message.splitlines() if " ... (0:" not in line]
+    assert len(lines) == 1, message
     assert lines[0].startswith("jaxcell sweep: tcp://127.0.0.1:")
     assert "the scheduler of the cluster cannot be reached, or is gone" in lines[0]
 
 
-def test_a_scheduler_that_was_never_there_is_told_in_one_line(tmp_path, capsys, monkeypatch):
+def test_the_error_of_a_missing_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.sweep.workers.engines._CONNECT_SECONDS", 0.2)
     spec = tmp_path / "some.toml"
     spec.write_text('task = "sweep_stub:stub"\n[grid]\nx = {count = 4}\n')

@@ -46,7 +46,7 @@ def test_a_resume_computes_the_members_that_failed(stub_spec, tmp_path, whole, t
     assert tree(out) == whole
 
 
-def test_a_run_that_stopped_at_failures_goes_on_with_what_is_missing(
+def test_a_run_that_stopped_at_failures_is_resumed_with_the_missing_members(
     stub_spec, tmp_path, whole, task
 ):
     calls, bad = task
@@ -65,7 +65,7 @@ def test_a_run_that_stopped_at_failures_goes_on_with_what_is_missing(
     assert tree(out) == whole
 
 
-def test_members_that_fail_where_others_grew_leave_those_alone(stub_spec, tmp_path, task):
+def test_members_that_fail_after_growth_do_not_change_older_members(stub_spec, tmp_path, task):
     calls, bad = task
     small = stub_spec(text="[grid]\nx = [1, 3]")
     large = stub_spec(text="[grid]\nx = [1, 2, 3, 4]", name="large.toml")
@@ -99,7 +99,7 @@ def test_rates_are_of_the_members_that_were_computed(stub_spec, tmp_path, task, 
     assert [one.rate for one in seen] == [0, 1 / 2, 2 / 3]
 
 
-def test_the_rest_takes_as_long_as_what_is_done(tmp_path):
+def test_the_time_left_is_extrapolated_from_chunks_that_ended(tmp_path):
     now = 100.0
 
     def clock():
@@ -132,14 +132,14 @@ def test_a_damaged_chunk_with_a_member_that_fails_is_mended(stub_spec, tmp_path,
     assert (found.damaged, found.recomputed, found.whole) == (("chunk 1",), 1, True)
     assert tree(out) == sound
     assert len(found.status.failures) == 2
-    # One that was done before is not mended when it fails.
+    # A chunk that was done is not mended if a member fails now.
     bad |= {0}
     damage_chunk(out, 0)
     assert not verify_sweep(out).whole
     assert len(sweep_status(out).failures) == 3
 
 
-def test_metadata_is_mended_where_every_chunk_has_a_member_that_fails(stub_spec, tmp_path, task):
+def test_metadata_is_mended_if_every_chunk_has_a_member_that_fails(stub_spec, tmp_path, task):
     task[1].add(5)
     out = tmp_path / "out"
     run_sweep(stub_spec(text="[list]\nx = [5, 1, 2, 3, 5, 4]"), out)

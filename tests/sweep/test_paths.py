@@ -46,7 +46,7 @@ def test_a_store_and_the_files_of_its_specification_can_be_moved_together(study,
     assert set(digests(kept)) == {"../maps/lab_a.json"}
 
 
-def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
+def test_maps_are_found_relative_to_the_specification(study, tmp_path, monkeypatch, capsys):
     spec, out = Spec.load("../study/specs/spec.toml"), tmp_path / "runs" / "out"
     run_sweep(spec, out, chunks=[0])
     assert main(["sweep", "../study/specs/spec.toml", "--out", str(out), "--resume"]) == 0

@@ -19,7 +19,7 @@ from jaxcell.sweep.storage.store import SweepStore
 from jaxcell.sweep.workers.work import Variable, compute, with_files_found
 
 
-def test_the_result_is_that_of_each_member_alone(stub_spec, tmp_path):
+def test_the_result_of_a_member_is_that_of_a_batch_of_one(stub_spec, tmp_path):
     text = "[grid]\ny = [0.5, 1.5, 2.5]\n[random]\nsamples = 11\nx = {integers = [0, 99]}"
     spec = stub_spec(text=text)
     assert 11 % spec.lengths["sample"] != 0
@@ -101,7 +101,7 @@ def test_all_chunks_are_one_call_of_one_length(stub_spec, tmp_path, monkeypatch)
     assert lengths == [4] * 6
 
 
-def test_a_member_that_fails_is_told_and_does_not_stop_others(stub_spec, tmp_path, whole):
+def test_a_member_that_fails_is_reported_and_does_not_stop_others(stub_spec, tmp_path, whole):
     spec, out = stub_spec("fail = 5"), tmp_path / "out"
     seen = []
     found = run_sweep(spec, out, progress=seen.append)
@@ -131,7 +131,7 @@ def test_a_member_that_fails_is_told_and_does_not_stop_others(stub_spec, tmp_pat
 
 
 @pytest.mark.parametrize("bad", [8, 9])
-def test_a_member_fails_alone_where_others_stand_in_for_missing_ones(stub_spec, tmp_path, bad):
+def test_a_member_of_a_padded_chunk_fails_alone(stub_spec, tmp_path, bad):
     spec = stub_spec(f"fail = {bad}")
     assert spec.chunk(2).shape != tuple(spec.lengths.values())
     found = run_sweep(spec, tmp_path / "out")
@@ -141,7 +141,7 @@ def test_a_member_fails_alone_where_others_stand_in_for_missing_ones(stub_spec, 
         assert (dataset["count"] == xr.where(dataset.x == bad, -1, dataset.x)).all()
 
 
-def test_where_every_chunk_fails_there_is_no_result(stub_spec, tmp_path):
+def test_a_sweep_whose_chunks_all_fail_has_no_result(stub_spec, tmp_path):
     out = tmp_path / "out"
     found = run_sweep(stub_spec("fail = 5", text="[list]\nx = [5, 5]"), out)
     assert (found.done, [one.index["member"] for one in found.failures]) == (0, [0, 1])
@@ -164,7 +164,7 @@ def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, t
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda found: found.drop_vars("noise"), "the task gave count, even, exponent, power"),
         (lambda found: found.assign(more=found.value), "the chunk that was done first has count"),
@@ -187,7 +187,9 @@ def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, t
         (lambda found: 3, "gave int; expected an xarray.Dataset"),
     ],
 )
-def test_chunks_whose_results_do_not_fit_fail(stub_spec, tmp_path, monkeypatch, change, told):
+def test_chunks_with_other_variables_than_the_first_fail(
+    stub_spec, tmp_path, monkeypatch, change, message
+):
     kept = sweep_stub.stub
 
     def changed(batch, fixed, seed):
@@ -197,10 +199,12 @@ def test_chunks_whose_results_do_not_fit_fail(stub_spec, tmp_path, monkeypatch, 
     monkeypatch.setattr(sweep_stub, "stub", changed)
     found = run_sweep(stub_spec(), tmp_path / "out")
     assert [one.index["x"] for one in found.failures] == [5, 5]
-    assert told in found.failures[0].message
+    assert message in found.failures[0].message
 
 
-def test_a_run_goes_on_only_with_what_it_began(stub_spec, spec_file, tmp_path, monkeypatch):
+def test_a_resume_needs_the_same_specification_and_versions(
+    stub_spec, spec_file, tmp_path, monkeypatch
+):
     spec, out = stub_spec(), tmp_path / "out"
     run_sweep(spec, out, resume=True)
     before = tree(out)
@@ -221,14 +225,14 @@ def test_a_run_goes_on_only_with_what_it_began(stub_spec, spec_file, tmp_path, m
     assert tree(out) == before
 
 
-def test_two_runs_at_once(stub_spec, tmp_path):
+def test_a_second_run_at_once_is_refused(stub_spec, tmp_path):
     spec, out = stub_spec(), tmp_path / "out"
     seen = []
 
     def meddle(progress):
         if progress.done == 2:
             seen.append(sweep_status(out))
-            with pytest.raises(BlockingIOError, match=rf"out: process {os.getpid()} on \S+ is at"):
+            with pytest.raises(BlockingIOError, match=rf"out: process {os.getpid()} on \S+ writes"):
                 run_sweep(spec, out, resume=True)
 
     assert run_sweep(spec, out, progress=meddle).running is None
@@ -238,7 +242,7 @@ def test_two_runs_at_once(stub_spec, tmp_path):
         run_sweep(spec, out, resume=True)
 
 
-def test_a_full_disk(stub_spec, tmp_path, whole):
+def test_a_full_disk_ends_a_run_that_can_be_resumed(stub_spec, tmp_path, whole):
     """The system refuses to write more than some bytes to a file, for a while."""
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -249,12 +253,12 @@ def test_a_full_disk(stub_spec, tmp_path, whole):
             resource.setrlimit(resource.RLIMIT_FSIZE, (size + 50, limits[1]))
 
     try:
-        with pytest.raises(OSError, match="File too large; chunks that ended are kept") as told:
+        with pytest.raises(OSError, match="File too large; chunks that ended are kept") as caught:
             run_sweep(spec, out, progress=fill)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert told.value.errno == errno.EFBIG
-    assert str(told.value.filename) == str(out)
+    assert caught.value.errno == errno.EFBIG
+    assert str(caught.value.filename) == str(out)
     found = sweep_status(out)
     assert (found.done, found.failures, found.running) == (3, (), None)
     assert run_sweep(spec, out, resume=True).complete
@@ -348,7 +352,7 @@ def test_a_million_members_are_few_files(spec_file, text):
             assert not inner or length == spec.lengths[name]
 
 
-def test_provenance(stub_spec, tmp_path):
+def test_the_result_has_its_provenance(stub_spec, tmp_path):
     run_sweep(stub_spec(), tmp_path / "out")
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.attrs["task"] == "sweep_stub:stub"
@@ -358,8 +362,8 @@ def test_provenance(stub_spec, tmp_path):
         assert dataset.status.attrs["flag_meanings"] == "to_do done failed"
 
 
-def test_tasks_that_are_none(spec_file, tmp_path):
-    for task, told in {
+def test_unknown_tasks_are_refused(spec_file, tmp_path):
+    for task, message in {
         "nothing": "expected one of .*groups.*got 'nothing'",
         "no_module:f": "No module named 'no_module'",
         "sweep_stub:none": "has no attribute 'none'",
@@ -368,33 +372,33 @@ def test_tasks_that_are_none(spec_file, tmp_path):
     }.items():
         path = spec_file()
         path.write_text(path.read_text().replace("sweep_stub:stub", task))
-        with pytest.raises(ValueError, match=rf"spec\.toml: task: .*{told}|{told}"):
+        with pytest.raises(ValueError, match=rf"spec\.toml: task: .*{message}|{message}"):
             run_sweep(Spec.load(path), tmp_path / "out")
         assert not (tmp_path / "out").exists()
 
 
-def test_folders_that_hold_no_sweep(tmp_path):
+def test_other_folders_are_refused_as_sweeps(tmp_path):
     for function in (sweep_status, open_sweep):
         with pytest.raises(ValueError, match="expected the folder of a sweep"):
             function(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "message"),
     [
         ('[fixed]\nmap = "m.json"\nangle = 3\n[grid]\nbounce = [1]', "angle: expected a parameter"),
-        ("[grid]\nbounce = [1]", "map: Groups needs it"),
+        ("[grid]\nbounce = [1]", "map: Groups needs this parameter"),
         ('[fixed]\nmap = "m.json"\n[grid]\nbounce = ["west"]', "bounce: expected float, got str"),
     ],
 )
-def test_parameters_that_a_task_does_not_take_are_refused_before_it_runs(lines, told, tmp_path):
+def test_wrong_parameters_of_a_study_are_refused_before_it_runs(lines, message, tmp_path):
     (tmp_path / "spec.toml").write_text(f'task = "groups"\n{lines}\n')
-    with pytest.raises(ValueError, match=f"spec.toml: {told}"):
+    with pytest.raises(ValueError, match=f"spec.toml: {message}"):
         run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_files_are_found_beside_the_specification_or_here(tmp_path, monkeypatch):
+def test_files_are_found_relative_to_the_specification_or_the_current_folder(tmp_path, monkeypatch):
     there, here = tmp_path / "specs", tmp_path / "here"
     for path in (there / "a.json", there / "both.json", here / "both.json", here / "b.json"):
         path.parent.mkdir(exist_ok=True)
@@ -420,7 +424,7 @@ def test_files_are_found_beside_the_specification_or_here(tmp_path, monkeypatch)
         run_sweep(Spec.load("../specs/spec.toml"), tmp_path / "out")
 
 
-def test_a_file_that_a_worker_has_not_is_told_with_its_machine(stub_spec, tmp_path, monkeypatch):
+def test_the_error_of_a_missing_file_names_the_machine(stub_spec, tmp_path, monkeypatch):
     def lost(batch, fixed, seed):
         raise FileNotFoundError("/maps/a.json: there is no such file")
 

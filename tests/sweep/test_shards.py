@@ -1,4 +1,4 @@
-"""Shards: parts of a sweep by jobs of an array, and what they are together."""
+"""Shards: parts of a sweep by jobs of an array, and their merged result."""
 
 import json
 import shutil
@@ -32,7 +32,7 @@ def merged(out):
 
 # Of six chunks; the last shards of seven have none.
 @pytest.mark.parametrize("count", [1, 4, 7])
-def test_shards_together_are_the_sweep(stub_spec, sharded, whole, count):
+def test_merged_shards_have_the_bytes_of_the_sweep(stub_spec, sharded, whole, count):
     texts = [f"{number}/{count}" for number in range(count, 0, -1)]
     out = sharded(stub_spec(name="whole.toml"), *texts)
     seen = []
@@ -53,8 +53,8 @@ def test_members_that_failed_are_merged(stub_spec, tmp_path, sharded):
 
 
 def test_shards_that_cannot_be_merged(stub_spec, tmp_path, sharded, monkeypatch):
-    def refused(told):
-        with pytest.raises(ValueError, match=told):
+    def refused(message):
+        with pytest.raises(ValueError, match=message):
             merge_sweep(tmp_path / "out")
         assert not (tmp_path / "out" / "sweep.journal").exists()
 
@@ -85,23 +85,25 @@ def test_members_that_were_not_tried_are_not_done(stub_spec, tmp_path, sharded):
 
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "3", "1/0", "-1/3", "1/3/3", "a/b", ""])
-def test_shards_that_are_none(text):
+def test_other_texts_are_refused_as_shards(text):
     with pytest.raises(ValueError, match="shard: expected i/n with i from 1 to n, got"):
         Shard.read(text)
 
 
-def test_the_commands_of_shards(spec_file, tmp_path, capsys):
+def test_commands_run_and_merge_shards(spec_file, tmp_path, capsys):
     spec, out = str(spec_file(head="chunk = 4", text="[grid]\nx = {count = 10}")), tmp_path / "out"
     assert Spec.load(spec).chunk_count == 3
     for number in (1, 2):
         assert main(["sweep", spec, "--out", str(out), "--shard", f"{number}/2", "--json"]) == 0
-        told = capsys.readouterr()
-        assert json.loads(told.out)["out"] == str(out / "shards" / f"{number}-of-2")
-        assert f"This shard is {3 - number} of the 3 chunks\n" in told.err
-        assert f"sweep merge {out}" in told.err
+        printed = capsys.readouterr()
+        assert json.loads(printed.out)["out"] == str(out / "shards" / f"{number}-of-2")
+        assert f"This shard is {3 - number} of the 3 chunks\n" in printed.err
+        assert f"sweep merge {out}" in printed.err
     assert main(["sweep", "status", str(out)]) == 2
-    told = f"it has no sweep.journal, but shards, as {out}/shards/1-of-2: jaxcell sweep merge {out}"
-    assert told in capsys.readouterr().err
+    message = (
+        f"it has no sweep.journal, but shards, as {out}/shards/1-of-2: jaxcell sweep merge {out}"
+    )
+    assert message in capsys.readouterr().err
     assert main(["sweep", "merge", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["done"] == 3
     assert main(["sweep", spec, "--shard", "3/2"]) == 2

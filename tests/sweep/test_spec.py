@@ -69,7 +69,7 @@ def test_random_values_depend_on_the_seed_and_their_name_alone(tmp_path):
     assert (first != drawn("seed = 1")).all()
 
 
-def test_dimensions(tmp_path):
+def test_parameters_give_the_dimensions_in_their_order(tmp_path):
     text = 'task = "a:b"\n[grid]\nb = [1, 2]\na = {count = 3}\n[list]\nx = [1, 1]\ny = ["p", "q"]'
     spec = load(tmp_path, text)
     assert spec.dimensions == {"b": 2, "a": 3, "member": 2}
@@ -137,7 +137,7 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ('task = "a"\nsed = 1', "unknown field 'sed'"),
         ('task = "a"\nseed = -1', "seed: expected an integer from 0"),
         ('task = "a"\nseed = true', "seed: expected"),
-        ('task = "a"', "there are no parameters"),
+        ('task = "a"', "no parameters; expected a table"),
         ('task = "a"\ngrid = 3', "grid: expected a table"),
         ("[grid]\nx = []", "grid.x: expected a list of values"),
         ('[grid]\nx = "abc"', "grid.x: expected a list of values, got 'abc'"),
@@ -149,15 +149,18 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ("[grid]\nx = [9223372036854775808]", "grid.x: expected integers of 64 bits"),
         ("[grid]\nx = {count = 0}", "grid.x: count: expected a number from 1"),
         ("[grid]\nx = {start = 0, stop = 3}", "the fields start, stop"),
-        ("[grid]\nx = {start = 0, stop = 3, step = 0}", "grid.x: no value lies from 0 up to 3"),
-        ("[grid]\nx = {start = 0, stop = 3, step = -1}", "grid.x: no value lies"),
+        (
+            "[grid]\nx = {start = 0, stop = 3, step = 0}",
+            "grid.x: there are no values from 0 up to 3",
+        ),
+        ("[grid]\nx = {start = 0, stop = 3, step = -1}", "grid.x: there are no values"),
         ("[grid]\nx = {start = 0, stop = inf, num = 3}", "grid.x: stop: expected a finite number"),
         ("[grid]\nx = {start = 0, stop = 1e30, step = 1}", "grid.x: the number of values"),
         ("[grid]\nmember = [1]", "'member': expected a name"),
         ("[grid]\nstatus = [1]", "'status': expected a name"),
         ('[grid]\n"a/b" = [1]', "'a/b': expected a name of letters"),
         ("[list]\nx = [1]\ny = [1, 2]", r"\[list\]: expected lists of one length, got x 1, y 2"),
-        ("[grid]\nx = [1]\n[list]\nx = [1]", "x: it is in two of the tables"),
+        ("[grid]\nx = [1]\n[list]\nx = [1]", "x is in two of the tables"),
         ("[list]\nx = [1]\n[random]\nsamples = 1\ny = {uniform = [0, 1]}", "expected one of them"),
         ("[random]\nx = {uniform = [0, 1]}", "random.samples: expected a number from 1"),
         ("[random]\nsamples = 3", r"\[random\]: expected a distribution"),
@@ -167,7 +170,7 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ("[random]\nsamples = 3\nx = {normal = [0, -1]}", "a deviation of at least 0"),
         ("[random]\nsamples = 3\nx = {loguniform = [0, 1]}", "expected positive ends"),
         ("[random]\nsamples = 3\nx = {integers = [0, 1.5]}", "integers of 64 bits"),
-        ("[grid]\nx = [1]\n[fixed]\nx = 3", "fixed.x: it is a parameter too"),
+        ("[grid]\nx = [1]\n[fixed]\nx = 3", "fixed.x is also a parameter"),
         ("chunk = 0\n[grid]\nx = [1]", "chunk: expected a number of members from 1, got 0"),
         ("[grid]\nx = [1]\n[chunk]\ny = 3", "chunk.y: expected a dimension, x"),
         ("[grid]\nx = [1]\n[chunk]\nx = 0", "chunk.x: expected a number of members"),
@@ -175,16 +178,16 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ("task = ", "Invalid value"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, text, named):
+def test_the_error_of_a_specification_names_the_field(tmp_path, text, named):
     if not text.startswith("task"):
         text = 'task = "a:b"\n' + text
-    with pytest.raises(ValueError, match=named) as told:
+    with pytest.raises(ValueError, match=named) as caught:
         load(tmp_path, text)
-    assert str(told.value).startswith(f"{tmp_path / 'spec.toml'}: ")
-    assert "\n" not in str(told.value)
+    assert str(caught.value).startswith(f"{tmp_path / 'spec.toml'}: ")
+    assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_none(tmp_path):
+def test_other_files_are_refused_as_specifications(tmp_path):
     with pytest.raises(FileNotFoundError, match="there is no such file"):
         Spec.load(tmp_path / "spec.toml")
     with pytest.raises(ValueError, match="got a directory"):
@@ -194,7 +197,7 @@ def test_a_file_that_is_none(tmp_path):
         Spec.load(tmp_path / "spec.toml")
 
 
-def test_differences(tmp_path):
+def test_differences_of_fields_are_described(tmp_path):
     old = load(tmp_path, 'task = "a:b"\n[fixed]\nq = 1\n[grid]\nx = {count = 1000}\ny = [1, 2]')
     assert old.differences(old) == []
     comments = load(tmp_path, 'task = "a:b"  # !\nfixed.q = 1\n[grid]\nx.count = 1000\ny = [1,2]')
@@ -213,29 +216,33 @@ def test_differences(tmp_path):
     assert first.differences(second) == ["x: 1000 values there, 1001 here; new: 1000"]
     first = load(tmp_path, f'task = "a:b"\nfixed.q = [{long}]\n[grid]\nx = [1]')
     second = load(tmp_path, f'task = "a:b"\nfixed.q = [{long}.5]\n[grid]\nx = [1]')
-    (told,) = first.differences(second)
-    assert len(told) < 200
-    assert "999] there" in told
-    assert "999.5] here" in told
+    (message,) = first.differences(second)
+    assert len(message) < 200
+    assert "999] there" in message
+    assert "999.5] here" in message
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
-        ("[grid]\nx = [1, 2]", "[grid]\nx = [2, 1]", "x: 2 values there, 2 here; in another order"),
+        (
+            "[grid]\nx = [1, 2]",
+            "[grid]\nx = [2, 1]",
+            "x: 2 values there, 2 here; in a different order",
+        ),
         ("[grid]\nx = [1, 2]", "[grid]\nx = [1, 2.0]", "x: integers there, floats here"),
         ("[grid]\nx = [1]", "[list]\nx = [1]", "x: in [grid] there, in [list] here"),
         ("[grid]\nx = [1]", "[grid]\nx = [1]\ny = [1]", "y: nothing there, 1 value here"),
         ("[grid]\nx = ['a']", "[grid]\nx = ['b']", "x: 1 value there, 1 here; new: b, missing: a"),
     ],
 )
-def test_differences_of_parameters(tmp_path, old, new, told):
+def test_differences_of_parameters_are_described(tmp_path, old, new, message):
     first = load(tmp_path, f'task = "a:b"\n{old}')
     second = load(tmp_path, f'task = "a:b"\n{new}')
-    assert first.differences(second) == [told]
+    assert first.differences(second) == [message]
 
 
-def test_the_same_values_written_otherwise_are_no_difference(tmp_path):
+def test_equal_values_in_other_notation_are_no_difference(tmp_path):
     first = load(tmp_path, 'task = "a:b"\n[grid]\nx = [0, 1, 2]')
     second = load(tmp_path, 'task = "a:b"\n[grid]\nx = {count = 3}')
     assert first.differences(second) == []
@@ -253,7 +260,7 @@ def test_the_same_values_written_otherwise_are_no_difference(tmp_path):
          {"member": [0, -1, 1]}),
     ],
 )  # fmt: skip
-def test_places(tmp_path, old, new, places):
+def test_places_of_the_members_of_a_smaller_sweep(tmp_path, old, new, places):
     first = load(tmp_path, f'task = "a:b"\n{old}')
     found = load(tmp_path, f'task = "a:b"\n{new}').places_in(first)
     assert (found and {name: some.tolist() for name, some in found.items()}) == places

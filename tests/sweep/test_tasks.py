@@ -34,7 +34,7 @@ def width(batch, fixed, seed):
 
 
 @pytest.mark.parametrize("wide", [True, False])
-def test_a_worker_computes_as_widely_as_the_process_that_asks(wide, tmp_path, monkeypatch):
+def test_a_worker_computes_with_the_precision_of_the_driver(wide, tmp_path, monkeypatch):
     monkeypatch.setenv("JAX_ENABLE_X64", "")
     path = tmp_path / "own.py"
     path.write_text(WIDTH)
@@ -178,14 +178,14 @@ def test_rooms_are_the_rooms_of_their_numbers():
     assert environment.positions[0] == place(0, "E3", 2).free.sum()
 
 
-def test_observed_drifters_are_a_task():
+def test_observed_drifters_give_one_number_per_member():
     batch, fixed = {"lag": np.array([5.0, 10.0])}, {"file": DRIFTERS, "cell": 3, "samples": 2}
     found = task("drifters")(batch, fixed, 0)
     assert found.cells.values.tolist() == [40, 40]
     assert found.moves.values[1] < found.moves.values[0] == 3722
     assert found.drifters.values.tolist() == [200, 200]
     assert found.observations.values.tolist() == [3922, 3922]
-    # What has several numbers a member is left to `jaxcell drifters`.
+    # Quantities with several numbers per member are left to `jaxcell drifters`.
     assert "estimates_value" not in found
 
 
@@ -218,11 +218,12 @@ def test_parameters_are_refused_by_name(name):
         rest = {key: value for key, value in needed.items() if key != missing}
         # A filter is of one angle or of several, and neither parameter is needed by itself.
         either = (name, missing) == ("localize", "bounce")
-        told = "expected one angle, or several in bounces" if either else f"{called} needs it"
-        with pytest.raises(ValueError, match=f"{missing}: {told}"):
+        needs = f"{missing}: {called} needs this"
+        message = "expected one of `bounce` or `bounces`" if either else needs
+        with pytest.raises(ValueError, match=message):
             task(name)({swept: np.array([1])}, rest, 0)
 
 
-def test_drawing_rooms_that_cannot_be_in_one_piece_ends():
+def test_drawing_rooms_that_cannot_be_connected_ends():
     with pytest.raises(ValueError, match=r"obstacles: expected so few .*, got 60"):
         random_room(0, 0, 4, 1, 60)

@@ -1,4 +1,4 @@
-"""What is right agrees with the other route, and what was altered does not."""
+"""Right results agree with the other computation, and altered results do not."""
 
 import dataclasses
 import math
@@ -210,7 +210,8 @@ def test_patrols_of_a_map():
     visible = visible_cells(cells, reach)
     policies = patrol.distributed_policies(graph, visible, 2)
     times = np.array([2, 5], np.int32)
-    capture = patrol.capture_probabilities(graph, visible, policies, times)
+    caught = patrol.Capture.of(graph, visible, policies, patrol.Attack(times))
+    capture = caught.probability
     runs = 400
     attack = Vulnerability(
         target=0,
@@ -226,13 +227,14 @@ def test_patrols_of_a_map():
         failure="not asked for",
     )
 
-    right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, capture)
+    right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, caught)
 
     def compare(**other):
         return disagreeing(verify.compare_patrolled_map(dataclasses.replace(right, **other)))
 
     assert compare() == []
-    assert compare(capture=0.999 * capture) == ["capture of some cells"]
+    fewer = dataclasses.replace(caught, probability=0.999 * capture)
+    assert compare(captures=fewer) == ["capture of some cells"]
     hidden = np.argwhere(~visible)[0]
     assert "cells that are seen" in compare(visible=changed(visible, tuple(hidden), True))
     slow = tuple(dataclasses.replace(one, commute_time=one.commute_time + 1) for one in policies)
@@ -272,7 +274,7 @@ def test_drifters(edge):
     assert what.startswith("probability of arriving")
 
 
-def test_what_is_no_number_does_not_agree():
+def test_a_difference_that_is_no_number_does_not_agree():
     assert not verify.Comparison.close("x", [np.nan], [1.0], 1.0).agrees
     assert not verify.Comparison.close("x", [np.inf], [1.0], 1.0, relative=True).agrees
     assert verify.Comparison.close("x", [np.inf, 0.0], [np.inf, 0.0], 0.0, relative=True).agrees

@@ -59,7 +59,7 @@ def test_a_robot_of_known_heading_is_never_lost(name, bounce, headings, step):
 
 
 @pytest.mark.parametrize(("name", "bounce"), [("lab_b", 135), ("complex", 100)])
-def test_a_robot_of_unknown_heading_is_found(name, bounce):
+def test_a_robot_of_unknown_heading_is_localized(name, bounce):
     workspace, angle = load(name), np.radians(bounce)
     runs = drive(workspace, 12, 16, angle, seed=2)
     filter = walls.WallFilter.of(workspace, errors=walls.Errors(distance=0.05))
@@ -233,7 +233,7 @@ def test_a_run_longer_than_the_room_refutes_the_map():
         ),
     ],
 )
-def test_filters_that_cannot_be_are_refused(change, message):
+def test_wrong_settings_of_a_filter_are_refused(change, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         walls.WallFilter.of(load("lab_a"), **change)
 

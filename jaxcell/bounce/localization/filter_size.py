@@ -5,23 +5,23 @@ from ..wall_tables import Walls
 
 
 # All candidates of a robot that knows its heading have the same heading. After a bump they stand at
-# walls; then each runs to its next wall, and those that are still on their way after `t` steps make
-# one state of the filter, until all have bumped. So a state is given by the walls ahead, how
-# much nearer than the farthest each is, and how far off that is: the first two stay the same until
-# the next candidate bumps, and of the third only the range counts.
+# walls, and each runs to its next wall. The candidates that are still running after `t` steps make
+# one state of the filter, until all have bumped. So a state consists of the walls ahead, the
+# differences of their distances from the farthest distance, and that distance. The first two stay
+# the same until the next candidate bumps, and only the range of the third counts.
 
 
 def heading_filter_sizes(
     walls: Walls, shift: Int[np.ndarray, "angles"]
 ) -> Int[np.ndarray, "grids angles"]:
-    """Number of states of the filter of a robot that knows its heading but not its place.
+    """Count the states of the filter of a robot that knows its heading but not its place.
 
-    The robot starts in any free square, in direction 0, with a bump sensor and a clock: the states
-    are the sets of cells that its observations leave possible, the start included and the empty set
-    not, as in [`jaxcell.automata.subset_construction`][]. Runs are not followed cell by cell, so
-    that a state costs less the longer they are.
+    The robot starts in any free square, in direction 0, with a bump sensor and a clock. The states
+    are the sets of cells that its observations leave possible, with the start and without the empty
+    set, as in [`jaxcell.automata.subset_construction`][]. Runs are not followed cell by cell, so
+    states cost less on longer runs.
 
-    Sets are distinguished by sums of 64 bits: among a million states two are taken for one with a
+    Sums of 64 bits distinguish the sets. Among a million states two have equal sums with a
     probability of 3e-8.
 
     **Arguments:**
@@ -39,8 +39,8 @@ def heading_filter_sizes(
         >>> bounce.heading_filter_sizes(walls, np.array([1, 2])).tolist()
         [[14, 8]]
     """
-    found = [_sizes(walls, grid, shift) for grid in range(len(walls.count))]
-    return np.array(found, np.int64).reshape(len(walls.count), shift.size)
+    sizes = [_sizes(walls, grid, shift) for grid in range(len(walls.count))]
+    return np.array(sizes, np.int64).reshape(len(walls.count), shift.size)
 
 
 def _sizes(walls: Walls, grid: int, shift: Int[np.ndarray, "angles"]) -> Int[np.ndarray, "angles"]:
@@ -48,8 +48,8 @@ def _sizes(walls: Walls, grid: int, shift: Int[np.ndarray, "angles"]) -> Int[np.
     directions, slots = walls.way.size, walls.slots
     order = directions // np.gcd(shift, directions)
     first = np.cumsum(order * slots) - order * slots
-    # For each angle, heading and wall: from how far a single candidate has run to it, and whether
-    # one has bumped there.
+    # For each angle, heading and wall: the longest run of a single candidate to it, and whether a
+    # candidate has bumped there.
     farthest = np.full(int((order * slots).sum()), -1, np.int32)
     bumped = np.zeros(farthest.size, bool)
 
@@ -112,7 +112,7 @@ def _sizes(walls: Walls, grid: int, shift: Int[np.ndarray, "angles"]) -> Int[np.
 class _Groups:
     """Candidates sorted by set, then by the length of their runs, the longest first.
 
-    A group are those of a set that bump together.
+    A group is the candidates of a set that bump together.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class _Groups:
         words = np.cumsum(_mix(slot | later << 16))
         before = np.append(np.zeros(1, np.uint64), words)[set_start]
         self.key = words[self.end] - before[of_group]
-        "Encodes the walls ahead of the members up to this group, and how much nearer each is."
+        "Encodes the walls ahead of the members up to this group, and their distances."
         self.size_so_far = self.end - set_start[of_group] + 1
         self.least = later[self.end]
         last_of_set = np.append(of_group[1:] != of_group[:-1], True)
@@ -148,7 +148,7 @@ class _Groups:
     def next_sets(
         self, seen: set[int], bumps: int, order: Int[np.ndarray, "angles"], directions: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The groups of two or more that have not bumped together in the same way before.
+        """Find the groups of two or more candidates that have not bumped together before.
 
         **Returns:** the angle of each, and the set and the wall of each member.
         """
@@ -178,7 +178,7 @@ def _salt(
 
 
 def _mix(x: Int[np.ndarray, "_"]) -> UInt64[np.ndarray, "_"]:
-    """A word of 64 bits for each number, as by SplitMix64."""
+    """Mix numbers into words of 64 bits, as SplitMix64 does."""
     z = (x.astype(np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

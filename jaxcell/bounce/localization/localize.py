@@ -13,18 +13,16 @@ from ...mapping import SimpleMap
 def localization_filter(
     simple_map: SimpleMap, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
 ) -> Filter:
-    """The filter that localizes a robot by its bumps and its clock (Alam 2018, section 2.4).
+    """Make the filter that localizes a robot by its bumps and its clock (Alam 2018, section 2.4).
 
-    The I-state graph of the map becomes a nondeterministic automaton that may start in any cell,
-    that automaton a deterministic one by subset construction, and its states get colours: one for
-    each knowledge cycle.
+    The I-state graph of the map is a nondeterministic automaton that may start in any cell. Subset
+    construction makes it deterministic, and each knowledge cycle colours its states.
 
     **Arguments:**
 
     - `simple_map`: image and observation of every cell.
-    - `open_world`: whether the robot may be somewhere else, so that an observation that cannot
-        occur on the map leads to a trap state (Definition 2.4.6), and is not an error (Definition
-        2.4.5).
+    - `open_world`: whether an observation that cannot occur on the map leads to a trap state
+        (Definition 2.4.6) and is not an error (Definition 2.4.5).
     - `metadata`: kept with the filter, and saved with it.
 
     **Returns:** [`jaxcell.automata.Filter`][].
@@ -98,7 +96,7 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     - `start`: the cell of the robot, which the filter does not know.
 
     **Returns:** [`Localization`][]. With an open-world filter of another map the run may end in the
-    trap instead, with no candidates.
+    trap, without candidates.
 
     **Raises:** `ValueError` if the cell does not exist.
 

@@ -1,8 +1,8 @@
-"""The shares of robots, put down anywhere in the cells, that a filter of cells does not hold.
+"""The shares of robots that start anywhere in the cells and that a filter of cells loses.
 
 The filter assumes a robot at the centre of a cell. A walker that knows the heading moves a robot
-off the centre by the same number of cells. So the robot stays off the centre, and walls stop it in
-other cells than the filter expects.
+that is off the centre by the same number of cells. So the robot stays off the centre, and walls
+stop it in other cells than the filter expects.
 """
 
 import dataclasses
@@ -24,12 +24,12 @@ OBSERVATIONS = 60
 
 
 class Shares(NamedTuple):
-    """The shares of robots whose cell is not among the possible ones."""
+    """The shares of robots whose cell is not among the possible cells."""
 
     lost: float
-    "Robots that are refuted: the map cannot give their observations."
+    "Robots with observations that cannot occur on the map."
     wrong: float
-    "Robots that are not refuted."
+    "All other such robots."
 
 
 @dataclasses.dataclass(eq=False)
@@ -42,7 +42,7 @@ class OffCentre:
     step: Float[np.ndarray, "directions 2"]
     "The step in each direction, in cells."
     path: Float[np.ndarray, "directions corners 2"]
-    "The path that has to be free in each direction, from corner to corner, in cells."
+    "The corners of the path that has to be free in each direction, in cells."
     offset: Float[np.ndarray, "robots 2"]
     "The place of each robot in its square, from 0 to 1."
     square: Int[np.ndarray, "robots 2"]
@@ -61,7 +61,7 @@ class OffCentre:
     ) -> "OffCentre":
         """Draw robots uniformly from the squares of free cells, and from the directions.
 
-        A point of a square that lies in an obstacle is drawn again.
+        Points in obstacles are drawn again.
 
         **Arguments:**
 
@@ -69,7 +69,7 @@ class OffCentre:
         - `count`: number of robots.
         - `seed`: of the random numbers.
         - `motion`: how the robots move.
-        - `walker`: whether all that a walker drives has to be free, and not only the step.
+        - `walker`: whether the whole path of a walker has to be free, and not only the step.
         """
         length = motion.in_cells(cells.cell)
         steps = np.array(
@@ -77,20 +77,20 @@ class OffCentre:
         )
         rng = np.random.default_rng(seed)
         path = walker_path(cells, motion) if walker else np.stack([0 * steps, steps], axis=1)
-        found = cls(cells, motion, _free_space(cells), steps, path, *_draw(cells, count, rng))
-        while (inside := ~found._is_free(found.offset + found.square)).any():
+        robots = cls(cells, motion, _free_space(cells), steps, path, *_draw(cells, count, rng))
+        while (inside := ~robots._is_free(robots.offset + robots.square)).any():
             again = _draw(cells, int(inside.sum()), rng)
-            found.offset[inside], found.square[inside], found.direction[inside] = again
-        return found
+            robots.offset[inside], robots.square[inside], robots.direction[inside] = again
+        return robots
 
     @property
     def cell(self) -> Int[np.ndarray, "robots"]:
-        """The cell of each robot, -1 where that is not free."""
+        """The cell of each robot, -1 if it is not free."""
         position = self.cells.position_of_square[*self.square.T[::-1]]
         return np.where(position < 0, -1, self.direction * self.cells.positions + position)
 
     def advance(self) -> Bool[np.ndarray, "robots"]:
-        """Move each robot by a step, unless a wall is in the way; return which robots bump."""
+        """Move each robot by a step unless a wall blocks it; return a mask of the bumps."""
         step = self.step[self.direction]
         point = self.offset + self.square
         # The step leads from the centre of a cell into the cell where the robot is next.
@@ -113,13 +113,7 @@ class OffCentre:
 
 
 def walker_path(cells: CellSpace, motion: Motion) -> Float[np.ndarray, "directions 3 2"]:
-    """The path of a walker in each direction: its start and the ends of its stretches, in cells.
-
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `motion`: how the robot moves.
-    """
+    """Trace a step of a walker in each direction: its start and the ends of its stretches."""
     first, turn, rest = stride_legs(cells.directions, 1.0, motion.in_cells(cells.cell)).T
     heading = 2 * np.pi * np.arange(cells.directions) / cells.directions
     begin = first * np.exp(1j * heading)
@@ -135,12 +129,11 @@ def filter_shares(
     *,
     walker: bool = False,
 ) -> Shares:
-    """The shares of robots, put down anywhere in the cells, that a filter does not hold.
+    """Measure the shares of robots that start anywhere in the cells and that a filter loses.
 
     **Arguments:**
 
-    - `filter`: a filter of these cells.
-    - `cells`: the cell space.
+    - `filter`, `cells`: a filter of these cells.
     - `shift`: directions that a robot turns by at a bump.
     - `motion`, `walker`: as for [`OffCentre.drawn`][].
     """
@@ -158,17 +151,16 @@ def filter_shares(
 def policy_shares(
     policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Motion
 ) -> Shares:
-    """The same of a policy, by what it holds possible at the last bump.
+    """Measure the shares of a policy, by its possible cells at the last bump.
 
     **Arguments:**
 
-    - `policy`: a policy of these cells.
-    - `cells`: the cell space.
+    - `policy`, `cells`: a policy of these cells.
     - `shifts`: directions that a robot turns by, for each angle.
     - `motion`: how a robot moves.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
-    # The next bumps in the order of this key, and a last one that no robot has.
+    # The next bumps in the order of this key, and a last key that no robot has.
     width = int(policy.steps.max()) + OBSERVATIONS + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
     keys = np.append(owner * width + policy.steps, policy.turn.size * width)
@@ -200,21 +192,21 @@ def _shares(
     lost: Bool[np.ndarray, "robots"],
 ) -> Shares:
     left = zip(state[~lost].tolist(), cell[~lost].tolist(), strict=True)
-    wrong = sum(one not in automaton.cells(at) for at, one in left)
+    wrong = sum(place not in automaton.cells(number) for number, place in left)
     return Shares(lost.mean().item(), wrong / lost.size)
 
 
 def _draw(
     cells: CellSpace, count: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "robots 2"], Int[np.ndarray, "robots 2"], Int[np.ndarray, "robots"]]:
-    """The place in the square, the square, and the direction of robots."""
+    """Draw the place in the square, the square, and the direction of robots."""
     direction, position = np.divmod(rng.integers(cells.size, size=count), cells.positions)
     row, column = np.divmod(cells.square[position], cells.free.shape[1])
     return rng.uniform(size=(count, 2)), np.stack([column, row], axis=1), direction
 
 
 def _free_space(cells: CellSpace) -> shapely.Geometry:
-    """The free space with the tolerance of the cells, so that a step may graze a corner."""
+    """Make the free space with the tolerance of the cells, so that a step may graze a corner."""
     if cells.workspace is None:
         row, column = np.divmod(cells.square, cells.free.shape[1])
         x, y = (

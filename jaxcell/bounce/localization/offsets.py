@@ -29,7 +29,7 @@ from .result import LocalizationFilter
 
 
 LIMIT = 64
-# Above so many lines, offsets are drawn to count their classes.
+# Above this number of lines, offsets are drawn to count their classes.
 _LINES = 200
 _THIN = 1e-9
 
@@ -70,7 +70,7 @@ class Offsets:
         robots = OffCentre.drawn(cells, cells.size, 0, motion=motion, walker=True)
         direction, position = np.divmod(np.arange(cells.size), cells.positions)
         row, column = np.divmod(cells.square[position], cells.free.shape[1])
-        found: dict[bytes, tuple] = {}
+        classes: dict[bytes, tuple] = {}
         for offset in drawn:
             robots = dataclasses.replace(
                 robots,
@@ -79,24 +79,19 @@ class Offsets:
                 direction=direction,
             )
             bumped = robots.advance()
-            found.setdefault(np.packbits(bumped).tobytes(), (offset, bumped))
-            if len(found) > limit:
+            classes.setdefault(np.packbits(bumped).tobytes(), (offset, bumped))
+            if len(classes) > limit:
                 break
-        if len(found) > limit or not few:
+        if len(classes) > limit or not few:
             raise ValueError(
-                f"map: offsets within a cell have at least {len(found)} classes; expected at most "
-                f"{limit}, which can be found; use --anywhere"
+                f"map: offsets within a cell have at least {len(classes)} classes; expected at "
+                f"most {limit}, which can be found; use --anywhere"
             )
-        offsets, bumps = zip(*found.values(), strict=True)
+        offsets, bumps = zip(*classes.values(), strict=True)
         return cls(cells, motion, np.array(offsets), np.array(bumps))
 
     def bounce_map(self, bounce: float) -> SimpleMap:
-        """The image of every cell of every class, at `class * cells.size + cell`.
-
-        **Arguments:**
-
-        - `bounce`: bouncing angle in radians, counter-clockwise.
-        """
+        """Compute the image of every cell of every class, at `class * cells.size + cell`."""
         cells, classes = self.cells, len(self.offset)
         shift = int(bounce_shift(bounce, cells.directions))
         direction, position = np.divmod(np.arange(cells.size), cells.positions)
@@ -137,7 +132,7 @@ class OffsetLocalized(LocalizationFilter):
 
     @functools.cached_property
     def shares(self) -> Shares:
-        """The shares of robots that start anywhere in the cells and are not held."""
+        """The shares of robots that start anywhere in the cells and are lost or placed wrongly."""
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
@@ -150,12 +145,7 @@ class OffsetLocalized(LocalizationFilter):
         return self.shares.wrong
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
-        """The filter with the possible cells of each state, in place of its configurations.
-
-        **Arguments:**
-
-        - `metadata`: kept with the filter.
-        """
+        """Make the filter with the possible cells of each state instead of its configurations."""
         filter, size = self.filter, self.cells.size
         state = np.repeat(np.arange(len(filter.transition)), np.diff(filter.offsets))
         owner, member = np.divmod(np.unique(state * size + filter.members % size), size)
@@ -170,11 +160,11 @@ class OffsetLocalized(LocalizationFilter):
 def _lines(
     path: Float[np.ndarray, "directions corners 2"],
 ) -> list[tuple[float, float, float]]:
-    """The lines `a x + b y = c` between offsets from which paths pass different squares."""
-    found: dict[tuple[float, float, float], None] = {}
+    """List the lines `a x + b y = c` between offsets whose paths pass different squares."""
+    lines: dict[tuple[float, float, float], None] = {}
     for corners in path:
         for across, up in (-corners % 1).tolist():
-            found |= {(1.0, 0.0, round(across, 9)): None, (0.0, 1.0, round(up, 9)): None}
+            lines |= {(1.0, 0.0, round(across, 9)): None, (0.0, 1.0, round(up, 9)): None}
         for begin, end in itertools.pairwise(corners):
             along = end - begin
             length = np.hypot(*along)
@@ -186,17 +176,17 @@ def _lines(
             low, high = np.floor(np.minimum(begin, end)), np.ceil(np.maximum(begin, end)) + 1
             square = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1].reshape(2, -1).T
             for level in np.unique(np.round((square - begin) @ normal, 9)).tolist():
-                found[float(round(normal[0], 9)), float(round(normal[1], 9)), level] = None
+                lines[float(round(normal[0], 9)), float(round(normal[1], 9)), level] = None
     corner = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
     return [
         (a, b, c)
-        for a, b, c in found
+        for a, b, c in lines
         if (corner @ (a, b)).min() + _THIN < c < (corner @ (a, b)).max() - _THIN
     ]
 
 
 def _faces(lines: list[tuple[float, float, float]]) -> Float[np.ndarray, "faces 2"]:
-    """A point in each face that lines cut the unit square into."""
+    """Find a point in each face that lines cut the unit square into."""
     cell = shapely.box(0, 0, 1, 1)
     ends = [((a * c - 2 * b, b * c + 2 * a), (a * c + 2 * b, b * c - 2 * a)) for a, b, c in lines]
     cuts = [shapely.intersection(shapely.LineString(one), cell) for one in ends]

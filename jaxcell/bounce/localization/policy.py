@@ -43,13 +43,13 @@ class LocalizationPolicy(States):
     aim: Aim
     policy: Policy
     roadmap: Roadmap
-    "Where the robot bumps, and where it can go from there."
+    "The cells where the robot bumps, and the cells after each bump."
     least: Annotated[float, quantity("", "bumps that no policy does with less than")]
-    "At worst, or in the mean over the starts: what `aim` makes small."
+    "At worst, or in the mean over the starts, by `aim`."
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
     wall_class: Int[np.ndarray, "walls"]
-    "What no choice of angles tells apart, for the cells where the robot bumps."
+    "The class of each wall; no choice of angles distinguishes the walls of a class."
     bumps_needed: Annotated[
         Int[np.ndarray, "directions positions"],
         quantity("direction position", "bumps until it is localized, by its start", kind="count"),
@@ -59,8 +59,8 @@ class LocalizationPolicy(States):
         quantity("direction position", "state where it is localized, by its start", kind="index"),
     ]
     fixed: Homing
-    """One sequence of angles for all starts, whatever is observed; without the first bump. With the
-    goal `"position"` one place is left after some bump of it, which need not be the last."""
+    """One sequence of angles for all starts and observations, without the first bump. With the goal
+    `"position"` one place is left after some bump of the sequence, not always the last one."""
 
     @property
     def automaton(self) -> Policy:
@@ -77,30 +77,30 @@ class LocalizationPolicy(States):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = []
+        remarks = []
         if not self.answered:
             what = "place" if self.goal == "position" else "cell"
-            found.append(
+            remarks.append(
                 f"No choice of these angles brings every robot down to one {what}: they leave up "
                 f"to {self.largest_uncertainty:,} cells that cannot be told apart."
             )
         if not self.optimal:
             how = "at worst" if self.aim == "worst" else "in the mean"
             needs = self.worst_bumps if self.aim == "worst" else self.mean_bumps
-            found.append(
+            remarks.append(
                 f"The search ended at its limit after {self.searched:,} sets of cells: this policy "
                 f"needs {needs:.4g} bumps {how}, and none needs less than {self.least:.4g}."
             )
         if self.goal == "position" and self.answered and (places := self._fixed_places) > 1:
-            found.append(
+            remarks.append(
                 f"A robot that turns by the one sequence for all starts has to stop as soon as one "
                 f"place is left: at the end of the sequence up to {places} are possible again."
             )
-        return tuple(found)
+        return tuple(remarks)
 
     @property
     def _fixed_places(self) -> int:
-        """The most places left at the end of the one sequence, whatever is observed on it."""
+        """The most places that are left at the end of the one sequence, over all observations."""
         wall, observed = self.roadmap.wall, self.roadmap.length
         for number in self.fixed.inputs.tolist():
             turned = self.roadmap.turned[number, wall]
@@ -185,9 +185,9 @@ class LocalizationPolicy(States):
 
         **Arguments:**
 
-        - `start`: the cell of the robot, which the policy is not told.
+        - `start`: the cell of the robot, which the policy does not know.
 
-        **Returns:** [`jaxcell.bounce.Localization`][], whose states are those of the last bump.
+        **Returns:** [`jaxcell.bounce.Localization`][], with the state of the last bump over time.
 
         **Raises:** `ValueError` if the cell does not exist.
         """
@@ -214,9 +214,9 @@ class LocalizationPolicy(States):
         )
 
     def checks(self) -> Checks:
-        apart = self.roadmap.wall_cell.size
+        walls = self.roadmap.wall_cell.size
         ends = [self.policy.cells(state) for state in self.policy.ends.tolist()]
-        mixed = sum(np.unique(self.cell_class[one]).size > 1 for one in ends)
+        mixed = sum(np.unique(self.cell_class[cells]).size > 1 for cells in ends)
         return {
             "ends_that_can_be_told_apart": (mixed if self.goal != "position" else 0, 0),
             "members_that_are_no_walls": (
@@ -225,7 +225,7 @@ class LocalizationPolicy(States):
             ),
             "least_above_what_is_needed": (
                 max(0.0, self.least - max(self.worst_bumps, self.mean_bumps)),
-                1e-9 * apart,
+                1e-9 * walls,
             ),
         }
 
@@ -240,32 +240,29 @@ def localization_policy(
     limit: int = 5_000_000,
     metadata: Mapping[str, Any] | None = None,
 ) -> LocalizationPolicy:
-    """The choice among angles at each bump that localizes a robot in the fewest bumps.
+    """Find the choice among angles at each bump that localizes a robot in the fewest bumps.
 
     A robot that knows neither its place nor its heading counts the steps to its first bump. From
-    then on it turns at each bump by the angle that the policy has for what it observed so far, and
-    the steps to the next bump leave of the cells where it may be those that are so far from a wall.
-    Runs are straight, so that two cells never become one (all cells of a line are at different
-    distances from its wall), and what a set of cells needs depends on nothing but the set: the
-    policies are the choices of an AND-OR graph of sets.
+    then on it turns at each bump by the angle of the policy for its observations so far. The steps
+    to the next bump leave the possible cells at that distance from a wall. Runs are straight, so
+    two cells never become one cell (all cells of a line are at different distances from its wall).
+    So the further bumps of a set of cells depend on the set alone, and the policies are the choices
+    of an AND-OR graph of sets.
 
     **Arguments:**
 
     - `cells`: the cell space.
     - `bounces`: the angles to choose from, in radians, counter-clockwise.
-    - `goal`: what to find out: the `"cell"`, the `"position"` whatever the heading, or as much as
-        these angles can tell, the `"class"` of cells that no choice of them tells apart. Where a
-        cell, or a position, cannot be found out, the policy stops at the class too.
-    - `aim`: whether the bumps until then are to be few at `"worst"`, or in the `"mean"` over all
-        starts.
+    - `goal`: the `"cell"`, the `"position"` with any heading, or the `"class"` of cells that no
+        choice of these angles distinguishes. If a cell or a position cannot be determined, the
+        policy stops at the class too.
+    - `aim`: minimise the bumps at `"worst"`, or in the `"mean"` over all starts.
     - `motion`: how the robot moves.
-    - `limit`: how many cells the searched sets may have together. Beyond it the policy is the best
-        that was found, at least as good as the greedy one, and `least` is what is proved of all.
+    - `limit`: the largest number of cells of all searched sets together. Beyond it the policy is
+        the best that was found, at least as good as the greedy policy, and `least` is a bound.
     - `metadata`: kept with the policy, and saved with it.
 
     **Returns:** [`LocalizationPolicy`][].
-
-    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.plan`][].
 
     In the laboratory of the dissertation a robot that turns by 45 degrees only ends in one of up to
     four cells. One that may also turn by 135 degrees is always localized:
@@ -282,8 +279,8 @@ def localization_policy(
     images, lengths = roadmap.wall[roadmap.turned], roadmap.length[roadmap.turned]
     roots = [roadmap.wall[roadmap.length == t] for t in range(int(roadmap.length.max()) + 1)]
     place = roadmap.wall_cell % cells.positions if goal == "position" else None
-    found = adaptive_choice(images, lengths, roots, place=place, aim=aim, limit=limit)
-    policy = _policy(cells, roadmap, found, metadata or {})
+    decisions = adaptive_choice(images, lengths, roots, place=place, aim=aim, limit=limit)
+    policy = _policy(cells, roadmap, decisions, metadata or {})
     bumps, ends = _all_runs(roadmap, policy, images, lengths)
     shape = cells.directions, cells.positions
     return LocalizationPolicy(
@@ -294,9 +291,9 @@ def localization_policy(
         aim=aim,
         policy=policy,
         roadmap=roadmap,
-        least=1.0 + (max(found.lower) if aim == "worst" else sum(found.lower) / cells.size),
-        optimal=found.optimal,
-        searched=found.searched,
+        least=1.0 + (max(decisions.lower) if aim == "worst" else sum(decisions.lower) / cells.size),
+        optimal=decisions.optimal,
+        searched=decisions.searched,
         wall_class=levels(images, lengths)[-1],
         bumps_needed=bumps.reshape(shape),
         end_state=ends.reshape(shape),
@@ -305,16 +302,16 @@ def localization_policy(
 
 
 def _policy(
-    cells: CellSpace, roadmap: Roadmap, found: Decisions, metadata: Mapping[str, Any]
+    cells: CellSpace, roadmap: Roadmap, decisions: Decisions, metadata: Mapping[str, Any]
 ) -> Policy:
-    """The policy of sets of walls, after a start where the robot may be in any cell."""
-    after = [dict(enumerate(found.roots)), *found.after]
-    members = [np.arange(cells.size), *(roadmap.wall_cell[list(one)] for one in found.sets)]
+    """Make the policy of sets of walls, after a start in any cell."""
+    after = [dict(enumerate(decisions.roots)), *decisions.after]
+    members = [np.arange(cells.size), *(roadmap.wall_cell[list(set)] for set in decisions.sets)]
     return Policy(
-        turn=np.array([-1, *found.choice], np.int32),
+        turn=np.array([-1, *decisions.choice], np.int32),
         first=np.cumsum([0, *map(len, after)], dtype=np.int32),
-        steps=np.array([steps for one in after for steps in one], np.int32),
-        target=np.array([1 + number for one in after for number in one.values()], np.int32),
+        steps=np.array([steps for bumps in after for steps in bumps], np.int32),
+        target=np.array([1 + number for bumps in after for number in bumps.values()], np.int32),
         offsets=np.cumsum([0, *map(len, members)], dtype=np.int32),
         members=np.concatenate(members).astype(np.int32),
         metadata=metadata,
@@ -327,8 +324,8 @@ def _all_runs(
     images: Int[np.ndarray, "angles walls"],
     lengths: Int[np.ndarray, "angles walls"],
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """The bumps from every cell until the policy ends, and the state in which it does."""
-    # The next bump by state and steps: bumps are listed in the order of this key.
+    """Count the bumps from every cell until the policy ends, and find the last state."""
+    # Bumps are listed in the order of this key of state and steps.
     width = int(roadmap.length.max()) + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
     keys = owner * width + policy.steps
@@ -359,7 +356,7 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
 
         **Raises:** `ValueError` if the cell does not exist.
         """
-        fields = {one.name: getattr(policy, one.name) for one in dataclasses.fields(policy)}
+        fields = {field.name: getattr(policy, field.name) for field in dataclasses.fields(policy)}
         return cls(**fields, run=policy.drive(start))
 
     @functools.cached_property
@@ -371,7 +368,7 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
     def beliefs(self) -> list[Int[np.ndarray, "_"]]:
         roadmap = self.roadmap
         cells = np.arange(roadmap.size, dtype=np.int32)
-        found = [cells]
+        beliefs = [cells]
         for observation, state in zip(self.run.observations, self.run.states[1:], strict=True):
             cells = cells[(roadmap.length[cells] == 0) == observation]
             turn = self.policy.turn[state]
@@ -380,8 +377,8 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
             elif turn >= 0:
                 cells = roadmap.turned[turn, roadmap.wall[cells]]
             cells = np.sort(cells)
-            found.append(cells)
-        return found
+            beliefs.append(cells)
+        return beliefs
 
     @derived("time", "number of the angle that the robot has just turned by", kind="index")
     def turned_by(self) -> Int[np.ndarray, "times"]:

@@ -17,14 +17,14 @@ from .off_centre import OBSERVATIONS, STARTS, Shares, filter_shares
 
 
 class States(Result):
-    """What there is to say of the states of a filter or a policy.
+    """The states of a filter or a policy.
 
     The configurations of state `s` are `member[offset[s]:offset[s + 1]]`.
     """
 
     @property
     def automaton(self) -> Filter | Policy:
-        """What the states are of."""
+        """The filter or the policy."""
         raise NotImplementedError
 
     @derived("state", "cells where the robot may be", "cells", kind="count")
@@ -114,7 +114,7 @@ class LocalizationFilter(States):
         return self.filter.color
 
     def checks(self) -> Checks:
-        # What is left after either observation was there before, so both are no more together.
+        # The cells that are left after the two observations are images of the cells before.
         known = np.where(self.transition >= 0, self.uncertainty[self.transition], 0)
         gain = known.sum(axis=1) > self.uncertainty
         members = np.abs(self.uncertainty - np.diff(self.offset)).max()
@@ -125,7 +125,7 @@ class LocalizationFilter(States):
 
 
 class Candidates(Result):
-    """Where a robot may be at the end of a run."""
+    """The possible cells of a robot at the end of a run."""
 
     cells: CellSpace
 
@@ -148,11 +148,11 @@ class Candidates(Result):
 
 
 class RunOnMap(Candidates):
-    """What there is to say of a simulated robot over time, and of where it may be at the end."""
+    """A simulated robot over time, and its possible cells."""
 
     run: Localization
     may_lose: ClassVar[bool] = False
-    "Whether the robot may be in none of the cells, so that this is reported without a limit."
+    "True if the robot may be in none of the possible cells, which is reported without a limit."
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:
@@ -160,12 +160,12 @@ class RunOnMap(Candidates):
 
     @property
     def beliefs(self) -> list[Int[np.ndarray, "_"]]:
-        """The cells where the robot may be, over time."""
+        """The possible cells of the robot, over time."""
         raise NotImplementedError
 
     @functools.cached_property
     def off_centre(self) -> Shares:
-        """The shares of robots that start anywhere in the cells and are not held."""
+        """The shares of robots that start anywhere in the cells and are lost or placed wrongly."""
         raise NotImplementedError
 
     @property
@@ -256,10 +256,8 @@ class Localized(RunOnMap, LocalizationFilter):
                 f"filter: it starts in doubt over {first} cells, but there are {size}; it is not "
                 "of these cells"
             )
-        for name, what, count in (
-            ("path", "cell", size),
-            ("states", "state", len(self.filter.transition)),
-        ):
+        limits = ("path", "cell", size), ("states", "state", len(self.filter.transition))
+        for name, what, count in limits:
             values = getattr(self.run, name)
             for i in np.flatnonzero((values < 0) | (values >= count)).tolist()[:1]:
                 raise ValueError(

@@ -16,13 +16,13 @@ from .routes import Routes, block_size, costs, solve
 from .store import read_roadmap, read_routes, write_plans
 
 
-# Costs of so many pairs are read at a time.
+# Pairs whose costs are read at a time.
 _PAIRS = 1 << 24
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CostSummary(Result):
-    """What the plans between all pairs of cells cost."""
+    """The costs of the plans between all pairs of cells."""
 
     title: ClassVar[str] = "Costs of the plans between all pairs of cells"
 
@@ -50,8 +50,8 @@ class AllPlans:
     """The cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
     Only the routes from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or
-    in a file, from which what is asked for is read. All else is read off them: a plan bump by bump,
-    a cost as that of a run to the wall, of a route, and of a run from the entry to the goal.
+    in a store. Plans and costs follow from them. The cost of a plan is the cost of a run to the
+    wall, a route, and a run from the entry to the goal.
     """
 
     cells: CellSpace
@@ -60,39 +60,39 @@ class AllPlans:
     "The routes to all entries, or the store that holds them."
 
     def plan(self, start: int, goal: int) -> Plan:
-        """What [`jaxcell.bounce.plan`][] gives."""
+        """Find the plan of [`jaxcell.bounce.plan`][]."""
         roadmap = self.roadmap
         start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
-        return read_plan(self.cells, roadmap, self._ways(roadmap.entry_of[[goal]]), start, goal)
+        return read_plan(self.cells, roadmap, self._routes(roadmap.entry_of[[goal]]), start, goal)
 
     def costs(
         self, goals: Int[np.ndarray, "goals"] | None = None
     ) -> Shaped[np.ndarray, "cells goals"]:
-        """What the plans from all cells to some goals cost, -1 where there is no path.
+        """Compute the costs of the plans from all cells to goals, -1 for no path.
 
         **Arguments:**
 
-        - `goals`: cells, all by default. The result has `cells * goals` entries.
+        - `goals`: cells, all by default.
         """
         goals, entries, of = self._goals(goals)
-        return costs(self.roadmap, self._ways(entries).cost[of], goals)
+        return costs(self.roadmap, self._routes(entries).cost[of], goals)
 
     def actions(
         self, goals: Int[np.ndarray, "goals"] | None = None
     ) -> Integer[np.ndarray, "cells goals"]:
-        """The first action of the plan from each cell to some goals.
+        """Find the first action of the plan from each cell to goals.
 
         **Arguments:**
 
         - `goals`: cells, all by default.
 
-        **Returns:** 0 for a step forward, `k + 1` for a bump with angle `k`, -1 where there is no
-        path, or nothing left to do.
+        **Returns:** 0 for a step forward, `k + 1` for a bump with angle `k`, -1 for no path and at
+        the goal.
         """
         goals, entries, of = self._goals(goals)
-        routes = self._ways(entries)
+        routes = self._routes(entries)
         result = np.where(routes.cost < 0, -1, 0).astype(routes.turn.dtype)[of].T[self.roadmap.wall]
-        turn = routes.first_turn()[of].T
+        turn = np.take_along_axis(routes.turn, routes.layer[:, None], axis=1)[of, 0].T
         result[self.roadmap.wall_cell] = np.where(turn < 0, -1, turn + 1)
         result[self.roadmap.straight(goals)] = 0
         result[goals, np.arange(goals.size)] = -1
@@ -101,33 +101,31 @@ class AllPlans:
     def angles_used(
         self, goals: Int[np.ndarray, "goals"] | None = None
     ) -> Integer[np.ndarray, "cells goals"]:
-        """How many different angles the plan from each cell to some goals uses.
+        """Count the different angles of the plan from each cell to goals, -1 for no path.
 
         **Arguments:**
 
         - `goals`: cells, all by default.
-
-        **Returns:** the numbers, -1 where there is no path.
         """
         goals, entries, of = self._goals(goals)
-        routes = self._ways(entries)
+        routes = self._routes(entries)
         used = np.where(routes.cost < 0, -1, _angles_used(self.roadmap, routes, entries))
         result = used.astype(routes.turn.dtype)[of].T[self.roadmap.wall]
         result[self.roadmap.straight(goals)] = 0
         return result
 
     def cost_summary(self) -> CostSummary:
-        """What the plans cost, and a costliest one."""
+        """Summarise the costs of all plans, and find a costliest plan."""
         size, pairs, total, largest, ends = self.roadmap.size, 0, 0.0, -1.0, (0, 0)
         block = max(1, _PAIRS // size)
         for begin in range(0, size, block):
-            found = self.costs(np.arange(begin, min(begin + block, size)))
-            known = found[found >= 0]
+            costs = self.costs(np.arange(begin, min(begin + block, size)))
+            known = costs[costs >= 0]
             pairs += known.size
             total += float(known.sum(dtype=float))
-            start, goal = np.unravel_index(found.argmax(), found.shape)
-            if found[start, goal] > largest:
-                largest, ends = float(found[start, goal]), (int(start), begin + int(goal))
+            start, goal = np.unravel_index(costs.argmax(), costs.shape)
+            if costs[start, goal] > largest:
+                largest, ends = float(costs[start, goal]), (int(start), begin + int(goal))
         return CostSummary(self.cells, pairs / size**2, total / pairs, largest, self.plan(*ends))
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -135,7 +133,7 @@ class AllPlans:
 
         **Raises:** `FileNotFoundError` if the parent folder does not exist.
         """
-        write_plans(path, self.roadmap, map(self._ways, _blocks(self.roadmap)))
+        write_plans(path, self.roadmap, map(self._routes, _blocks(self.roadmap)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
@@ -154,15 +152,15 @@ class AllPlans:
     def _goals(
         self, goals: Int[np.ndarray, "goals"] | None
     ) -> tuple[Int[np.ndarray, "goals"], Int[np.ndarray, "some"], Int[np.ndarray, "goals"]]:
-        """The goals, the entries that lead to them, and which of these leads to each."""
+        """List the goals, the entries that lead to them, and the index of the entry of each."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
             self.roadmap.check_cell(wrong, "goals")
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
-    def _ways(self, entries: Int[np.ndarray, "some"]) -> Routes:
-        """The routes to entries in ascending order; none leads to entry -1."""
+    def _routes(self, entries: Int[np.ndarray, "some"]) -> Routes:
+        """Find the routes to entries in ascending order; no route leads to entry -1."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
             return solve(self.roadmap, entries)
@@ -188,7 +186,7 @@ def all_plans(
     store: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> AllPlans:
-    """Cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
+    """Find cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
     **Arguments:**
 
@@ -204,7 +202,7 @@ def all_plans(
     free memory and there is no store; `FileNotFoundError` if the parent folder of the store does
     not exist.
 
-    What the plans from all six cells of a corridor to cell 0 cost:
+    The costs of the plans from all six cells of a corridor to cell 0:
 
         >>> import math
         >>> import numpy as np
@@ -217,7 +215,7 @@ def all_plans(
     roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
 
     if store is None:
-        # Costs, layers and turns, and once more where the parts are joined.
+        # Costs, layers and turns, twice because the parts are joined.
         state = roadmap.number.itemsize + roadmap.small.itemsize * (1 + len(roadmap.bounces))
         memory.check(
             2.0 * state * roadmap.entry.size * roadmap.walls,
@@ -226,10 +224,10 @@ def all_plans(
         )
 
     def solved() -> Iterator[Routes]:
-        for some in _blocks(roadmap):
-            yield solve(roadmap, some)
+        for block in _blocks(roadmap):
+            yield solve(roadmap, block)
             if progress is not None:
-                progress(int(some[-1]) + 1, roadmap.entry.size)
+                progress(int(block[-1]) + 1, roadmap.entry.size)
 
     if store is not None:
         write_plans(store, roadmap, solved())
@@ -238,7 +236,7 @@ def all_plans(
 
 
 def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
-    """The entries in blocks that are best solved at once."""
+    """Split the entries into blocks that are solved at once."""
     size = block_size(roadmap)
     entries = np.arange(roadmap.entry.size)
     return [entries[i : i + size] for i in range(0, entries.size, size)]
@@ -247,26 +245,26 @@ def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
 def _angles_used(
     roadmap: Roadmap, routes: Routes, entries: Int[np.ndarray, "entries"]
 ) -> Integer[np.ndarray, "entries walls"]:
-    """How many angles the routes use, found by doubling: after r rounds those of 2^r bumps."""
-    some, angles, walls = routes.turn.shape
+    """Count the angles of routes by doubling: round r finds the angles of the first 2^r bumps."""
+    count, angles, walls = routes.turn.shape
     turn = routes.turn.astype(np.int32)
     wall = np.arange(walls)
     cell = roadmap.turned[turn, wall]
     layer = turn if roadmap.method == "exact" else np.arange(angles, dtype=np.int32)[:, None]
     over = (turn < 0) | roadmap.runs_through(cell, roadmap.entry[entries][:, None, None])
     end = angles * walls
-    onward = np.where(over, end, layer * walls + roadmap.wall[cell]).reshape(some, -1)
+    onward = np.where(over, end, layer * walls + roadmap.wall[cell]).reshape(count, -1)
     onward = np.pad(onward, ((0, 0), (0, 1)), constant_values=end)
-    turn = np.pad(turn.reshape(some, -1), ((0, 0), (0, 1)), constant_values=-1)
+    turn = np.pad(turn.reshape(count, -1), ((0, 0), (0, 1)), constant_values=-1)
     used = [turn == k for k in range(angles)]
     for _ in range(end.bit_length() + 1):
         if (onward == end).all():
             break
-        for one in used:
-            one |= np.take_along_axis(one, onward, axis=1)
+        for by_angle in used:
+            by_angle |= np.take_along_axis(by_angle, onward, axis=1)
         onward = np.take_along_axis(onward, onward, axis=1)
     else:
         raise ValueError("the plans do not lead to their goals; their store was altered")
     first = routes.layer.astype(np.int32) * walls + wall
-    count = sum(np.take_along_axis(one, first, axis=1).astype(routes.turn.dtype) for one in used)
-    return np.asarray(count)
+    each = (np.take_along_axis(by_angle, first, axis=1) for by_angle in used)
+    return np.asarray(sum(by_angle.astype(routes.turn.dtype) for by_angle in each))

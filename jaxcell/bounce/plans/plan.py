@@ -17,14 +17,14 @@ _SENSE = "counter-clockwise"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan(Result):
-    """What a robot does to get from one cell to another (Alam 2018, Alg. 3.1)."""
+    """The actions of a robot that goes from one cell to another (Alam 2018, Alg. 3.1)."""
 
     title: ClassVar[str] = "Plan of a bouncing robot"
     tables: ClassVar[Mapping[str, str]] = {"leg": "legs"}
 
     cells: CellSpace
     roadmap: Roadmap
-    "The costs and the angles that the plan is for."
+    "The costs and the angles of the plan."
     start: Annotated[int, quantity("", "start", kind="cell")]
     goal: Annotated[int, quantity("", "goal", kind="cell")]
     cost: Annotated[int | float, quantity("", "cost of the plan, -1 if there is no path")]
@@ -43,9 +43,9 @@ class Plan(Result):
         Int[np.ndarray, "steps+1"],
         quantity("time", "cells that the robot visits", kind="cell", listed=True),
     ]
-    "The start alone if there is no path."
+    "Only the start if there is no path."
     reaching: Bool[np.ndarray, "cells"]
-    "The cells from which the goal can be reached, itself among them."
+    "A mask of the cells from which the goal can be reached, with the goal."
 
     @property
     def answered(self) -> bool:
@@ -118,28 +118,28 @@ class Plan(Result):
 
     @property
     def _legs(self) -> Int[np.ndarray, "legs"]:
-        """Where the action differs from that before."""
+        """The moves whose action differs from the action before."""
         return np.flatnonzero(np.diff(self.actions, prepend=np.nan))
 
     def checks(self) -> Checks:
         turn = np.rint(self.actions * self.cells.directions / (2 * np.pi)).astype(int)
         bumped = self.actions != 0
         wrong = motion_violations(self.cells, self.visited[:, None], bumped[:, None], turn)
-        found: dict[str, tuple[float | int, float | int]] = {
+        checks: dict[str, tuple[float | int, float | int]] = {
             "actions_that_lead_elsewhere": (int(wrong.sum()), 0)
         }
         if not self.found:
-            return found
+            return checks
         ends = int(self.visited[0] != self.start) + int(self.visited[-1] != self.goal)
-        found["ends_missed"] = (ends, 0)
+        checks["ends_missed"] = (ends, 0)
         lost = np.count_nonzero(~self.reaching[self.visited])
-        found["cells_that_do_not_reach"] = (int(lost), 0)
+        checks["cells_that_do_not_reach"] = (int(lost), 0)
         if self.roadmap.method == "exact":
             keep, change = self.roadmap.keep, self.roadmap.change
             sums = keep * (self.actions.size - self.changes) + change * self.changes
             error = abs(self.cost - float(sums))
-            found["cost_minus_that_of_actions"] = (error, 1e-9 * max(1.0, self.cost))
-        return found
+            checks["cost_minus_that_of_actions"] = (error, 1e-9 * max(1.0, self.cost))
+        return checks
 
 
 def plan(
@@ -153,44 +153,42 @@ def plan(
     motion: Motion = CELL_BY_CELL,
     method: Method = "exact",
 ) -> Plan:
-    """A cheapest plan from one cell to another (Alam 2018, Alg. 3.1).
+    """Find a cheapest plan from one cell to another (Alam 2018, Alg. 3.1).
 
-    At each bump the robot may turn by any of the angles. A step forward costs `keep`, as does a
-    bump with the same angle as the bump before; a bump with another angle costs `change`. The first
-    bump of a plan changes nothing, and costs `keep` by whatever angle: in the dissertation a path
-    may start in the graph of any angle.
+    At each bump the robot may turn by any of the angles. A step forward costs `keep`, and so does a
+    bump with the same angle as the bump before. A bump with another angle costs `change`. The first
+    bump of a plan costs `keep` by any angle, because in the dissertation a path may start in the
+    graph of any angle.
 
-    The dissertation searches one graph for each angle. Within it a turn by that angle costs `keep`
-    and any other `change`, whatever the bump before was. `method="layered"` does so, and takes the
-    cheapest of all graphs. It differs from three bumps on: turns by A, B, A cost `2 keep + change`
-    there and `keep + 2 change` here; turns by A, A, B, B cost `2 keep + 2 change` there and `3 keep
-    + change` here. (Were the graphs joined into one at their cells, as in the pseudo-code, an edge
-    could not know what the bump before it was.)
+    The dissertation searches one graph for each angle. In that graph a turn by that angle costs
+    `keep` and any other turn `change`, whatever the bump before was. `method="layered"` does this,
+    and takes the cheapest of all graphs. The methods differ from three bumps on: turns by A, B, A
+    cost `2 keep + change` there and `keep + 2 change` here; turns by A, A, B, B cost `2 keep + 2
+    change` there and `3 keep + change` here. (In graphs that are joined at their cells, as in the
+    pseudo-code, an edge could not depend on the bump before.)
 
     **Arguments:**
 
     - `cells`: the cell space.
     - `bounces`: the angles to choose from, in radians, counter-clockwise.
     - `start`, `goal`: cells.
-    - `keep`, `change`: the costs. Plans of whole costs cost whole numbers.
+    - `keep`, `change`: the costs. With whole costs all plans cost whole numbers.
     - `motion`: how the robot moves.
     - `method`: `"exact"`, or `"layered"` as the dissertation does.
 
     **Returns:** [`jaxcell.bounce.Plan`][]. If there is no path, its cost is -1.
 
-    **Raises:** `ValueError` for a cell that does not exist; for no angles, one that is not a whole
-    number of directions, one that turns the robot to the same direction as another or not at all;
-    for costs that are not finite and above 0, or a change that costs less than none; `MemoryError`
-    where the roadmap would not fit the free memory; and as [`jaxcell.bounce.moves`][].
+    **Raises:** `ValueError` for cells, angles or costs that do not fit, and as
+    [`jaxcell.bounce.moves`][]; `MemoryError` if the roadmap does not fit the free memory.
 
-    A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; to turn takes one
+    A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; a turn takes one
     bump:
 
         >>> import math
         >>> from jaxcell import bounce, examples
         >>> cells = examples.corridor()
-        >>> found = bounce.plan(cells, [math.pi], start=0, goal=4)
-        >>> found.cost, found.visited.tolist()
+        >>> plan = bounce.plan(cells, [math.pi], start=0, goal=4)
+        >>> plan.cost, plan.visited.tolist()
         (4, [0, 1, 2, 5, 4])
     """
     roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
@@ -199,15 +197,7 @@ def plan(
 
 
 def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, goal: int) -> Plan:
-    """The plan from a cell to a goal.
-
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `roadmap`: its roadmap.
-    - `routes`: the routes to the entry of the goal.
-    - `start`, `goal`: cells.
-    """
+    """Make the plan from a cell to a goal from the routes to the entry of the goal."""
     cost = costs(roadmap, routes.cost, np.array([goal]))[:, 0]
     path, actions = [np.array([start], np.int32)], [np.empty(0)]
     if cost[start] >= 0:
@@ -256,8 +246,7 @@ def replay(
 
     **Returns:** the cells that the robot visits.
 
-    **Raises:** `ValueError` if the start does not exist, and for an action that is not possible
-    where the robot is, which it names.
+    **Raises:** `ValueError` if the start does not exist, or an action is not possible in its cell.
 
     To the end of a corridor of three squares, right about, and one step back:
 

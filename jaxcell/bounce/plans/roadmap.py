@@ -18,19 +18,17 @@ Method: TypeAlias = Literal["exact", "layered"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Roadmap:
-    """All that a robot can do, by its bumps (the roadmap of Alam 2018, section 3.4.1).
+    """The roadmap of a robot, by its bumps (Alam 2018, section 3.4.1). Make it with `Roadmap.of`.
 
-    A robot chooses only where it bumps. The cells where it does are the *walls*, numbered by
-    direction, then position. Every cell is on the *line* of one wall: it runs there in its own
-    direction, and no two cells of a line are equally far from the wall. So a cell is a wall and a
-    length, and to run is to follow the line down.
+    A robot chooses an angle only at a bump. The cells where it bumps are the *walls*, numbered by
+    direction, then position. Every cell is on the *line* of one wall: a robot in the cell runs to
+    that wall, and no two cells of a line are equally far from it. So a cell is a wall and a length,
+    and a run follows the line.
 
-    The cells that a robot can turn into at a bump are the *entries*. Whoever comes to a cell by way
-    of a bump came through the nearest entry at the cell or above it on its line, so a plan to the
-    cell is a plan to that entry and the rest of the line. What is computed is the route from each
-    wall to each entry, which is all there is to know of the routes between all pairs of cells.
-
-    Make one with [`Roadmap.of`][].
+    The cells that a robot can turn into at a bump are the *entries*. After a bump a robot comes to
+    a cell through the nearest entry at the cell or before it on its line. So a plan to the cell is
+    a plan to that entry and the rest of the line, and the routes from each wall to each entry
+    determine the routes between all pairs of cells.
 
     A corridor of three squares; the robot bumps in cell 2 looking East and in cell 3 looking West:
 
@@ -45,18 +43,18 @@ class Roadmap:
     wall: Int[np.ndarray, "cells"]
     "The wall that each cell runs to."
     length: Int[np.ndarray, "cells"]
-    "Steps until it is there."
+    "Steps to that wall."
     turned: Int[np.ndarray, "angles walls"]
-    "The cell after a bump, by the angle chosen."
+    "The cell after a bump, by the chosen angle."
     bounces: Float[np.ndarray, "angles"]
-    "The angles, in radians, as they were given."
+    "The angles, in radians."
     keep: int | float
-    "What a step costs, and a bump that keeps the angle in use."
+    "Cost of a step, and of a bump that keeps the angle in use."
     change: int | float
-    "What a bump costs that changes it."
+    "Cost of a bump that changes the angle in use."
     method: Method
     space: Mapping[str, Any]
-    "What the cells are, for the record."
+    "A description of the cells, for files."
 
     @classmethod
     def of(
@@ -69,11 +67,9 @@ class Roadmap:
         motion: Motion = CELL_BY_CELL,
         method: Method = "exact",
     ) -> "Roadmap":
-        """The roadmap of a cell space.
+        """Make the roadmap of a cell space.
 
         **Arguments:** as for [`jaxcell.bounce.plan`][].
-
-        **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.plan`][].
         """
         angles = np.asarray(bounces, float)
         shift = different_shifts(angles, cells.directions)
@@ -133,7 +129,7 @@ class Roadmap:
 
     @functools.cached_property
     def entry_of(self) -> Int[np.ndarray, "cells"]:
-        """The nearest entry at each cell or above it on its line, -1 if there is none."""
+        """The nearest entry at each cell or before it on its line, -1 for none."""
         number = np.full(self.size, -1, np.int32)
         number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
         listed = number[self.order]
@@ -149,21 +145,18 @@ class Roadmap:
 
     @property
     def number(self) -> np.dtype:
-        """The type of costs: whole numbers where both weights are."""
+        """The type of costs: whole numbers if both weights are whole."""
         if isinstance(self.keep, float) or isinstance(self.change, float):
             return np.dtype(np.float64)
         return np.dtype(np.int32 if _largest_cost(self) < 2**30 else np.int64)
 
     @property
     def small(self) -> np.dtype:
-        """The type of indices of angles, of which there are as many as states."""
+        """The type of indices of angles, which are stored for every state."""
         return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
 
     def check_cell(self, cell: int, name: str) -> int:
-        """The cell.
-
-        **Raises:** `ValueError` that calls it by a name if it does not exist.
-        """
+        """Return a cell, or raise `ValueError` with the name of its argument."""
         if not 0 <= cell < self.size:
             raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {self.size - 1}")
         return int(cell)
@@ -171,14 +164,14 @@ class Roadmap:
     def runs_through(
         self, cell: Int[np.ndarray, "..."] | int, goal: Int[np.ndarray, "..."] | int
     ) -> Bool[np.ndarray, "..."]:
-        """Whether the run from a cell to its wall meets the goal."""
+        """Test whether the run from a cell to its wall meets the goal."""
         same = self.wall[cell] == self.wall[goal]
         return np.asarray(same & (self.length[cell] >= self.length[goal]))
 
     def straight(
         self, goals: Int[np.ndarray, "goals"]
     ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-        """All cells whose run meets a goal, and for each the index of that goal in `goals`."""
+        """List all cells whose run meets a goal, with the index of that goal in `goals`."""
         place = self.place[goals]
         first = np.searchsorted(self.wall[self.order], self.wall[goals])
         column = np.repeat(np.arange(goals.size), place - first + 1)
@@ -186,12 +179,12 @@ class Roadmap:
         return self.order[place[column] - (last[column] - 1 - np.arange(column.size))], column
 
     def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
-        """The cells after `cell` down its line to `goal`, which its run meets."""
+        """List the cells after `cell` on its line to `goal`, which its run meets."""
         return self.order[self.place[cell] + 1 : self.place[goal] + 1]
 
 
 def describe_space(cells: CellSpace) -> dict[str, Any]:
-    """What cells are, for the record."""
+    """Describe cells, for files."""
     return {
         "directions": cells.directions,
         "positions": cells.positions,
@@ -203,7 +196,7 @@ def describe_space(cells: CellSpace) -> dict[str, Any]:
 def different_shifts(
     bounces: Float[np.ndarray, "..."], directions: int
 ) -> Int[np.ndarray, "angles"]:
-    """The angles as numbers of directions, each of which turns the robot to another side."""
+    """Express angles as numbers of directions, which have to be different and not 0."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
     try:
@@ -235,14 +228,14 @@ def _weights(keep: int | float, change: int | float) -> tuple[int | float, int |
 
 
 def _largest_cost(roadmap: Roadmap) -> int | float:
-    """More than any plan can cost: a cheapest one leaves each wall once by each angle."""
+    """Bound the cost of any plan: a cheapest plan leaves each wall at most once by each angle."""
     longest = int(roadmap.length.max()) + 1
     bumps = roadmap.turned.size + 1
     return bumps * (roadmap.change + roadmap.keep * longest) + roadmap.keep * longest
 
 
 def _check_precision(roadmap: Roadmap) -> None:
-    """Raise `ValueError` if a plan may cost so much that one more step is lost in rounding."""
+    """Raise `ValueError` if rounding could lose a step in the cost of a plan."""
     largest = _largest_cost(roadmap)
     exact = largest < 2**62 if roadmap.number.kind == "i" else largest * 2.0**-52 < roadmap.keep
     if not exact:

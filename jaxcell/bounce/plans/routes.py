@@ -7,7 +7,7 @@ from jaxtyping import Int, Integer, Shaped
 from .roadmap import Roadmap
 
 
-# States relaxed at once. Their costs fit the cache, which halves the time on large maps.
+# States relaxed at once. Their costs fit the cache, which takes half the time on large maps.
 _BLOCK = 2**18
 
 
@@ -21,42 +21,32 @@ class Routes:
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
-    "What the route costs, the bump at the wall included; -1 if there is none."
+    "Cost of the route with the bump at the wall; -1 for no route."
     layer: Integer[np.ndarray, "entries walls"]
     turn: Integer[np.ndarray, "entries angles walls"]
-    "-1 where none leads to the entry."
+    "-1 for no route."
 
     @classmethod
     def joined(cls, parts: Sequence["Routes"]) -> "Routes":
-        """The routes to the entries of all parts."""
-        return cls(
-            np.concatenate([part.cost for part in parts]),
-            np.concatenate([part.layer for part in parts]),
-            np.concatenate([part.turn for part in parts]),
-        )
-
-    def first_turn(self) -> Integer[np.ndarray, "entries walls"]:
-        """The angle that a robot which starts at a wall turns by, -1 if there is no route."""
-        return np.take_along_axis(self.turn, self.layer[:, None], axis=1)[:, 0]
+        """Join the routes to the entries of all parts."""
+        names = ("cost", "layer", "turn")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def block_size(roadmap: Roadmap) -> int:
-    """How many entries are best solved at once."""
+    """Choose the number of entries that are solved at once."""
     return max(16, _BLOCK // roadmap.turned.size)
 
 
 def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Routes:
-    """The cheapest routes to entries: costs are relaxed from all walls until none changes.
+    """Find the cheapest routes to entries by relaxing costs from all walls until none changes.
 
-    No route leads to entry -1.
+    No route leads to entry -1. A round looks one bump ahead from every wall in every layer, so
+    there are as many rounds as the longest plan has bumps.
 
-    A round looks one bump ahead from every wall in every layer, so there are as many rounds as the
-    longest plan has bumps.
-
-    This is NumPy on the host because that was measured to be fastest. For all pairs of 384 to
-    28,000 cells on two cores, the same rounds in JAX take 1 to 3 times as long, after 0.8 s of
-    compilation for each new map; Dijkstra's algorithm (scipy) from the walls of the same
-    contracted graph takes 1.5 to 3 times as long.
+    This is NumPy on the host because it was measured to be fastest. For all pairs of 384 to 28,000
+    cells on two cores, the same rounds in JAX take 1 to 3 times as long, after 0.8 s of compilation
+    for each new map. Dijkstra's algorithm (scipy) on the same graph takes 1.5 to 3 times as long.
     """
     bump = _Bump.of(roadmap, entries)
     value, turn = _exact(bump) if roadmap.method == "exact" else _layered(bump)
@@ -75,17 +65,17 @@ def costs(
     route_costs: Shaped[np.ndarray, "goals walls"],
     goals: Int[np.ndarray, "goals"],
 ) -> Shaped[np.ndarray, "cells goals"]:
-    """What the cheapest plans from all cells to goals cost, -1 where there is none.
+    """Compute the costs of the cheapest plans from all cells to goals, -1 for no plan.
 
     **Arguments:**
 
     - `roadmap`: the roadmap.
-    - `route_costs`: what the routes to the entry of each goal cost, -1 where there is none.
+    - `route_costs`: costs of the routes to the entry of each goal, -1 for no route.
     - `goals`: cells.
     """
     length = roadmap.length.astype(route_costs.dtype) * roadmap.number.type(roadmap.keep)
     past_entry = length[roadmap.entry[roadmap.entry_of[goals]]] - length[goals]
-    # So far below zero that no run to the wall leads out of it.
+    # So far below 0 that no run to the wall makes it positive.
     never = -_never(roadmap.number)
     route_costs = np.where(route_costs < 0, never, route_costs + past_entry[:, None])
     result = np.ascontiguousarray(route_costs.T)[roadmap.wall]
@@ -97,22 +87,22 @@ def costs(
 
 
 def _never(number: np.dtype) -> np.number:
-    """What stands for the cost where there is no route; twice as much is still a number."""
+    """Return the number that stands for no route; twice this number does not overflow."""
     return number.type(np.inf if number.kind == "f" else np.iinfo(number).max // 2)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Bump:
-    """What a bump leads to, by angle and wall; the goals come last, so that rows are contiguous."""
+    """The result of a bump, by angle and wall; goals come last, so that rows are contiguous."""
 
     onward: Int[np.ndarray, "angles walls"]
-    "The wall after it."
+    "The next wall."
     price: Shaped[np.ndarray, "angles walls 1"]
-    "What the bump costs if it keeps the angle, and the run to that wall."
+    "Cost of the bump if it keeps the angle, and of the run to that wall."
     arrival: Shaped[np.ndarray, "angles walls goals"]
-    "What the bump costs if it keeps the angle, and the run to a goal; `never` if it is not met."
+    "Cost of the bump if it keeps the angle, and of the run to a goal; `never` if it is not met."
     surplus: np.number
-    "What a change costs beyond that."
+    "Additional cost of a change."
     never: np.number
 
     @classmethod
@@ -138,15 +128,15 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """The cost of a bump by angle `k` and all after it, from that at walls; at most `never`."""
-        # With mode "raise" NumPy would copy the result once more.
+        """Compute the cost from a bump by angle `k` on, from the costs at walls."""
+        # With mode "raise" NumPy copies the result again.
         np.take(value, self.onward[k], axis=0, out=out, mode="clip")
         np.add(out, self.price[k], out=out)
         np.minimum(out, self.arrival[k], out=out)
 
 
 def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """The value of every state, and its turn, where the layer is the angle in use."""
+    """Find the value and the turn of every state if the layer is the angle in use."""
     value = np.full_like(bump.arrival, bump.never)
     after = np.empty_like(value)
 
@@ -170,7 +160,7 @@ def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[n
 def _layered(
     bump: _Bump,
 ) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """The value of every state, and its turn, where a layer is the roadmap of one angle."""
+    """Find the value and the turn of every state if a layer is the roadmap of one angle."""
     value = np.full_like(bump.arrival, bump.never)
     turn = np.empty(value.shape, np.int64)
     after = np.empty_like(value)

@@ -13,9 +13,9 @@ from ..dynamics import bounce_shift
 from .fine_cells import FineCells
 
 
-# Stretches of a step whose ways are put in boxes, in cells of the map.
+# Length of the parts of a step that are put in boxes, in cells of the map.
 _PART = 0.1
-# In squares: boxes that only touch do not overlap.
+# Tolerance in squares: boxes that only touch do not overlap.
 _TOUCH = 1e-9
 _BYTES = 1500
 
@@ -23,13 +23,13 @@ _BYTES = 1500
 def bounded_map(
     cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
 ) -> Bounded:
-    """Where a robot may be after a step from anywhere in each cell, if its errors are bounded.
+    """Find the possible cells of a robot after a step from each cell, if its errors are bounded.
 
-    The numbers of `slip` are bounds here: no relative error of a stretch or a turn is larger, nor
-    the drift of the heading along a metre. All that can be is contained: the ends of steps lie in
-    boxes, and a bump is possible unless the boxes of all of the way are free, and certain only if
-    one of them is wholly in a wall. So a set that is followed through it never loses the robot
-    while its heading is off by no more than `cells.reach` directions.
+    The numbers of `slip` are bounds of the relative errors of stretches and turns, and of the drift
+    of the heading along a metre. The result contains everything that is possible: the ends of steps
+    lie in boxes, and a bump is possible unless all boxes along the step are free, and certain only
+    if a box lies wholly in a wall. So a set that is followed through it never loses the robot while
+    its heading is off by at most `cells.reach` directions.
 
     **Arguments:**
 
@@ -38,14 +38,14 @@ def bounded_map(
     - `slip`: the bounds of the errors.
     - `step`: length of a step in metres, by default one cell of the map.
 
-    **Returns:** the sets of a robot that starts at the centre of any cell. Of three images for each
-    observation the first is how far it may be to the right, in walls too, then how far up, and the
-    last, among the rows of fine cells alone, which way it may look.
+    **Returns:** the sets of a robot that starts at the centre of any cell. Each observation has
+    three images: the possible moves to the right, in walls too, then up, and then, among the rows
+    of fine cells only, the possible headings.
 
-    **Raises:** `MemoryError` where the map would not fit the free memory.
+    **Raises:** `MemoryError` if the map does not fit the free memory.
 
-    A robot without errors in a corridor of three cells may go from anywhere in the first to the
-    edge of that, or to the next:
+    A robot without errors in a corridor of three cells may go from the first cell to its edge, or
+    to the next cell:
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples, space
@@ -61,7 +61,7 @@ def bounded_map(
     memory.check(_BYTES * size, f"a bounded map of {size} cells", "use fewer cells")
     felt = coarse.workspace.free_space.buffer(slip.give, join_style="mitre")
     # A wall is felt somewhere between these.
-    soon, late = (felt.buffer(way, join_style="mitre") for way in (-slip.bumper, slip.bumper))
+    soon, late = (felt.buffer(by, join_style="mitre") for by in (-slip.bumper, slip.bumper))
     legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
     shift = int(bounce_shift(bounce, coarse.directions))
     turned = abs(math.remainder(bounce, 2 * math.pi)) * slip.turn
@@ -80,14 +80,14 @@ def bounded_map(
         first, turn, second = legs[direction].tolist()
         drift = slip.heading * (first + abs(second))
         aside = 2 * abs(turn) * slip.turn
-        there = _way(theta, bin_ / 2, (first, turn, second), slip, _PART * coarse.cell)
-        moves, bumps = _possible(centre, there, half, soon, late)
-        _add_places(cells, row, moves, there[-1], half, right[0], up[0])
+        path = _path(theta, bin_ / 2, (first, turn, second), slip, _PART * coarse.cell)
+        moves, bumps = _possible(centre, path, half, soon, late)
+        _add_places(cells, row, moves, path[-1], half, right[0], up[0])
         turns[0, row, _rows(cells, direction, off, bin_ / 2 + drift + aside)] = True
-        # The way back closes but for the errors of both ways.
-        way = (first + abs(second)) * (1 + slip.step)
-        gap = way * (2 * slip.step / max(1 - slip.step, 1e-9) + 4 * drift + aside)
-        gap += way * abs(slip.bump_turn)
+        # The drive back ends at the start except for the errors of both drives.
+        run = (first + abs(second)) * (1 + slip.step)
+        gap = run * (2 * slip.step / max(1 - slip.step, 1e-9) + 4 * drift + aside)
+        gap += run * abs(slip.bump_turn)
         spread = bin_ / 2 + drift * (2 + slip.step) + aside + turned + abs(slip.bump_turn)
         back = np.array([-gap, -gap, gap, gap])
         _add_places(cells, row, bumps, back, half, right[1], up[1])
@@ -105,19 +105,19 @@ def bounded_map(
     return Bounded((images[0], images[1]), cells.coarse, cells.centres)
 
 
-def _way(
+def _path(
     theta: float, half: float, legs: tuple[float, float, float], slip: Slip, part: float
 ) -> Float[np.ndarray, "times 4"]:
-    """Boxes that hold a robot at times of a step, around where it began.
+    """Make boxes that hold a robot at times of a step, relative to its start.
 
     **Arguments:**
 
-    - `theta`, `half`: its heading, and how far that may be off, in radians.
+    - `theta`, `half`: the heading, and the bound of its error, in radians.
     - `legs`: a row of [`jaxcell.space.stride_legs`][].
     - `slip`: the bounds of the errors.
-    - `part`: how far it goes between two times at most, in metres.
+    - `part`: the largest distance between two times, in metres.
 
-    **Returns:** left, bottom, right and top, in metres; the first is where it began.
+    **Returns:** left, bottom, right and top, in metres; the first box is the start.
     """
     first, turn, second = legs
     boxes = [np.zeros((1, 4))]
@@ -138,10 +138,10 @@ def _way(
 def _sector(
     gone: Float[np.ndarray, "times"], angle: float, off: float, slip: Slip
 ) -> Float[np.ndarray, "times 4"]:
-    """Boxes around where a stretch may have led, whose heading is never off by more than that."""
+    """Make boxes around the possible ends of a stretch with bounded errors of the heading."""
     if gone[-1] < 0:
         gone, angle = -gone, angle + math.pi
-    # The chord of a way that bends is shorter.
+    # The chord of a bent path is shorter.
     least, most = gone * (1 - slip.step) * max(math.cos(off), 0.0), gone * (1 + slip.step)
     quarters = np.arange(-8, 9) * math.pi / 2
     turns = math.remainder(angle, 2 * math.pi) + np.array([-off, 0.0, off])
@@ -153,16 +153,16 @@ def _sector(
 
 def _possible(
     centre: Float[np.ndarray, "squares 2"],
-    way: Float[np.ndarray, "times 4"],
+    path: Float[np.ndarray, "times 4"],
     half: float,
     soon: shapely.Geometry,
     late: shapely.Geometry,
 ) -> tuple[Bool[np.ndarray, "squares"], Bool[np.ndarray, "squares"]]:
-    """From which squares a robot may make a step, and from which it may bump."""
+    """Find the squares from which a robot may make a step, and from which it may bump."""
     moves, bumps = np.ones(len(centre), bool), np.zeros(len(centre), bool)
     shapely.prepare(soon)
     shapely.prepare(late)
-    for before, after in itertools.pairwise(way):
+    for before, after in itertools.pairwise(path):
         moves[moves] = shapely.intersects(late, _at(centre[moves], after, half))
         hull = np.concatenate([np.minimum(before, after)[:2], np.maximum(before, after)[2:]])
         bumps[~bumps] = ~shapely.covers(soon, _at(centre[~bumps], hull, half))
@@ -172,7 +172,7 @@ def _possible(
 def _at(
     centre: Float[np.ndarray, "squares 2"], box: Float[np.ndarray, "4"], half: float
 ) -> Shaped[np.ndarray, "squares"]:
-    """A box around each of some squares, as geometries."""
+    """Make a box around each square."""
     x, y = centre.T
     around = half - _TOUCH
     left, bottom, right, top = box + np.array([-around, -around, around, around])
@@ -188,9 +188,9 @@ def _add_places(
     right: list[np.ndarray],
     up: list[np.ndarray],
 ) -> None:
-    """Add the edges from the squares of a row of cells to all that boxes around them meet.
+    """Add the edges from the squares of a row of cells to the squares that their boxes meet.
 
-    To the right they lead to any squares of the grid, and from there up to free ones.
+    To the right they lead to any squares of the grid, and from there up to free squares.
     """
     fine = cells.fine
     height, width = fine.free.shape
@@ -209,7 +209,7 @@ def _add_places(
 
 
 def _rows(cells: FineCells, facing: int, off: int, spread: float) -> Int[np.ndarray, "rows"]:
-    """The rows of cells whose headings are met by one that is off so far, and by a spread."""
+    """Find the rows of cells whose headings are within a spread of a heading that is off."""
     fine = cells.fine
     more = math.ceil(spread * fine.directions / (2 * math.pi) + 0.5 - _TOUCH) - 1
     # Around the whole circle each direction comes once.

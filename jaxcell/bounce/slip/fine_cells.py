@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float, Int
+from scipy.special import ndtri
+from scipy.stats import qmc
 
 from ...automata import HiddenMap
 from ...base import memory
@@ -22,9 +24,9 @@ _SAMPLES = 128
 # Squares that are sampled at once.
 _CHUNK = 2048
 MAX_CELLS = 100_000
-"How many fine cells a map is cut into at most, unless told otherwise."
-# By how many standard deviations a heading may drift in so many steps, by how many radians a bump
-# turns the robot, and how many cells it goes along one heading.
+"The largest number of fine cells by default."
+# Standard deviations of the drift of a heading in a number of steps, radians of the turn after a
+# bump, and cells along one heading.
 _DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 1.5
 # The most squares along the side of a cell, and the most fine directions of one, that are tried.
 _MAX_SQUARES, _MAX_DIRECTIONS = 31, 64
@@ -34,13 +36,13 @@ _BYTES = 1000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FineCells:
-    """The cells of a map cut into finer ones, among which a robot that slips is followed.
+    """The cells of a map cut into finer cells, among which a robot that slips is followed.
 
-    A robot that slips looks another way than it takes itself to, and how it makes a step depends on
-    the latter. So a fine cell is a square, a direction of the map, which the robot believes, and by
-    how many fine directions its heading is off: `z = row * squares + square`, where
+    The heading of a robot that slips differs from the direction that it believes, and its steps
+    depend on the latter. So a fine cell is a square, a direction of the map that the robot
+    believes, and the error of its heading in fine directions: `z = row * squares + square`, where
     `row = direction * (2 reach + 1) + reach + off`. An odd number of fine squares lie along the
-    side of a cell, so that its centre is that of one.
+    side of a cell, so that its centre is the centre of a fine square.
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples
@@ -51,23 +53,22 @@ class FineCells:
     """
 
     cells: CellSpace
-    "The cells of the map, which the robot believes itself to step through."
+    "The cells of the map, through which the robot believes to step."
     fine: CellSpace
     "The fine squares, and the fine directions."
     reach: int
-    "By how many fine directions a heading may be off to either side; what is off more counts so."
+    "The largest error of a heading to either side, in fine directions; larger errors are clipped."
 
     @classmethod
     def of(cls, cells: CellSpace, *, squares: int, directions: int, reach: int) -> "FineCells":
-        """**Arguments:**
+        """Cut the cells of a map.
+
+        **Arguments:**
 
         - `cells`: the cell space of a map.
-        - `squares`: how many fine squares lie along the side of a cell; an odd number.
-        - `directions`: how many fine directions each direction is cut into.
+        - `squares`: number of fine squares along the side of a cell; an odd number.
+        - `directions`: number of fine directions per direction.
         - `reach`: as the field.
-
-        **Raises:** `ValueError` for a number that is even or not positive, or for a cell space that
-        has no map.
         """
         if squares < 1 or squares % 2 == 0:
             raise ValueError(f"squares: expected an odd number from 1, got {squares}")
@@ -83,20 +84,17 @@ class FineCells:
 
     @classmethod
     def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
-        """The cells, at most so many, that blur least where a robot is.
+        """Choose the cells, up to a number, that blur the place of a robot least.
 
-        A square hides where in it the robot is, and a fine direction how far aside it gets.
-        Directions reach as far as the heading may drift, and are no finer than half the error of a
-        turn.
+        A square hides the place in it, and a fine direction the drift aside. Directions reach as
+        far as the heading may drift, and are no finer than half the error of a turn.
 
         **Arguments:**
 
         - `cells`: the cell space of a map.
-        - `slip`: how large the errors are, which decides how far off the heading may be.
-        - `most`: how many cells at most, by default `MAX_CELLS`; if one for each cell of the map
-            is more, these are taken.
-
-        **Returns:** the fine cells.
+        - `slip`: the sizes of the errors, which determine the drift of the heading.
+        - `most`: the largest number of cells, by default `MAX_CELLS`; there is at least one fine
+            cell per cell of the map.
         """
         assert cells.workspace is not None
         pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
@@ -135,21 +133,21 @@ class FineCells:
 
     @functools.cached_property
     def believed(self) -> Int[np.ndarray, "fine"]:
-        """The direction that the robot believes to look in, in each cell."""
+        """The direction that the robot believes, in each cell."""
         return np.arange(self.size) // self.fine.positions // (2 * self.reach + 1)
 
     @functools.cached_property
     def coarse(self) -> Int[np.ndarray, "fine"]:
-        """The cell of the map that each fine cell is in, or nearest to."""
+        """The cell of the map that contains each fine cell, or the nearest cell."""
         return nearest_cell(self.cells, *self.poses.T)
 
     @functools.cached_property
     def centres(self) -> Float[np.ndarray, "fine"]:
-        """The distribution of a robot at the centre of a cell of the map, any of them."""
+        """The uniform distribution of a robot over the centres of all cells of the map."""
         return self.at(np.arange(self.cells.size))
 
     def at(self, cell: Int[np.ndarray, "..."] | int) -> Float[np.ndarray, "fine"]:
-        """The distribution of a robot at the centre of any of some cells of the map."""
+        """Make the uniform distribution of a robot over the centres of cells of the map."""
         cell = np.atleast_1d(cell)
         pose = np.stack(self.cells.centre(cell), axis=-1)
         where = self.index(pose, cell // self.cells.positions)
@@ -158,7 +156,7 @@ class FineCells:
     def index(
         self, pose: Float[np.ndarray, "*batch 3"], believed: Int[np.ndarray, "..."] | int
     ) -> Int[np.ndarray, "*batch"]:
-        """The fine cell of configurations with believed directions, or the nearest one."""
+        """Find the fine cell of configurations with believed directions, or the nearest cell."""
         square = nearest_cell(self.fine, pose[..., 0], pose[..., 1], 0.0)
         turn, number = 2 * np.pi / self.fine.directions, self.fine.directions
         theta = pose[..., 2] - believed * (2 * np.pi / self.cells.directions)
@@ -172,24 +170,23 @@ class FineCells:
 def slip_map(
     cells: FineCells, bounces: Sequence[float], slip: Slip, *, step: float | None = None
 ) -> HiddenMap:
-    """The generalized map of a robot that slips, with what its bump sensor says on the way.
+    """Make the generalized map of a robot that slips, with the observations of its bump sensor.
 
-    Configurations are drawn evenly in each cell, each with errors of its own, and each driven a
-    step as [`jaxcell.space.slipping_step`][] says (Hsu's generalized cell mapping by sampling).
-    The points are those of a Sobol sequence, the same in each cell, so that a map is the same each
-    time.
+    Configurations are drawn evenly in each cell, each with errors of its own, and moved by
+    [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). The points are
+    a Sobol sequence, the same in each cell, so that a map is the same each time.
 
     **Arguments:**
 
     - `cells`: the fine cells.
-    - `bounces`: the bouncing angle, or those to choose from, in radians, counter-clockwise.
-    - `slip`: how large the errors are.
+    - `bounces`: one or several bouncing angles to choose from, in radians, counter-clockwise.
+    - `slip`: the sizes of the errors.
     - `step`: length of a step in metres, by default one cell of the map.
 
-    **Returns:** the hidden map of the fine cells, which nothing leaves; it starts at the centre of
-    any cell.
+    **Returns:** the hidden map of the fine cells, without a sink, which starts at the centre of any
+    cell.
 
-    **Raises:** `MemoryError` where the map would not fit the free memory.
+    **Raises:** `MemoryError` if the map does not fit the free memory.
 
     In a corridor of three cells, a robot in the middle that looks East moves on:
 
@@ -200,9 +197,6 @@ def slip_map(
         >>> hidden.moves[[1]].indices.tolist(), hidden.moves[[1]].data.tolist()
         ([2], [1.0])
     """
-    # Slow to import.
-    from scipy.stats import qmc
-
     coarse, fine = cells.cells, cells.fine
     assert coarse.workspace is not None
     size = cells.size
@@ -215,8 +209,8 @@ def slip_map(
     offsets = (points[:, :3] - 0.5) * [fine.cell, fine.cell, 2 * np.pi / fine.directions]
     errors = _normal(points[:, 3:])
     length = coarse.cell if step is None else step
-    # Where in its direction a heading is decides in which it is next, not where the step leads:
-    # drawn anew at each step, it would scatter a robot whose heading stays what it is.
+    # The offset of a heading in its fine direction decides its next fine direction, but not the end
+    # of the step: drawn at each step, it would scatter a robot whose heading does not change.
     turned = np.zeros_like(offsets)
     turned[:, 2] = offsets[:, 2] * _spread(cells, slip, length, points[:, 2] - 0.5, errors[:, 1])
     offsets[:, 2] = 0
@@ -230,25 +224,25 @@ def slip_map(
         range(size // fine.positions), range(0, fine.positions, chunk)
     ):
         cell = row * fine.positions
-        told = int(cells.believed[cell])
+        believed = int(cells.believed[cell])
         start = offsets + np.array([0.0, 0.0, cells.poses[cell, 2]])
-        # Chunks have one shape; what the last has too many is dropped.
+        # Chunks have one shape; the surplus of the last chunk is dropped.
         here = np.minimum(np.arange(begin, begin + chunk), fine.positions - 1)
         count = min(chunk, fine.positions - begin)
         after, bumped = map(
-            np.asarray, _drive(squares[here], start, legs[told], errors, walls, slip)
+            np.asarray, _drive(squares[here], start, legs[believed], errors, walls, slip)
         )
         after = after + turned
         begun, sample = np.nonzero(~bumped[:count])
-        image = cells.index(after[begun, sample], told)
+        image = cells.index(after[begun, sample], believed)
         parts[0].append(_shares(begun, image, count, size))
         begun, sample = np.nonzero(bumped[:count])
-        for shift, found in zip(shifts, parts[1:], strict=True):
+        for shift, part in zip(shifts, parts[1:], strict=True):
             pose = after[begun, sample]
             turn = math.remainder(shift * 2 * math.pi / coarse.directions, 2 * math.pi)
             pose[:, 2] += turn * (1 + slip.turn * errors[sample, TURNING])
-            image = cells.index(pose, (told + shift) % coarse.directions)
-            found.append(_shares(begun, image, count, size))
+            image = cells.index(pose, (believed + shift) % coarse.directions)
+            part.append(_shares(begun, image, count, size))
     moves, *bumps = (scipy.sparse.vstack(part, format="csr") for part in parts)
     return HiddenMap.of(moves, bumps, cells.coarse, cells.centres)
 
@@ -260,18 +254,18 @@ def _spread(
     offset: Float[np.ndarray, "samples"],
     error: Float[np.ndarray, "samples"],
 ) -> float:
-    """Of how much of its fine direction a heading is drawn anew, at most of all of it.
+    """Choose the share of a fine direction from which a heading is drawn, at most 1.
 
-    Drawn from all of it, one that drifts by a small part of a direction would go to the next too
-    often. It is drawn from so much that the variance of its changes is that of the drift, but no
-    less than that of how far aside, in squares, the headings of one direction lead.
+    A heading that is drawn from the whole direction, but drifts by a small part of it, would change
+    its direction too often. With this share the variance of the changes is that of the drift, or at
+    least that of the places aside, in squares, to which the headings of one direction lead.
 
     **Arguments:**
 
-    - `cells`, `slip`: the fine cells, and how large the errors are.
+    - `cells`, `slip`: the fine cells, and the sizes of the errors.
     - `length`: length of a step, in metres.
-    - `offset`: where in its direction a heading is, -0.5 to 0.5.
-    - `error`: of its drift along a step, standard normal numbers.
+    - `offset`: the offset of a heading in its direction, -0.5 to 0.5.
+    - `error`: the error of its drift along a step, standard normal numbers.
     """
     turn = 2 * math.pi / cells.fine.directions
     drift = slip.heading * math.sqrt(length) / turn
@@ -285,22 +279,20 @@ def _spread(
 def _shares(
     row: Int[np.ndarray, "entries"], image: Int[np.ndarray, "entries"], rows: int, size: int
 ) -> scipy.sparse.csr_array:
-    """The samples of some rows as a part of a matrix."""
+    """Make the rows of a matrix from samples."""
     share = np.full(row.size, 1 / _SAMPLES)
     return scipy.sparse.coo_array((share, (row, image)), shape=(rows, size)).tocsr()
 
 
 def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "samples errors"]:
-    """Standard normal numbers from even ones; their mean is 0 and their variance 1 exactly."""
-    from scipy.special import ndtri
-
-    found = ndtri(np.clip(shares, 1e-9, 1 - 1e-9))
-    found = found - found.mean(axis=0)
-    return np.asarray(found / found.std(axis=0))
+    """Make standard normal numbers of mean 0 and variance 1 from uniform numbers."""
+    normal = ndtri(np.clip(shares, 1e-9, 1 - 1e-9))
+    normal = normal - normal.mean(axis=0)
+    return np.asarray(normal / normal.std(axis=0))
 
 
 def needed(cells: int = MAX_CELLS, angles: int = 1) -> int:
-    """Bytes of the map of a robot that slips, among so many fine cells."""
+    """Estimate the bytes of the map of a robot that slips."""
     return _BYTES * (1 + angles) * cells
 
 
@@ -313,9 +305,9 @@ def _drive(
     walls: Float[Array, "walls 2 2"],
     slip: Slip,
 ) -> tuple[Float[Array, "squares samples 3"], Array]:
-    """Where samples around the middle of each square are after a step, and whether they bump.
+    """Move samples around the middle of each square by a step, and find their bumps.
 
-    All but the walls is the same around each square, so that it is computed once.
+    Only the walls differ between squares, so everything else is computed once.
     """
 
     def around(middle: Float[Array, "1 3"]) -> tuple[Array, Array]:
@@ -340,7 +332,7 @@ def jax_free_ahead(
     place: Float[Array, "*batch 2"],
     heading: Float[Array, "*batch"],
 ) -> Float[Array, "*batch"]:
-    """[`jaxcell.space.free_ahead`][] in one loop that is compiled once for any number of walls."""
+    """Measure the distance to the first wall in a loop that is compiled once for any walls."""
     ux, uy = jnp.cos(heading), jnp.sin(heading)
 
     def nearer(nearest, wall):  # type: ignore[no-untyped-def]

@@ -18,19 +18,19 @@ def plan_runs(
     step: float | None = None,
     seed: int = 0,
 ) -> Float[np.ndarray, "foretold 3"]:
-    """Simulate runs of a robot that slips and follows a plan, without any cells.
+    """Simulate runs of a robot that slips and follows a plan, in continuous space.
 
     **Arguments:**
 
     - `cells`: the cell space of a map.
     - `start`: the cell at whose centre the robot starts.
-    - `actions`: 0 for a step forward, else the angle to turn by at a bump, in radians.
-    - `slip`: how large the errors are.
+    - `actions`: 0 for a step forward, or the angle to turn by at a bump, in radians.
+    - `slip`: the sizes of the errors.
     - `runs`: number of runs.
     - `step`: length of a step in metres, by default one cell of the map.
-    - `seed`: of the errors.
+    - `seed`: seed of the errors.
 
-    **Returns:** the last poses of the robots that sensed just what the plan foretells.
+    **Returns:** the last poses of the robots whose observations are those of the plan.
 
     A robot without errors goes to the end of a corridor and turns there:
 

@@ -11,43 +11,43 @@ from ...automata import HiddenMap
 from ...base.certificate import Certificate
 
 
-# A policy is improved until its mean time is known to this part, or so often.
+# A policy is improved until the relative gap of its mean time is this small, or this often.
 _TOLERANCE, _MOST_SWEEPS = 1e-3, 20_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SlipPolicy:
-    """The angle to turn by at a bump in each cell, which gets a robot to a goal."""
+    """The angles to turn by at bumps, which bring a robot to a goal."""
 
     choice: Int[np.ndarray, "fine"]
-    "The number of the angle."
+    "The number of the angle in each fine cell."
     time: Float[np.ndarray, "fine"]
-    "The least mean number of observations to the goal, `inf` where it may not be reached."
+    "The least mean number of observations to the goal, `inf` if it may not be reached."
     certificate: Certificate
-    "The part by which a time may be too small; iterations are sweeps."
+    "The relative error by which a time may be too small; iterations are sweeps."
 
     @property
     def sure(self) -> bool:
-        """Whether the policy surely arrives."""
+        """True if the policy surely arrives."""
         return self.certificate.residual <= self.certificate.tolerance
 
 
 def slip_policy(
     hidden: HiddenMap, goal: Bool[np.ndarray, "fine"], start: Float[np.ndarray, "fine"]
 ) -> SlipPolicy:
-    """Find the policy that gets a robot to a goal for sure and soonest, by value iteration.
+    """Find the policy that surely brings a robot to a goal soonest, by value iteration.
 
-    It takes the robot to know its fine cell. The times are bounded from both sides: times `T` of a
-    sweep are too small, and with `d` the most that one more sweep adds, `T / (1 - d)` are too large
-    (and prove that the policy arrives).
+    The robot is assumed to know its fine cell. The times are bounded from both sides: times `T` of
+    a sweep are too small, and with `d` the most that one more sweep adds, `T / (1 - d)` are too
+    large (and prove that the policy arrives).
 
     **Arguments:**
 
-    - `hidden`: of [`jaxcell.bounce.slip_map`][].
+    - `hidden`: the map of [`jaxcell.bounce.slip_map`][].
     - `goal`: the fine cells of the goal.
-    - `start`: where the robot starts; only what can be reached from there counts.
+    - `start`: the distribution of the start; only cells that can be reached from it count.
 
-    **Returns:** [`SlipPolicy`][]; its certificate fails where no policy surely arrives.
+    **Returns:** [`SlipPolicy`][]; its certificate fails if no policy surely arrives.
 
     A robot that moves on one time of two, or bumps and stays:
 
@@ -81,15 +81,15 @@ def arrival_by(
     start: Float[np.ndarray, "fine"],
     times: int,
 ) -> Float[np.ndarray, "_"]:
-    """How probable it is that a policy has arrived after each observation.
+    """Compute the probability that a policy has arrived after each observation.
 
     **Arguments:**
 
     - `hidden`, `goal`, `start`: as for [`slip_policy`][].
     - `choice`: the number of the angle in each cell.
-    - `times`: how many observations.
+    - `times`: number of observations.
 
-    **Returns:** the probabilities, the first that at the start.
+    **Returns:** the probabilities, from the start on.
 
     A robot that moves on one time of two, or bumps and stays:
 
@@ -101,18 +101,18 @@ def arrival_by(
         >>> bounce.arrival_by(hidden, np.zeros(2, int), goal, start, 2).tolist()
         [0.0, 0.5, 0.75]
     """
-    weight, found = np.where(goal, 0.0, start), [float(start[goal].sum())]
+    weight, arrived = np.where(goal, 0.0, start), [float(start[goal].sum())]
     for _ in range(times):
         after = hidden.after(0, weight)
         for number in range(hidden.angles):
             after = after + hidden.after(1 + number, np.where(choice == number, weight, 0.0))
-        found.append(found[-1] + float(after[goal].sum()))
+        arrived.append(arrived[-1] + float(after[goal].sum()))
         weight = np.where(goal, 0.0, after)
-    return np.array(found)
+    return np.array(arrived)
 
 
 class PolicyRobot:
-    """A robot that knows where it starts, and then only what it senses, and follows a policy.
+    """A robot that follows a policy by its belief, from a known start and its observations.
 
     At a bump it takes the angle after which its belief has the least mean time.
     """
@@ -120,23 +120,25 @@ class PolicyRobot:
     def __init__(
         self, hidden: HiddenMap, policy: SlipPolicy, start: Float[np.ndarray, "fine"]
     ) -> None:
-        """**Arguments:**
+        """Start the belief.
 
-        - `hidden`: of [`jaxcell.bounce.slip_map`][].
-        - `policy`: what it follows.
-        - `start`: where it is at the start.
+        **Arguments:**
+
+        - `hidden`: the map of [`jaxcell.bounce.slip_map`][].
+        - `policy`: the policy.
+        - `start`: the distribution of the start.
         """
         self.weight = start
         self._hidden = hidden
         self._time = np.where(np.isfinite(policy.time), policy.time, _MOST_SWEEPS)
 
     def turn(self, observation: int) -> int | None:
-        """The number of the angle to turn by after an observation, `None` after a step."""
+        """Choose the angle to turn by after an observation: its number, or `None` for no turn."""
         if not observation:
             self.weight = _normal(self._hidden.after(0, self.weight), self.weight)
             return None
         beliefs = [self._hidden.after(1 + i, self.weight) for i in range(self._hidden.angles)]
-        best = int(np.argmin([one @ self._time for one in beliefs]))
+        best = int(np.argmin([belief @ self._time for belief in beliefs]))
         self.weight = _normal(beliefs[best], self.weight)
         return best
 
@@ -153,15 +155,15 @@ def driven(
 
     **Arguments:**
 
-    - `step`, `rotate`: what it is driven with, as those of a walker.
-    - `arrived`: whether it is at the goal.
-    - `robot`: what chooses.
+    - `step`, `rotate`: drive the robot, as the methods of a walker.
+    - `arrived`: tests whether the robot is at the goal.
+    - `robot`: chooses the angles.
     - `bounces`: the angles, in radians.
-    - `limit`: observations after which to give up.
+    - `limit`: the largest number of observations.
 
-    **Returns:** after how many observations it arrived, `None` if it did not.
+    **Returns:** the number of observations until it arrived, or `None`.
 
-    One that is there after its first step:
+    A robot that arrives with its first step:
 
         >>> import numpy as np
         >>> from jaxcell import automata, bounce
@@ -186,7 +188,7 @@ def driven(
 def _reached(
     matrix: scipy.sparse.csr_array, start: Bool[np.ndarray, "fine"], goal: Bool[np.ndarray, "fine"]
 ) -> Bool[np.ndarray, "fine"]:
-    """The cells that can be reached before the goal, from one more node before all the start."""
+    """Find the cells that can be reached before the goal, from a node before all starts."""
     size = start.size
     edges = matrix.tocoo()
     row, column = edges.coords
@@ -196,14 +198,14 @@ def _reached(
     column = np.concatenate([column[kept], begin])
     graph = scipy.sparse.csr_array((np.ones(row.size), (row, column)), shape=(size + 1, size + 1))
     order = csgraph.breadth_first_order(graph, size, return_predecessors=False)
-    found = np.zeros(size + 1, bool)
-    found[order] = True
-    return found[:size]
+    reached = np.zeros(size + 1, bool)
+    reached[order] = True
+    return reached[:size]
 
 
 def _normal(
     weight: Float[np.ndarray, "fine"], before: Float[np.ndarray, "fine"]
 ) -> Float[np.ndarray, "fine"]:
-    """The distribution, or that before where none is left: then it goes on as if nothing were."""
+    """Normalise a distribution, or keep the one before if no weight is left."""
     total = weight.sum()
     return weight / total if total > 0 else before

@@ -10,7 +10,7 @@ from ..plans.plan import Plan
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SlippedPlan(Plan):
-    """A plan, how probably a robot that slips arrives by it, and the policy that surely does."""
+    """A plan, the probability that a robot that slips arrives by it, and a policy that arrives."""
 
     title: ClassVar[str] = "Plan of a bouncing robot that slips"
 
@@ -67,7 +67,7 @@ class SlippedPlan(Plan):
         return float(self.policy_arrival[min(self.actions.size, self.policy_arrival.size - 1)])
 
     def checks(self) -> Checks:
-        # What arrives was foretold before.
+        # A robot that arrives has the observations of the plan.
         more = max(0.0, self.plan_arrives - self.plan_as_foretold)
         falls = max(0.0, float(-np.diff(self.policy_arrival).min(initial=0)))
         return {

@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,19 +14,23 @@ from ..dynamics import bounce_shift
 from ..localization.result import Candidates
 
 
+_Times: TypeAlias = Int[np.ndarray, "times"]
+_Shares: TypeAlias = Float[np.ndarray, "times positions"]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Slipped(Candidates):
-    """A run of a robot that slips from an unknown cell, and what its belief makes of it."""
+    """A run of a robot that slips from an unknown cell, with its belief."""
 
     title: ClassVar[str] = "Localization of a bouncing robot that slips"
     tables: ClassVar[Mapping[str, str]] = {"candidate": "candidates"}
 
     cells: CellSpace
     bounces: Float[np.ndarray, "angles"]
-    "The bouncing angle, or those to choose from at each bump, in radians."
+    "One or several bouncing angles to choose from at each bump, in radians."
     slip: Slip
     hidden: HiddenMap
-    "The map that the belief is of, among fine cells."
+    "The map of the belief, among fine cells."
     fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
     observations: Annotated[
@@ -34,7 +38,7 @@ class Slipped(Candidates):
         quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
     ]
     turned_by: Annotated[
-        Int[np.ndarray, "times"],
+        _Times,
         quantity("time", "number of the angle that the robot has just turned by", kind="index"),
     ]
     pose: Annotated[
@@ -42,32 +46,26 @@ class Slipped(Candidates):
         quantity("time axis", "where the robot is: x and y in m, heading in rad"),
     ]
     belief: Annotated[
-        Float[np.ndarray, "times positions"],
-        quantity("time position", "how probable each position is", kind="share"),
+        _Shares, quantity("time position", "how probable each position is", kind="share")
     ]
     nowhere: Annotated[
         Float[np.ndarray, "times"],
         quantity("time", "how probable it is that the robot is nowhere on the map", kind="share"),
     ]
     credible: Annotated[
-        Int[np.ndarray, "times"],
-        quantity("time", "cells of the credible set, 95 %", "cells", kind="count"),
+        _Times, quantity("time", "cells of the credible set, 95 %", "cells", kind="count")
     ]
-    likeliest: Annotated[Int[np.ndarray, "times"], quantity("time", "likeliest cell", kind="index")]
+    likeliest: Annotated[_Times, quantity("time", "likeliest cell", kind="index")]
     smoothed: Annotated[
-        Float[np.ndarray, "times positions"],
-        quantity("time position", "how probable each was, by the whole run", kind="share"),
+        _Shares, quantity("time position", "how probable each was, by the whole run", kind="share")
     ]
-    path: Annotated[
-        Int[np.ndarray, "times"], quantity("time", "cells of the likeliest path", kind="index")
-    ]
+    path: Annotated[_Times, quantity("time", "cells of the likeliest path", kind="index")]
     candidates: Annotated[
         Int[np.ndarray, "candidates"],
         quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
     ]
     candidate_probability: Annotated[
-        Float[np.ndarray, "candidates"],
-        quantity("candidate", "how probable", kind="share"),
+        Float[np.ndarray, "candidates"], quantity("candidate", "how probable", kind="share")
     ]
 
     @property
@@ -80,12 +78,12 @@ class Slipped(Candidates):
 
     @property
     def truth(self) -> Int[np.ndarray, "times"]:
-        """The cell that the robot is in, or nearest to."""
+        """The cell of the robot, or the nearest cell."""
         return nearest_cell(self.cells, *self.pose.T)
 
     @property
     def events(self) -> Int[np.ndarray, "steps"]:
-        """What was observed and done, as [`jaxcell.automata.HiddenMap.leaving`][] counts it."""
+        """The events of the run, numbered as by [`jaxcell.automata.HiddenMap.leaving`][]."""
         return 1 + self.turned_by[1:]
 
     @derived("", "fine cells", kind="count")
@@ -141,18 +139,18 @@ def slipping_run(
 ) -> Slipped:
     """Drive a simulated robot that slips from a cell until its belief has a small credible set.
 
-    It moves as [`jaxcell.space.slipping_step`][] says, in continuous space.
+    The robot moves by [`jaxcell.space.slipping_step`][], in continuous space.
 
     **Arguments:**
 
     - `hidden`: the map of the belief; its configurations are the cells.
     - `cells`: the cells of the map.
     - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
-    - `slip`: how large the errors are.
-    - `start`: the cell of the robot, which the belief is not told.
-    - `seed`: of the errors.
+    - `slip`: the sizes of the errors.
+    - `start`: the cell of the robot, which the belief does not know.
+    - `seed`: seed of the errors.
     - `step`: length of a step in metres, by default one cell.
-    - `limit`: observations after which to give up.
+    - `limit`: the largest number of observations.
     - `about`: `fine_side` and `fine_directions` of the result.
 
     **Returns:** [`Slipped`][].
@@ -181,7 +179,8 @@ def slipping_run(
     observations: list[int] = []
     while len(observations) < limit:
         errors = rng.standard_normal(ERRORS)
-        after = [slipping_step(pose, legs[believed], one, errors, walls, slip) for one in bounces]
+        leg = legs[believed]
+        after = [slipping_step(pose, leg, bounce, errors, walls, slip) for bounce in bounces]
         observations.append(int(after[0][1]))
         state = belief.observe(state, observations[-1])
         if state.turn is not None:
@@ -193,12 +192,13 @@ def slipping_run(
         if estimates[-1].cells.size <= SMALL or state.nowhere > NOWHERE:
             break
 
-    turned_by = np.array([-1 if one.turn is None else one.turn for one in states], np.int32)
+    turns = [-1 if state.turn is None else state.turn for state in states]
+    turned_by = np.array(turns, np.int32)
     events = (1 + turned_by[1:]).tolist()
     try:
         smoothed, path = belief.smoothed(events), belief.likeliest_path(events)
     except ValueError:
-        # No path of the map has what it observed: it is nowhere.
+        # No path of the map has these observations: the robot is nowhere on the map.
         smoothed, path = np.zeros((0, hidden.cells)), np.zeros(0, np.int32)
     at_end = estimates[-1]
     return Slipped(

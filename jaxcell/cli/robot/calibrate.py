@@ -2,11 +2,11 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from ...base.documents import checked_number
-from ..options import Printing
-from ..terminal import note, say
+from ..output import Printing
+from ..terminal import note, say, status
 
 
 if TYPE_CHECKING:
@@ -15,54 +15,89 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotCalibrate(Printing):
-    """Drive a robot 1 m and turn it by 360 degrees, ask what it truly did, and keep that.
+    """Calibrate a robot: drive it 1 m, turn it by 360 degrees, and ask for the true values.
 
-    Put it where it has 1.5 m ahead, and mark where its front is. `jaxcell robot run` uses what is
-    kept. Where the robot has a calibration, it is measured anew without it."""
+    Leave 1.5 m of free floor ahead of the robot, and mark the place and the heading of its front.
+    `jaxcell robot run` uses the calibration. An earlier calibration has no effect here."""
 
-    port: str
+    example: ClassVar[str] = "--port /dev/ttyUSB0"
+
+    port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
+    log: Path | None = None
+    """The run.jsonl of a run of an anywhere.json: estimate from its runs the turn by a bump at 45
+    degrees, which `jaxcell localize --bump-turn` takes."""
+    file: Path | None = None
+    """The anywhere.json of that run, by default where the log says that it was."""
     calibration: Path | None = None
-    """File to keep it in, by default calibration.json in ~/.config/jaxcell."""
+    """File of the calibration; by default calibration.json in ~/.config/jaxcell."""
 
     def run(self) -> int:
+        if (self.port is None) == (self.log is None):
+            raise ValueError("expected one of --port and --log")
+        return self._estimate() if self.port is None else self._measure(self.port)
+
+    def _estimate(self) -> int:
+        """Estimate the turn by a bump from a log."""
+        from ...robot.bump_turn import estimate_bump_turn
+        from ...robot.run_log import read_log
+        from ...robot.tasks.anywhere_task import AnywhereTask
+        from ...robot.tasks.files import load_task
+
+        assert self.log is not None
+        run = read_log(self.log)
+        task = load_task(self.file or str(run.header.get("file")))
+        if not isinstance(task, AnywhereTask) or run.header.get("kind") != "anywhere":
+            raise ValueError(f"--log {self.log}: expected the run of an anywhere.json")
+        with status("following the robot of the log"):
+            degrees = round(math.degrees(estimate_bump_turn(run, task.settings)), 2)
+        if self.json:
+            say(json.dumps({"log": str(self.log), "bump_turn_deg": degrees}))
+        else:
+            say(
+                f"A bump at 45 degrees turns it by {degrees:g} degrees toward the wall, which its "
+                f"encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
+            )
+        return 0
+
+    def _measure(self, port: str) -> int:
         from ...robot import Create, RobotStopped
         from ...robot.calibration import Calibration, calibration_file
 
         path = self.calibration or calibration_file()
         try:
-            with Create.open(self.port) as robot:
+            with Create.open(port) as robot:
                 robot.arm()
                 went = robot.forward(1.0, tolerance=0.002)
                 if went.bumped:
                     note("jaxcell robot calibrate: it bumped; expected 1 m of free floor ahead")
                     return 1
-                distance = _asked("How far did it go, in metres? ") / went.distance
-                # Whoever measured it may have lifted it.
+                distance = _asked("How far did the robot go, in metres? ") / went.distance
+                # The robot may have been lifted for the measurement, which disarms it.
                 robot.arm()
                 turned = robot.turn(2 * math.pi, tolerance=math.radians(0.4)).angle
-                degrees = _asked("By how many degrees did it turn, to the left? ")
+                degrees = _asked("By how many degrees did the robot turn to the left? ")
         except RobotStopped as error:
             note(f"jaxcell robot calibrate: the robot was stopped: {error}")
             return 1
-        found = Calibration.measured(distance, math.radians(degrees) / turned)
-        found.save(path)
-        self._say(found, path)
+        calibration = Calibration.measured(distance, math.radians(degrees) / turned)
+        calibration.save(path)
+        self._say(calibration, path)
         return 0
 
-    def _say(self, found: "Calibration", path: Path) -> None:
-        summary = {"calibration": str(path), **dataclasses.asdict(found)}
+    def _say(self, calibration: "Calibration", path: Path) -> None:
+        summary = {"calibration": str(path), **dataclasses.asdict(calibration)}
         if self.json:
             say(json.dumps(summary))
         else:
             say(
-                f"Where the encoders say 1 m it goes {found.distance:g} m, and where they say "
-                f"360 degrees it turns by {360 * found.angle:g}. That is in {path}."
+                f"For 1 m of the encoders the robot drives {calibration.distance:g} m, and for 360 "
+                f"degrees it turns by {360 * calibration.angle:g} degrees. This is kept in {path}."
             )
 
 
 def _asked(question: str) -> float:
-    """The number that a person answers with; the question goes to standard error."""
+    """Ask a question on standard error, and read a number from standard input."""
     note(question)
     try:
         return checked_number("the answer", input().strip(), "a number", text=True)

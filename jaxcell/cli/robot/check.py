@@ -1,33 +1,35 @@
 import contextlib
 import dataclasses
 import json
-from typing import Any
+from typing import Any, ClassVar
 
-from ..options import Printing
+from ..output import Printing
 from ..terminal import say, status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotCheck(Printing):
-    """Ask a robot how it is."""
+    """Read the sensors of a robot: battery, contacts, cliffs."""
+
+    example: ClassVar[str] = "--port /dev/ttyUSB0"
 
     port: str
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     firmware: bool = False
-    """Also reboot it to read its firmware version, which takes ten seconds."""
+    """Reboot the robot to read its firmware version, which takes ten seconds."""
     move: bool = False
-    """Also drive 10 cm forward and back."""
+    """Drive 10 cm forward and back."""
 
     def run(self) -> int:
         from ...robot import Create, RobotStopped
 
-        found: dict[str, Any] = {"port": self.port}
+        state: dict[str, Any] = {"port": self.port}
         if self.firmware:
-            found["firmware"] = self._firmware()
+            state["firmware"] = self._firmware()
         try:
             with Create.open(self.port) as robot:
                 now = robot.sensors()
-                found |= {
+                state |= {
                     "mode": now.mode.name.lower(),
                     "battery_percent": round(100 * now.battery, 1),
                     "voltage_V": now.voltage,
@@ -42,15 +44,15 @@ class RobotCheck(Printing):
                     robot.arm()
                     for name, distance in ("forward_m", 0.1), ("back_m", -0.1):
                         moved = robot.forward(distance)
-                        found[name] = round(moved.distance, 4)
-                        found["bumped"] = moved.bumped
+                        state[name] = round(moved.distance, 4)
+                        state["bumped"] = moved.bumped
         except RobotStopped as error:
-            found["danger"] = str(error)
+            state["danger"] = str(error)
         if self.json:
-            say(json.dumps(found))
+            say(json.dumps(state))
         else:
-            table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in found.items()])
-        return 0 if found["danger"] is None else 1
+            table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in state.items()])
+        return 0 if state["danger"] is None else 1
 
     def _firmware(self) -> str:
         from ...robot.create.firmware import firmware

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...study.map_study import cell_at
-from ..options import direction_at
 from ..terminal import note
+from .heading import direction_at
 
 
 if TYPE_CHECKING:
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from ...robot.tasks.files import AnyTask
     from ...robot.tasks.patrol_task import PatrolTask
     from ...space import CellSpace, Workspace
-    from .run import RobotRun
+    from .options import RobotOptions
 
 
-# A radius that is off by less than this is that of the body, rounded.
+# A task whose radius differs by less than this is for the body.
 _AS_WIDE = 0.01
-# Metres by which a body may be beyond its walls.
+# Metres that a body may overlap with a wall.
 _TOUCH = 0.05
 
 
@@ -34,27 +34,27 @@ class Emulation:
     cells: "CellSpace"
     start: int
     pose: tuple[float, float, float]
-    "Where it starts, in metres and radians."
+    "Its start, in metres and radians."
     radius: float = 0.0
     "The radius of its body, in metres."
     touches: "Sequence[tuple[float, float, float]] | None" = None
-    "Time in seconds, x and y of each touch of a wall; only the physics engine knows them."
+    "Time in seconds, x and y of each touch of a wall; known to the physics engine only."
 
     @property
     def end(self) -> int | None:
-        """The cell that the robot is in, if any."""
+        """The cell of the robot, or `None`."""
         with contextlib.suppress(ValueError):
             return int(self.cells.index(*self.robot.pose))
         return None
 
     def describe(self, outcome: "RunOutcome") -> dict[str, Any]:
-        """The true state, for the summary."""
+        """Describe the true state, for the summary."""
         from ...robot.anywhere import AnywhereOutcome
 
         x, y, theta = self.robot.pose
         among = self.end in outcome.cells if outcome.cells else None
         if isinstance(outcome, AnywhereOutcome) and outcome.place is not None:
-            # A body that is in touch with a wall presses its bumper in.
+            # A body that touches a wall presses its bumper in.
             among = math.dist((x, y), outcome.place) <= outcome.extent / 2 + _TOUCH
         return {
             "start": self.start,
@@ -65,26 +65,8 @@ class Emulation:
         }
 
 
-def check_speed(options: "RobotRun") -> None:
-    """Refuse a friction and a speed that have no meaning.
-
-    **Raises:** `ValueError` that names the option.
-    """
-    if options.physics and options.simulate is None:
-        raise ValueError("--physics: it is for --simulate")
-    friction, speed = options.friction, options.speed
-    if friction is not None and not (options.physics and friction > 0):
-        raise ValueError(f"--friction {friction:g}: expected more than 0, together with --physics")
-    if speed is None:
-        return
-    if options.ros is not None or options.steps == "clock":
-        raise ValueError("--speed: it is for a Create that goes by its encoders")
-    if not 0 < speed <= 0.5:
-        raise ValueError(f"--speed {speed:g}: expected more than 0 and at most 0.5 m/s")
-
-
-def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulation:
-    """Emulate a robot in a map, at the start of a task, or at that of the options."""
+def emulate(map: Path, task: "AnyTask", options: "RobotOptions", rng: Any) -> Emulation:
+    """Emulate a robot in a map, at the start of the options or of the task."""
     from ...robot.emulation.body import Body, Noise, bumper_give
     from ...robot.emulation.emulator import Emulator, Line
     from ...robot.tasks.anywhere_task import AnywhereTask
@@ -114,7 +96,7 @@ def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulat
 def _anywhere(
     workspace: "Workspace", task: "AnywhereTask", start: str | None, rng: Any
 ) -> tuple[float, float, float]:
-    """Put a robot down anywhere, with a heading that its task allows."""
+    """Draw a start pose with a heading that the task allows."""
     from ...study.anywhere import pose_at
     from ...walls import places_anywhere
 
@@ -131,30 +113,28 @@ def _physical(
     start: int,
     pose: tuple[float, float, float],
     task: "AnyTask",
-    options: "RobotRun",
+    options: "RobotOptions",
     rng: Any,
 ) -> Emulation:
     """Emulate a robot that the physics engine moves."""
     from ...robot.emulation.emulator import Emulator, Line
     from ...robot.physics import LATENCY, RADIUS, Physics, PhysicsBody
 
-    if options.noise:
-        raise ValueError("--noise: with --physics the errors are those of the physics")
     assert cells.workspace is not None
     physics = Physics() if options.friction is None else Physics(floor=options.friction)
     body = PhysicsBody(cells.workspace, pose, physics, rng=rng)
     if abs(task.radius - RADIUS) > _AS_WIDE:
         note(
-            f"{task.path.name} is of a robot of radius {task.radius:g} m, and the body of a "
-            f"Create 2 has {RADIUS:g} m: it meets corners that the other passes; "
-            "`--robot-radius 0.174` makes it for a Create"
+            f"{task.path.name} is for a robot of radius {task.radius:g} m, and the body of a "
+            f"Create 2 has {RADIUS:g} m, so it bumps at corners that the other robot passes; "
+            "make the task with --robot-radius 0.174"
         )
     line = Line(speedup=options.speedup, latency=LATENCY)
     return Emulation(Emulator(body, line=line), cells, start, pose, RADIUS, body.touches)
 
 
 def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
-    """Find the cell that a task starts in; for a filter draw one, with the heading if given."""
+    """Return the cell where a task starts; for a filter draw a cell, at `heading` if not `None`."""
     from ...robot.tasks.files import PlanTask
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.team import MemberTask
@@ -175,19 +155,19 @@ def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any)
     try:
         return int(cells.index(*pose))
     except ValueError as error:
-        raise ValueError(f"{task.path}: its start is not in the map: {error}") from None
+        raise ValueError(f"{task.path}: its start is outside the map: {error}") from None
 
 
 def seen_from(
     cells: "CellSpace", task: "PatrolTask", intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """What a robot on patrol reports from each of its positions: an intruder whose cell it sees.
+    """Make the look of a robot on patrol, which reports an intruder in a cell that it sees.
 
     **Arguments:**
 
-    - `cells`: the cells of the map that it is in.
-    - `task`: the patrol, and how far the robot sees.
-    - `intruder`: where the intruder is, "x,y" in metres.
+    - `cells`: the cells of the map of the emulation.
+    - `task`: the patrol, with the range of the robot's sight.
+    - `intruder`: the place of the intruder, "x,y" in metres.
     """
     from ...space import visible_cells
 

@@ -23,15 +23,15 @@ def recording_of(
     emulation: "Emulation | None" = None,
     viewer: str | None = None,
 ) -> "RobotRecording":
-    """The recording of a run of a task, with the map where that is known.
+    """Open the recording of a run, with the map if it is known.
 
     **Arguments:**
 
-    - `task`: what runs.
+    - `task`: the task.
     - `path`: the file.
-    - `start`: where the robot's odometry begins, `(x, y, theta)`, if that is known.
+    - `start`: the pose where the robot's odometry begins, `(x, y, theta)`, or `None`.
     - `emulation`: the emulated robot, whose map is drawn.
-    - `viewer`: where to show the run as it goes.
+    - `viewer`: the viewer that shows the run as it goes, or `None`.
     """
     from ...automata import Belief
     from ...record import RecordedRobot, RobotRecording
@@ -60,7 +60,7 @@ def recording_of(
 
 
 def _estimator(task: "AnyTask") -> "Filter | Policy | Belief | None":
-    """What a task localizes by."""
+    """Return the filter, the policy or the belief that localizes the robot."""
     from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
 
     match task:
@@ -74,7 +74,7 @@ def _estimator(task: "AnyTask") -> "Filter | Policy | Belief | None":
 
 
 def _about(task: "AnyTask") -> Mapping[str, Any]:
-    """What the file of a filter, a policy or a belief says of its map."""
+    """Return the metadata of a filter, a policy or a belief, which describe its map."""
     from ...automata import Belief
 
     estimator = _estimator(task)
@@ -84,7 +84,7 @@ def _about(task: "AnyTask") -> Mapping[str, Any]:
 
 
 def cells_of(task: "AnyTask") -> "CellSpace | None":
-    """The cells of the map that a filter is of, if the map is where it was."""
+    """Cut the map of a filter into cells, if the map is still in its place."""
     from ...space import CellSpace, Workspace
 
     about = _about(task)
@@ -96,11 +96,11 @@ def cells_of(task: "AnyTask") -> "CellSpace | None":
 
 
 def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
-    """Whether cells are those of the map that a filter is of, by what it says."""
+    """Return whether cells agree with the map that a filter describes."""
     assert cells.workspace is not None
-    found = {
+    expected = {
         "name": cells.workspace.name,
         "positions": cells.positions,
         "robot_radius_m": cells.workspace.robot_radius,
     }
-    return all(about.get(key, value) == value for key, value in found.items())
+    return all(about.get(key, value) == value for key, value in expected.items())

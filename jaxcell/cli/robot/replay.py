@@ -1,12 +1,12 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
 from ...base.formatting import configuration
-from ..options import Printing
+from ..output import Printing
 from ..terminal import say, table
 from .recording import recording_of
 
@@ -22,14 +22,16 @@ _SIDES = ("East", "North", "West", "South")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotReplay(Printing):
-    """Give what was run on a robot what the robot sensed then, and compare."""
+    """Run a task again on the observations in the log of a robot."""
+
+    example: ClassVar[str] = "runs/emulated/run.jsonl"
 
     log: tyro.conf.Positional[Path]
     """The run.jsonl of `jaxcell robot run --out`."""
     file: Path | None = None
-    """The filter or the patrol that was run, if it is no more where it was."""
+    """Task of the run, if its file has moved."""
     out: Path | None = None
-    """Directory for a recording of the run, run.rrd, as of a robot that had no Rerun."""
+    """Folder for a recording of the run, run.rrd, for instance if the robot had no Rerun."""
 
     def run(self) -> int:
         from ...robot.run_log import read_log
@@ -93,21 +95,19 @@ def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = No
 
 
 def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
-    """How a logged run ended, or stands, with what stopped it; `file` is what was run."""
+    """Return the outcome of a logged run so far; `file` is its task, if that has moved."""
     from ...robot.run_log import stopped
 
     return stopped(_replayed(run, file), run)
 
 
 def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
-    from ...automata import Belief, Filter, HiddenMap, Policy
     from ...robot.anywhere import replay_anywhere
-    from ...robot.believer import replay_belief
+    from ...robot.followers import replay_follower
     from ...robot.patrol import replay_patrol
-    from ...robot.policy import replay_policy
-    from ...robot.runner import plan_outcome, replay_filter
+    from ...robot.plan import plan_outcome
     from ...robot.tasks.anywhere_task import AnywhereTask
-    from ...robot.tasks.files import load_task
+    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.tasks.task import digest
     from ...robot.team import replay_member
@@ -120,19 +120,13 @@ def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
     path = Path(run.header["file"]) if file is None else file
     if digest(path) != run.header["sha256"]:
         raise ValueError(f"it is of another {kind} than {path} is now")
-    if kind == "filter":
-        return replay_filter(run, Filter.load(path))
-    if kind == "policy":
-        return replay_policy(run, Policy.load(path))
-    if kind == "belief":
-        return replay_belief(run, Belief(HiddenMap.load(path)))
-    if kind == "anywhere":
-        task = load_task(path)
-        assert isinstance(task, AnywhereTask)
-        return replay_anywhere(run, task.settings)
-    task = load_task(path, run.header["robot"])
-    if not isinstance(task, PatrolTask):
-        raise ValueError(
-            f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}"
-        )
-    return replay_patrol(run, task)
+    match load_task(path, run.header["robot"] if kind == "patrol" else None):
+        case FilterTask() as task:
+            return replay_follower(run, task.follower(run.header.get("until", "known")))
+        case PolicyTask() | BeliefTask() as task:
+            return replay_follower(run, task.follower())
+        case AnywhereTask() as task:
+            return replay_anywhere(run, task.settings)
+        case PatrolTask() as task:
+            return replay_patrol(run, task)
+    raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ...robot.create.motion import Moved
     from ...robot.run_log import LoggedRun
     from ...robot.tasks.files import AnyTask
-    from .run import RobotRun
+    from .options import RobotOptions
 
 
 Place: TypeAlias = tuple[float, float, float]
@@ -23,9 +23,9 @@ Place: TypeAlias = tuple[float, float, float]
 
 
 def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
-    """The run that is to go on, by its log.
+    """Read the log of the run to resume.
 
-    **Raises:** `ValueError` if the log is of another task, or if its run has come to its end.
+    **Raises:** `ValueError` if the log is of another task, or if its run is complete.
     """
     from ...robot.run_log import read_log
 
@@ -37,24 +37,24 @@ def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
             continue
         if name == "sha256":
             raise ValueError(
-                f"--resume {log}: it is of another {task.header['kind']} than {task.path}"
+                f"--resume {log}: it is the log of another {task.header['kind']} than {task.path}"
             )
         raise ValueError(f"--resume {log}: {name}: the log has {theirs}, {task.path} has {ours}")
     if "direction" not in run.header:
-        raise ValueError(f"--resume {log}: direction: it is missing")
+        raise ValueError(f"--resume {log}: direction is missing")
     try:
         outcome = replayed(run, task.path)
     except (ValueError, KeyError) as error:
         raise ValueError(f"--resume {log}: {error}") from error
     if not run.observations:
-        raise ValueError(f"--resume {log}: it has no observation; expected a run without --resume")
+        raise ValueError(f"--resume {log}: it has no observation; start again without --resume")
     if outcome.result not in ("unfinished", "stopped"):
-        raise ValueError(f"--resume {log}: that run has come to its end: {outcome.reason}")
+        raise ValueError(f"--resume {log}: that run is complete: {outcome.reason}")
     return run
 
 
 class Standing:
-    """A robot that does not move: what has it drive is told so."""
+    """A robot that cannot move: `forward` and `turn` raise `StandingStill`."""
 
     def forward(self, distance: float, *, tolerance: float) -> "Moved":
         """Raise `StandingStill`."""
@@ -65,18 +65,18 @@ class Standing:
         raise StandingStill
 
 
-class StandingStill(Exception):  # noqa: N818 (it says what happened, as StopIteration does)
-    """A robot that does not move was to drive."""
+class StandingStill(Exception):  # noqa: N818 (a signal as StopIteration, no error)
+    """A robot that cannot move was driven."""
 
 
-def resume_command(options: "RobotRun", log: Path, start: str | None) -> str:
-    """The command that resumes a stopped run in a directory of its own.
+def resume_command(options: "RobotOptions", log: Path, start: str | None) -> str:
+    """Write the command that resumes a stopped run in a folder of its own.
 
     **Arguments:**
 
-    - `options`: of the run that was stopped.
-    - `log`: of the same run.
-    - `start`: the place of the emulated robot, or `None` for a real one.
+    - `options`: the options of the stopped run.
+    - `log`: its log.
+    - `start`: the place of the emulated robot, or `None` for a real robot.
     """
     assert options.out is not None
     resumed = dataclasses.replace(
@@ -101,7 +101,7 @@ def _option(name: str, value: object) -> list[str]:
 
 
 def _new_directory(out: Path, log: str) -> Path:
-    """Number a directory for the next run, which must hold no log."""
+    """Number a folder for the next run that holds no log yet."""
     stem, dash, number = out.name.rpartition("-")
     name = stem if dash and number.isdecimal() else out.name
     numbered = (out.with_name(f"{name}-{i}") for i in itertools.count(2))
@@ -109,7 +109,7 @@ def _new_directory(out: Path, log: str) -> Path:
 
 
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
-    """The pose of an emulated robot as an option: metres, metres, and degrees.
+    """Write the pose of an emulated robot as an option: metres, metres, and degrees.
 
     **Arguments:**
 
@@ -117,21 +117,21 @@ def start_after(pose: tuple[float, float, float], before: Place, after: Place) -
     - `before`, `after`: the place in the run at that time, and now.
     """
     x, y, heading = pose
-    way = complex(after[0] - before[0], after[1] - before[1])
-    there = complex(x, y) + way * cmath.rect(1.0, heading - before[2])
+    moved = complex(after[0] - before[0], after[1] - before[1])
+    there = complex(x, y) + moved * cmath.rect(1.0, heading - before[2])
     degrees = round(math.degrees(heading + after[2] - before[2]), 6) % 360
     # The sum removes the sign of a zero.
     return ",".join(f"{round(part, 6) + 0.0:.10g}" for part in (there.real, there.imag, degrees))
 
 
 def place_in_words(place: Place) -> str:
-    """Describe the place where the robot of a resumed run must stand."""
+    """Describe a place in words, relative to the start."""
     ahead, left, turned = place
     turned = math.degrees(math.remainder(turned, 2 * math.pi))
     parts = [_aside(ahead, "m ahead of", "m behind"), _aside(left, "m left of", "m right of")]
     where = " and ".join(part for part in parts if part) or "0 m from"
     facing = _aside(round(turned, 2), "degrees to the left", "degrees to the right")
-    return f"{where} where it first stood, turned by {facing or '0 degrees'} since"
+    return f"{where} its first place, turned by {facing or '0 degrees'} from its first heading"
 
 
 def _aside(amount: float, one: str, other: str) -> str:

@@ -6,17 +6,17 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
-
-import tyro
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from ...base.optional_modules import has_module
 from ...base.paths import name_in_results
-from ...study.study import Degrees
-from ..options import Printing, check_heading, direction_at, write_text
+from ...study.parameters import check
+from ..output import write_text
 from ..terminal import note, note_results, say, status
 from ..view import shown_live
-from .emulation import check_speed, emulate
+from .emulation import emulate
+from .heading import check_heading, direction_at
+from .options import RobotOptions
 from .recording import cells_of, recording_of
 from .replay import replayed, show
 from .resume import (
@@ -47,84 +47,13 @@ _LOG, _RECORDING = "run.jsonl", "run.rrd"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RobotRun(Printing):
+class RobotRun(RobotOptions):
     """Run a filter, a plan, or a robot of a team or a patrol, on a robot or an emulated one.
 
     The robot stops, and the run ends, at Ctrl-C."""
 
-    file: tyro.conf.Positional[Path]
-    """What to run: the filter.jxf, policy.jxf or belief.jxb of `jaxcell localize --out`, the
-    summary.json of `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the
-    patrol.json of `jaxcell patrol map --out`."""
-    robot: int | None = None
-    """Which robot of a team or of those that patrol this is, by default 0. Each runs by itself, in
-    a process of its own."""
-    port: str | None = None
-    """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
-    ros: Literal["create3", "base"] | None = None
-    """Drive a robot on ROS 2 instead: a Create 3 or TurtleBot 4 by its actions, or any base by
-    cmd_vel, odom and bumper. Where it may be is published as candidates and candidate_squares."""
-    remap: tuple[str, ...] = ()
-    """Rules for the names of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
-    simulate: Path | None = None
-    """Map in which to emulate the robot instead; it may be another than that of the file."""
-    start: str | None = None
-    """Start of the emulated robot, and of any that patrols: "x,y,heading" in m and degrees, or a
-    cell; by default that of what is run, or random."""
-    heading: Degrees | None = None
-    """Heading of the robot at the start in degrees, by default that of the plan, team or patrol. A
-    filter, policy or belief does not use it, but steps along a diagonal are longer: where steps
-    differ between directions, the robot needs it, and an emulated robot does too."""
-    steps: Literal["encoder", "clock"] = "encoder"
-    """Whether the encoders of the wheels tell how far the robot has gone, or the time that it took
-    at a known speed."""
-    tolerance: float | None = None
-    """How near the end of a step is near enough by the encoders, in metres; by default 4 mm, or
-    less for steps below 1 m."""
-    turn_tolerance: float = 0.4
-    """How near the end of a turn is near enough by the encoders, in degrees."""
-    give: float | None = None
-    """How far the bumper of the emulated robot goes in before it feels a wall, in metres; by
-    default 0.02 times the square of the cell, at most 0.02 and at least 0.0005."""
-    noise: float = 0.0
-    """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
-    veer in radians a metre."""
-    physics: bool = False
-    """Let a physics engine move the emulated robot, a Create 2 of its true size among the walls of
-    the map: a bump turns it, and its wheels may slip."""
-    friction: float | None = None
-    """Coefficient of friction between the wheels and the floor, with --physics; by default 0.8."""
-    speed: float | None = None
-    """Speed of the robot on straight ways in m/s, up to 0.5; by default 0.2."""
-    speedup: float = 10.0
-    """Seconds of the emulated robot in a second, at most."""
-    seed: int = 0
-    """Seed of the random start, of the noise, and of the draws of a patrol."""
-    limit: int = 10_000
-    """Observations after which to give up."""
-    until: Literal["known", "cycle"] = "known"
-    """End of the run of a filter: one configuration left or a knowledge cycle, or only the
-    cycle."""
-    visits: int = 100
-    """Drawn cells after which a patrol is over."""
-    bumps: int = 20
-    """Bumps where the map is free after which a patrol is given up."""
-    intruder: str | None = None
-    """Where the emulated map has an intruder, "x,y" in metres, whom a robot on patrol reports."""
-    camera: str | None = None
-    """What a robot on patrol looks for the cross marker with: the number of a camera, or a folder
-    of pictures."""
-    calibration: Path | None = None
-    """File of `jaxcell robot calibrate`; by default, for a robot on a line, calibration.json in
-    ~/.config/jaxcell if it is there. Steps by the clock have none."""
-    resume: Path | None = None
-    """The run.jsonl of a run of this file that was stopped, to go on from there. The robot stands
-    where its last step ended and faces the way of its next; an emulated one stands at --start."""
-    out: Path | None = None
-    """Directory for the log, which must not be there yet, the recording and summary.json."""
-    live: str | None = None
-    """Viewer that shows the recording as the run goes: "here" (without a display a page for a
-    browser, until Ctrl-C), or the address of one, such as rerun+http://laptop:9876/proxy."""
+    example: ClassVar[str] = "runs/lab/filter.jxf --simulate @lab_a --heading 0 --out runs/emulated"
+    one_of: ClassVar[tuple[str, ...]] = ("port", "ros", "simulate")
 
     def run(self) -> int:
         with contextlib.ExitStack() as kept:
@@ -137,18 +66,12 @@ class RobotRun(Printing):
         from ...robot.tasks.anywhere_task import AnywhereTask
         from ...robot.tasks.files import load_task
 
-        if sum(place is not None for place in (self.port, self.ros, self.simulate)) != 1:
-            raise ValueError("expected one of --port, --ros and --simulate")
-        if self.remap and self.ros is None:
-            raise ValueError("--remap: it is for --ros")
-        if self.ros is not None and self.steps == "clock":
-            raise ValueError("--steps clock: a robot on ROS 2 goes by its odometry")
+        check(self)
         if self.out is not None and (self.out / _LOG).exists():
             raise FileExistsError(
-                f"--out {self.out}: {_LOG} of another run is there, and no log is replaced; "
-                "expected another directory"
+                f"--out {self.out}: it has the {_LOG} of another run, and no log is replaced; "
+                "expected another folder"
             )
-        check_speed(self)
         task = load_task(self.file, self.robot)
         before, calibration = self._before(task), self._calibration()
         emulation = None
@@ -160,7 +83,7 @@ class RobotRun(Printing):
         if before is not None:
             pose = before.header.get("pose")
             self._ask_for_place(task, emulation, direction, before)
-        # Before the robot is there: what it needs takes seconds to load.
+        # Before the connection to the robot, because the imports take seconds.
         viewer = None if self.live is None else kept.enter_context(shown_live(self.live))
         place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
         place.mkdir(parents=True, exist_ok=True)
@@ -186,8 +109,8 @@ class RobotRun(Printing):
         except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
             outcome, code = _stopped(error, place / _LOG)
             note(f"jaxcell robot run: {outcome.reason}")
-            goes_on = outcome.result == "stopped" and outcome.observations
-            if self.out is not None and goes_on and not isinstance(task, AnywhereTask):
+            resumable = outcome.result == "stopped" and outcome.observations
+            if self.out is not None and resumable and not isinstance(task, AnywhereTask):
                 after = read_log(self.out / _LOG)
                 start = None
                 if emulation is not None:
@@ -195,7 +118,7 @@ class RobotRun(Printing):
                         self._place(task, emulation, direction, run) for run in (before, after)
                     )
                     start = start_after(emulation.pose, *places)
-                note(f"To go on from there:\n{resume_command(self, self.out / _LOG, start)}")
+                note(f"To resume:\n{resume_command(self, self.out / _LOG, start)}")
         summary = {
             "command": "jaxcell robot run",
             "file": name_in_results(self.file),
@@ -214,7 +137,7 @@ class RobotRun(Printing):
                 note_results(self.out)
         if self.out is not None and not has_module("rerun"):
             note(
-                f"There is no Rerun here for a recording. Elsewhere: jaxcell robot replay "
+                f"No recording is written without Rerun. Elsewhere: jaxcell robot replay "
                 f"{self.out / _LOG} --file {self.file.name} --out {self.out}"
             )
         if code is not None:
@@ -222,17 +145,15 @@ class RobotRun(Printing):
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
     def _before(self, task: "AnyTask") -> "LoggedRun | None":
-        """The run that is to go on, if one is."""
+        """Read the run to resume, if any."""
         if self.resume is None:
             return None
-        if self.heading is not None:
-            raise ValueError("--heading: a run that goes on has that of its log")
         if self.simulate is not None and self.start is None:
-            raise ValueError("--resume: expected --start as well, where the emulated robot stands")
+            raise ValueError("--resume: expected --start too, the place of the emulated robot")
         return run_before(self.resume, task)
 
     def _resumed(self, before: "LoggedRun") -> dict[str, Any]:
-        """What the log says of the run before this one."""
+        """Describe the run before this one, for the log."""
         from ...robot.tasks.task import digest
 
         assert self.resume is not None
@@ -249,9 +170,9 @@ class RobotRun(Printing):
         direction: int | None,
         before: "LoggedRun",
     ) -> None:
-        """Say where the robot must stand to go on, and wait until somebody says that it does."""
+        """Print the place where the robot must stand, and wait for Enter on a terminal."""
         place = self._place(task, emulation, direction, before)
-        note(f"The run goes on where the robot is {place_in_words(place)}")
+        note(f"The robot must stand {place_in_words(place)}")
         if self.simulate is None and not self.json and sys.stdin.isatty():
             input("Press Enter when it stands there: ")
 
@@ -272,7 +193,7 @@ class RobotRun(Printing):
     def _direction(
         self, task: "AnyTask", emulation: "Emulation | None", before: "LoggedRun | None"
     ) -> int | None:
-        """The direction that the robot knows to face at the start, or `None`.
+        """Return the direction in which the robot starts, as far as it knows, or `None`.
 
         It is the same on an emulated robot as on a real one.
 
@@ -283,7 +204,7 @@ class RobotRun(Printing):
 
         if isinstance(task, AnywhereTask):
             if self.heading is not None:
-                raise ValueError("--heading: a robot that starts anywhere needs none")
+                raise ValueError("--heading: a robot that starts anywhere has no use for it")
             return None
         if before is not None:
             direction = before.direction
@@ -298,23 +219,21 @@ class RobotRun(Printing):
         return direction
 
     def _calibration(self) -> "Calibration | None":
-        """What the encoders of the robot miss, if that is known."""
+        """Read the calibration of the robot's encoders, if there is one."""
         from ...robot.calibration import Calibration, calibration_file
 
         if self.calibration is not None:
-            if self.steps == "clock":
-                raise ValueError("--calibration: it is of the encoders, not for --steps clock")
             return Calibration.load(self.calibration)
         path = calibration_file()
         if self.port is None or self.steps == "clock" or not path.exists():
             return None
-        note(f"The robot goes by the calibration in {path}")
+        note(f"The robot uses the calibration in {path}")
         return Calibration.load(path)
 
     def _robot(
         self, stack: contextlib.ExitStack, task: "AnyTask", emulation: "Emulation | None"
     ) -> "tuple[Any, list[Listener]]":
-        """The robot, armed, and who listens to the events of its run."""
+        """Connect to the robot and arm it; return it with the listeners to its events."""
         from ...robot import Create
 
         if self.ros is not None:
@@ -338,7 +257,7 @@ class RobotRun(Printing):
     def _moving(
         self, robot: Any, emulation: "Emulation | None", calibration: "Calibration | None"
     ) -> "Drivable":
-        """The robot as it tells how far it goes."""
+        """Give the robot its source of distances: encoders, calibration, or clock."""
         from ...robot.calibration import Calibrated
         from ...robot.create.clock import ByClock
 
@@ -387,7 +306,7 @@ class RobotRun(Printing):
 
 
 def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
-    """How a run stands that was stopped, by its log if there is one, and the exit status."""
+    """Return the outcome of a stopped run, from its log if there is one, and the exit status."""
     from ...robot.outcome import RunOutcome
     from ...robot.run_log import read_log, why_stopped
 

@@ -13,57 +13,49 @@ if TYPE_CHECKING:
     from ...robot.tasks.patrol_task import PatrolTask
     from ...robot.walker import Walker
     from .emulation import Emulation
-    from .run import RobotRun
+    from .options import RobotOptions
 
     Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
 
 
 def runner_of(
     task: "AnyTask",
-    options: "RobotRun",
+    options: "RobotOptions",
     emulation: "Emulation | None",
     direction: int | None,
     before: "LoggedRun | None",
 ) -> "Runner":
-    """What runs a task, and the header of its log.
+    """Choose the function that runs a task, and write the header of its log.
 
     **Arguments:**
 
-    - `task`: what is run.
-    - `options`: those of the command.
-    - `emulation`: the emulated robot, if there is one.
-    - `direction`: the direction that the robot faces at the start, where it is known.
-    - `before`: the run that goes on, if one does.
+    - `task`: the task.
+    - `options`: the options of the command.
+    - `emulation`: the emulated robot, or `None`.
+    - `direction`: the direction of the robot at the start, or `None` if it is unknown.
+    - `before`: the run to resume, or `None`.
     """
     from ...robot.anywhere import run_anywhere
-    from ...robot.believer import run_belief
+    from ...robot.followers import run_follower
     from ...robot.patrol import Patrol, run_patrol
-    from ...robot.policy import run_policy
-    from ...robot.runner import run_filter, run_plan
+    from ...robot.plan import run_plan
     from ...robot.tasks.anywhere_task import AnywhereTask
     from ...robot.tasks.files import BeliefTask, FilterTask, PlanTask, PolicyTask
     from ...robot.team import MemberTask, run_member
 
     header, limit = {**task.header, "direction": direction}, options.limit
-    if options.intruder is not None and (emulation is None or header["kind"] != "patrol"):
-        raise ValueError("--intruder has a meaning only for an emulated robot on patrol")
-    if options.camera is not None and (options.intruder is not None or header["kind"] != "patrol"):
-        raise ValueError("--camera has a meaning only on patrol, and without --intruder")
-    if options.until == "cycle" and header["kind"] != "filter":
-        raise ValueError("--until cycle: only a filter has knowledge cycles")
+    for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
+        if getattr(options, name) not in (None, "known") and header["kind"] != kind:
+            raise ValueError(f"--{name}: it has an effect only for a {kind}")
     match task:
         case FilterTask():
             until = options.until
-            return header | {"until": until}, lambda walker, log: run_filter(
-                walker, task.filter, task.bounce, log=log, limit=limit, until=until
+            return header | {"until": until}, lambda walker, log: run_follower(
+                walker, task.follower(until), task.bounces, log=log, limit=limit
             )
-        case PolicyTask():
-            return header, lambda walker, log: run_policy(
-                walker, task.policy, task.bounces, log=log, limit=limit
-            )
-        case BeliefTask():
-            return header, lambda walker, log: run_belief(
-                walker, task.belief, task.bounces, log=log, limit=limit
+        case PolicyTask() | BeliefTask():
+            return header, lambda walker, log: run_follower(
+                walker, task.follower(), task.bounces, log=log, limit=limit
             )
         case AnywhereTask():
             if before is not None:
@@ -101,13 +93,16 @@ def runner_of(
 def patrol_start(
     task: "PatrolTask", start: str | None, emulation: "Emulation | None" = None
 ) -> int:
-    """The cell where a patrol begins, among those of its map; `start` is the option."""
+    """Return the cell where a patrol begins, on the map of the patrol.
+
+    `start` is the option; an emulated robot starts where its emulation does.
+    """
     if emulation is not None:
         x, y, theta = emulation.cells.centre(emulation.start)
         try:
             return int(task.cells.index(x, y, theta))
         except ValueError as error:
-            raise ValueError(f"--start: {task.path} has no such place: {error}") from None
+            raise ValueError(f"--start: it is outside the map of {task.path}: {error}") from None
     return task.start if start is None else cell_at(task.cells, start, "--start")
 
 

@@ -1,52 +1,52 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 import tyro
 
-from ...study.study import Degrees, Metres
-from ..options import check_heading, direction_at, write_text
+from ...study.parameters import Degrees, Metres, Needed, Only, check
+from ..output import write_text
 from ..terminal import note
+from .heading import check_heading, direction_at
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotSketch:
     """Write an Arduino program that runs a filter, or a bouncing policy, on a robot without a host.
 
-    The comment at its top says how to wire it."""
+    The comment at its top describes the wiring."""
+
+    example: ClassVar[str] = "runs/lab/filter.jxf --heading 0 --out localize.ino"
+    one_of: ClassVar[tuple[str, ...]] = ("file", "bounce")
 
     file: tyro.conf.Positional[Path | None] = None
-    """What to run: the filter.jxf or policy.jxf of `jaxcell localize --out`."""
-    bounce: Degrees | None = None
-    """Instead of a file: the angle in degrees to turn by at each bump."""
-    step: Metres | None = None
-    """With --bounce: length of a step in metres."""
-    heading: Degrees | None = None
-    """Heading of the robot at the start in degrees. The filter does not use it, but steps along a
-    diagonal are longer: where steps differ between directions, the robot needs it."""
-    minimal: bool = False
+    """Task to run: the filter.jxf or policy.jxf of `jaxcell localize --out`."""
+    bounce: Annotated[Degrees | None, Only(file=False)] = None
+    """Angle in degrees to turn by at each bump, without a filter."""
+    step: Annotated[Metres | None, Needed(bounce=True)] = None
+    """Length of a step in metres."""
+    heading: Annotated[Degrees | None, Only(file=True)] = None
+    """Heading of the robot at the start in degrees. The filter needs it only if its steps differ
+    between directions, for instance because they are longer along a diagonal."""
+    minimal: Annotated[bool, Only(file=True)] = False
     """Merge states of the filter that no observation distinguishes by colour."""
-    flash: int | None = None
+    flash: Annotated[int | None, Only(file=True)] = None
     """Bytes of flash of the board; by default the 32256 of an Uno."""
     out: Path | None = None
-    """File to write, which ends in .ino; by default it is printed."""
+    """File to write, which ends in .ino; by default the program is printed."""
 
     def run(self) -> int:
         from ...robot.sketch import bounce_sketch
 
+        check(self)
         if self.out is not None and self.out.suffix != ".ino":
             raise ValueError(f"--out {self.out}: expected a name that ends in .ino")
-        if (self.file is None) == (self.bounce is None):
-            raise ValueError("expected one of FILE and --bounce")
         if self.file is not None:
             text = self._filter(self.file)
         else:
-            for name in ("heading", "minimal", "flash"):
-                # Not `in`: 0.0 is a heading, and equals False.
-                if getattr(self, name) is not None and getattr(self, name) is not False:
-                    raise ValueError(f"--{name}: it is for a filter, not for --bounce")
-            if self.step is None or self.bounce is None:
-                raise ValueError("--bounce: expected --step in metres with it")
+            assert self.bounce is not None
+            assert self.step is not None
             text = bounce_sketch(math.radians(self.bounce), self.step)
         if self.out is None:
             print(text, end="", flush=True)
@@ -60,15 +60,13 @@ class RobotSketch:
         from ...robot.sketch import FLASH, filter_sketch, policy_sketch
         from ...robot.tasks.files import FilterTask, PolicyTask, load_task
 
-        if self.step is not None:
-            raise ValueError("--step: it is for --bounce; a filter has its own")
         task = load_task(path)
         if not isinstance(task, FilterTask | PolicyTask):
             raise ValueError(
                 f"{path}: expected a filter or a policy, as `jaxcell localize --out` writes it"
             )
         if self.minimal and isinstance(task, PolicyTask):
-            raise ValueError("--minimal: it is for a filter; equal states of a policy are one")
+            raise ValueError("--minimal: a policy has no equal states to merge")
         if self.minimal and isinstance(task, FilterTask):
             task = dataclasses.replace(task, filter=minimize(task.filter))
         direction = None

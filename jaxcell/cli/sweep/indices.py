@@ -2,11 +2,11 @@ import dataclasses
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import tyro
 
-from ..options import Printing
+from ..output import Printing
 from ..terminal import status, table
 
 
@@ -16,12 +16,14 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepIndices(Printing):
-    """Estimate the Sobol indices of a sweep: which parameters the variance comes from.
+    """Estimate the Sobol indices of a sweep: the share of each parameter in the variance.
 
-    Exit status: 0 they are known, 2 bad input: another design, or members that are not done."""
+    Exit status: 0 done, 2 bad input: another design, or members that are not done."""
+
+    example: ClassVar[str] = "runs/samples"
 
     folder: tyro.conf.Positional[Path]
-    """Folder of a sweep whose samples have the design saltelli."""
+    """Folder of a sweep with the design saltelli."""
 
     def run(self) -> int:
         from ...sweep import sobol_indices

@@ -7,12 +7,14 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
 from ...base.paths import replacing
-from ..options import Printing, prepare_tasks
+from ...study.parameters import Only, check
+from ..output import Printing
+from ..startup import prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 
 
@@ -25,51 +27,48 @@ _MAX_FAILURES = 10
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sweep(Printing):
-    """Run a task for many parameters, in chunks that survive crashes; --resume goes on.
+    """Run a task for many parameters, in chunks that survive crashes; --resume continues.
 
-    Exit status: 0 all done, 1 some members failed, 2 bad input, or no room on the disk."""
+    Exit status: 0 all done, 1 some members failed, 2 bad input, or a full disk."""
+
+    example: ClassVar[str] = "@rooms --engine processes --out runs/rooms"
 
     spec: tyro.conf.Positional[Path]
-    """TOML file: the task, its parameters, the seed, the size of chunks."""
+    """TOML file with the task, its parameters, the seed and the size of chunks."""
     engine: str = "local"
-    """Where chunks are computed: local (in this process), processes, dask (a cluster of this
+    """Engine that computes chunks: local (this process), processes, dask (a cluster on this
     machine), or dask://host:port."""
-    scheduler_file: Path | None = None
-    """In place of --engine: the file that the scheduler of a cluster of Dask wrote its address
-    to."""
+    scheduler_file: Annotated[Path | None, Only(engine="local")] = None
+    """File with the address of a Dask scheduler, in place of --engine."""
     workers: int | None = None
-    """Number of processes of the engines processes and dask; by default that of processors."""
+    """Number of processes of the engines processes and dask; by default the number of
+    processors."""
     resume: bool = False
-    """Go on with the sweep in the folder, if there is one; with more values of its parameters,
-    too."""
-    anyway: bool = False
-    """With --resume: go on although files, the task or versions are others now. The result says
-    which, in the attribute resumed_anyway."""
+    """Continue the sweep in the folder, if there is one; its parameters may have more values
+    now."""
+    anyway: Annotated[bool, Only(resume=True)] = False
+    """Continue although files, the task or versions have changed. The attribute resumed_anyway of
+    the result lists the changes."""
     timeout: float | None = None
-    """Seconds after which a chunk is ended and computed again in halves, until the members that
-    take so long alone have failed. Not for the engine local, which cannot end a chunk."""
+    """Seconds after which a chunk is stopped and computed again in halves, until only members that
+    take longer alone have failed. Not for the engine local, which cannot stop a chunk."""
     shard: str | None = None
-    """I/N, as 3/100: compute one of N parts of the sweep, in a folder of its own in that of the
-    result, as a job of an array; sweep merge puts them together."""
+    """I/N, such as 3/100: compute one of N parts of the sweep, in its own folder inside the
+    folder of the result; `jaxcell sweep merge` merges the parts."""
     max_failures: int | None = None
-    """Stop when more members than this have failed; by default others go on however many do."""
+    """Number of failed members above which the sweep stops; by default it never stops."""
     out: Path | None = None
     """Folder for the result; by default runs/ and the name of the specification."""
-    netcdf: bool = False
-    """Write the result to sweep.nc too, once all is done."""
+    netcdf: Annotated[bool, Only(shard=False)] = False
+    """Write the result to sweep.nc too, after the last chunk."""
 
     def run(self) -> int:
         prepare_tasks()
         from ...sweep import Shard, Spec, run_sweep, scheduler_address
 
-        if self.anyway and not self.resume:
-            raise ValueError("--anyway: expected with --resume")
-        if self.netcdf and self.shard is not None:
-            raise ValueError("--netcdf: expected without --shard, which gives a part of the result")
+        check(self)
         engine = self.engine
         if self.scheduler_file is not None:
-            if engine != "local":
-                raise ValueError(f"--scheduler-file: expected without --engine, got {engine}")
             engine = scheduler_address(self.scheduler_file)
         spec = Spec.load(self.spec)
         whole = Path("runs") / self.spec.stem if self.out is None else self.out
@@ -95,7 +94,7 @@ class Sweep(Printing):
         except KeyboardInterrupt:
             again = ["jaxcell", "sweep", str(self.spec), "--out", str(whole), "--resume"]
             again += self._options()
-            note(f"Stopped. What is done is kept in {out}; to go on: {shlex.join(again)}")
+            note(f"Stopped. Finished chunks are kept in {out}; to continue: {shlex.join(again)}")
             return 130
         seconds = time.perf_counter() - began
         if self.netcdf and found.complete:
@@ -106,14 +105,14 @@ class Sweep(Printing):
             note(f"Stopped: more than {self.max_failures:,} members failed")
         if chunks is not None:
             note(f"This shard is {len(chunks):,} of the {found.chunks:,} chunks")
-            note(f"Once all shards are done: {own_command('jaxcell')} sweep merge {whole}")
+            note(f"After all shards: {own_command('jaxcell')} sweep merge {whole}")
             return 1 if found.failures else 0
         if not found.complete:
-            note("To compute what is not done: the same command with --resume")
+            note("To compute the rest: the same command with --resume")
         return 0 if found.complete else 1
 
     def _options(self) -> list[str]:
-        """Those that say how it is computed, as they were given."""
+        """Return the options of the computation, without the parameters of the result."""
         names = ("engine", "scheduler_file", "workers", "timeout", "shard", "max_failures")
         fields = [field for field in dataclasses.fields(self) if field.name in names]
         return [
@@ -126,9 +125,11 @@ class Sweep(Printing):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepState(Printing):
-    """Show the progress of a sweep, also while it runs, and which members failed.
+    """Show the progress of a sweep, also while it runs, and the members that failed.
 
     Exit status: 0 all done, 1 not yet, or some members failed."""
+
+    example: ClassVar[str] = "runs/rooms"
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
@@ -143,13 +144,15 @@ class SweepState(Printing):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepMerge(Printing):
-    """Put the shards of a sweep together, once all of them are done.
+    """Merge the shards of a sweep, after all of them are done.
 
     Exit status: 0 all done, 1 some members failed, 2 bad input: a shard that is missing, not done,
     or of another specification."""
 
+    example: ClassVar[str] = "runs/rooms"
+
     folder: tyro.conf.Positional[Path]
-    """Folder of the sweep: its shards are in shards/ there."""
+    """Folder of the sweep, with its shards in shards/."""
 
     def run(self) -> int:
         prepare_tasks()
@@ -190,28 +193,29 @@ def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) 
     if found.running is not None:
         rows.append(("at work", found.running))
     if found.rate is not None and found.left is not None:
-        rows += [("members a second", f"{found.rate:,.3g}"), ("time left", duration(found.left))]
+        rows.append(("members per second", f"{found.rate:,.3g}"))
+        rows.append(("time left", duration(found.left)))
     table(f"{folder}: {found.task}", ("the sweep", ""), rows)
     for failure in found.failures[:_MAX_FAILURES]:
         note(in_a_line(failure))
     if found.failures:
         others = "... and others: " * (len(found.failures) > _MAX_FAILURES)
-        note(f"{others}all are in {folder / 'failures.json'}, with their tracebacks")
+        note(f"{others}{folder / 'failures.json'} has their tracebacks")
     if found.damaged:
-        note(f"To mend what is damaged: {own_command('jaxcell')} sweep verify {folder}")
+        note(f"To repair the damage: {own_command('jaxcell')} sweep verify {folder}")
     if (folder / "sweep.zarr").is_dir():
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 
 
 def in_a_line(failure: "Failure") -> str:
-    """A failure in a line."""
+    """Write a failure in one line."""
     parameters = ", ".join(f"{name} {value}" for name, value in failure.parameters.items())
     return f"a member of chunk {failure.chunk} failed ({parameters}): {failure.message}"
 
 
 @contextlib.contextmanager
 def shown(doing: str) -> "Iterator[Callable[[Progress], None]]":
-    """Progress: chunks, failures, members a second, time left."""
+    """Show the progress of a sweep: chunks, failures, members per second, time left."""
     with progress(doing) as say:
 
         def show(now: "Progress") -> None:

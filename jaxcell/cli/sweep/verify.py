@@ -1,10 +1,12 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import ClassVar
 
 import tyro
 
-from ..options import Printing, prepare_tasks
+from ..output import Printing
+from ..startup import prepare_tasks
 from ..terminal import note, status, stdout_on_stderr, table
 
 
@@ -13,16 +15,19 @@ _MAX_LISTED = 10
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepVerify(Printing):
-    """Read all that is in a sweep, and compute again what is damaged: flipped bits, files gone.
+    """Check all chunks of a sweep, and compute damaged ones again: flipped bits, missing files.
 
-    Exit status: 0 nothing is damaged any more, 1 something could not be computed, 2 bad input."""
+    Exit status: 0 the sweep is whole, 1 some chunks could not be computed, 2 bad input."""
+
+    example: ClassVar[str] = "runs/rooms"
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
     engine: str = "local"
-    """Where chunks are computed: local, processes, dask, or dask://host:port; see sweep."""
+    """Engine that computes chunks: local, processes, dask, or dask://host:port; see sweep."""
     workers: int | None = None
-    """Number of processes of the engines processes and dask; by default that of processors."""
+    """Number of processes of the engines processes and dask; by default the number of
+    processors."""
 
     def run(self) -> int:
         prepare_tasks()

@@ -2,12 +2,12 @@ import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
 from ...base.display import has_display
-from ..options import prepare_tasks
+from ..startup import prepare_tasks
 from ..terminal import note, own_command, status, table
 from ..view import View
 from .indices import show_indices
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 _MAX_LISTED = 6
-# What people type of a number that they have read, with fewer digits than it has.
+# Relative error of a number that a user typed with fewer digits.
 _TYPED = 1e-5
 
 
@@ -29,17 +29,19 @@ _TYPED = 1e-5
 class SweepView:
     """Show a sweep in the Rerun viewer: its parameters as timelines, or one member in detail.
 
-    Of samples of the design saltelli, it prints the Sobol indices too.
+    For a sweep with the design saltelli, print the Sobol indices too.
 
-    Exit status: 0 the recording is made, 1 there is no result of the member, 2 bad input."""
+    Exit status: 0 the recording is made, 1 the member has no result, 2 bad input."""
+
+    example: ClassVar[str] = "runs/rooms"
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
     select: tuple[str, ...] = ()
-    """The member to show in detail: NAME=VALUE for each dimension of the sweep. It is computed
-    again."""
+    """Member to compute again and show in detail: NAME=VALUE for each dimension of the sweep."""
     out: Path | None = None
-    """The recording; by default overview.rrd in the folder, or members/NAME=VALUE,....rrd there."""
+    """File of the recording; by default overview.rrd in the folder, or members/NAME=VALUE,....rrd
+    there."""
 
     def run(self) -> int:
         from ...sweep import sweep_status
@@ -82,8 +84,8 @@ class SweepView:
         state = int(member["status"])
         if state != 1:
             messages = [one.message for one in failures if one.index == places]
-            why = "; ".join(messages) if state == 2 else "it is not computed yet"
-            note(f"There is no result of the member {name}: {why}")
+            reason = "; ".join(messages) if state == 2 else "it is not computed yet"
+            note(f"The member {name} has no result: {reason}")
             return 1
         out = self.folder / "members" / f"{name}.rrd" if self.out is None else self.out
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -93,15 +95,15 @@ class SweepView:
 
 
 def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
-    """The place of a member along each dimension of a sweep.
+    """Find the index of a member along each dimension of a sweep.
 
     **Arguments:**
 
     - `spec`: the specification of the sweep.
-    - `given`: `NAME=VALUE` for each dimension; those of one value may be left out. The value of a
-        parameter of a grid, or the number of a sample or of a member of a list.
+    - `given`: `NAME=VALUE` for each dimension with several values. The value of a parameter of a
+        grid, or the number of a sample or of a member of a list.
 
-    **Raises:** `ValueError` that says what there is.
+    **Raises:** `ValueError` that lists the values.
     """
     values = dict(_values(spec))
     listed = ", ".join(values)
@@ -123,24 +125,24 @@ def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
 
 
 def parameters(spec: "Spec", places: Mapping[str, int]) -> dict[str, Any]:
-    """The parameters of a member: its own, and those that all share."""
+    """Return the parameters of a member: its own, and the parameters that all members share."""
     own = {one.name: one.values[places[one.dimension]].item() for one in spec.parameters}
     return {**spec.fixed, **own}
 
 
 def named(spec: "Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
-    """The name and the value of each dimension for a member."""
+    """Return the name and the value of each dimension for a member."""
     return [(name, some[places[name]]) for name, some in _values(spec)]
 
 
 def _values(spec: "Spec") -> list[tuple[str, list[Any]]]:
-    """The values that identify members along each dimension."""
+    """Return the values that identify members along each dimension."""
     own = {one.name: one.values.tolist() for one in spec.parameters if one.name == one.dimension}
     return [(name, own.get(name) or [*range(size)]) for name, size in spec.dimensions.items()]
 
 
 def _place(option: str, text: str, values: Sequence[Any]) -> int:
-    """The place of the value that a text names."""
+    """Return the index of the value that a text names."""
     error = ValueError(f"--select {option}: there is no such value; there are {_listed(values)}")
     if isinstance(values[0], str | bool):
         texts = [str(value) for value in values]
@@ -166,7 +168,7 @@ def _listed(values: Sequence[Any]) -> str:
 
 
 def _show(name: str, member: "xr.Dataset") -> None:
-    """Print what the sweep found for a member."""
+    """Print the result of a member in the sweep."""
     rows = [
         (one.attrs.get("long_name", key), f"{one.item():.6g}", one.attrs.get("units", ""))
         for key, one in member.data_vars.items()
@@ -176,7 +178,7 @@ def _show(name: str, member: "xr.Dataset") -> None:
 
 
 def _open(recording: Path) -> int:
-    """Open a recording, or say how to."""
+    """Open a recording, or print the command that opens it."""
     if has_display():
         return View(results=recording).run()
     note(

@@ -40,7 +40,7 @@ class Component:
     inner: Int[np.ndarray, " block"]
     "The block among the centres that are computed."
     mask: Mask | None
-    "Where a value is a current; `None` if the file has no mask, and all values count."
+    "The mask of the currents; `None` if the file has no mask, and all values count."
     factor: float
     "Metres per second in a unit of the file."
     flags: list[Flag]

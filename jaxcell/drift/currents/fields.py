@@ -51,10 +51,7 @@ class FieldReader:
     @functools.cached_property
     def components(self) -> list[Component]:
         """The components of the velocity."""
-        both = (
-            (self.velocity.u, self.velocity.u_axes),
-            (self.velocity.v, self.velocity.v_axes),
-        )
+        both = ((self.velocity.u, self.velocity.u_axes), (self.velocity.v, self.velocity.v_axes))
         places = self.layers.places
         return [component(self.file, name, axes, self.grid, places) for name, axes in both]
 
@@ -166,10 +163,7 @@ class FieldReader:
         return notes + list(dict.fromkeys(flags))
 
     def _on_layers(
-        self,
-        x: Float[np.ndarray, "levels y x"],
-        y: Float[np.ndarray, "levels y x"],
-        record: int,
+        self, x: Float[np.ndarray, "levels y x"], y: Float[np.ndarray, "levels y x"], record: int
     ) -> tuple[
         Float[np.ndarray, "layers y x"],
         Float[np.ndarray, "layers y x"],
@@ -207,9 +201,7 @@ class FieldReader:
         )
 
     def _check_reach(
-        self,
-        heights: Float[np.ndarray, "levels y x"],
-        wanted: Float[np.ndarray, "layers y x"],
+        self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "layers y x"]
     ) -> None:
         """Refuse heights that are more than a layer above or below the levels of the file."""
         levels, grid = self.layers.s_levels, self.grid

@@ -40,7 +40,7 @@ class OceanGrid:
     closed: Bool[np.ndarray, " y"]
     "Rows that repeat others across the northern fold of the grid, and count as land."
     wraps: bool
-    "Whether the last column is beside the first, as the grid goes round the Earth."
+    "True if the last column is beside the first, because the grid goes round the Earth."
     angle_from: str
     "The origin of the angle, in words; empty on a grid of latitude and longitude."
     notes: tuple[str, ...] = ()
@@ -174,10 +174,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
 
 
 def _angle(
-    file: OceanFile,
-    axes: Axes,
-    angle: Float[np.ndarray, "y x"],
-    computed: Float[np.ndarray, "y x"],
+    file: OceanFile, axes: Axes, angle: Float[np.ndarray, "y x"], computed: Float[np.ndarray, "y x"]
 ) -> tuple[Float[np.ndarray, "y x"], str]:
     """Convert the variable `angle` to radians, and return it with its origin in words.
 

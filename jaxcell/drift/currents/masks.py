@@ -42,7 +42,7 @@ def read_mask(
     and water; else one with a standard name of CF. `dims` are the dimensions of y and x, and
     `places` the levels to read along a dimension `depth`.
     """
-    here = {
+    candidates = {
         str(name): variable
         for name, variable in file.dataset.variables.items()
         if set(dims) <= set(variable.dims)
@@ -52,9 +52,9 @@ def read_mask(
     read = functools.partial(_read, file, dims, {dims[0]: rows, dims[1]: columns}, depth, places)
     for row in table("mask"):
         for name in row.names:
-            if name in here:
+            if name in candidates:
                 return _as_named(name, read(name), row, "its name")
-    for name, variable in here.items():
+    for name, variable in candidates.items():
         meanings = flag_meanings(variable.attrs)
         land = [value for value, words in meanings.items() if _about(words, _LAND, _WATER)]
         water = [value for value, words in meanings.items() if _about(words, _WATER, _LAND)]
@@ -64,7 +64,7 @@ def read_mask(
             wet = _off(values, rest) < _off(values, land)
             listed = ", ".join(f"{value:g}" for value in land)
             return Mask(name, wet, f"{listed} is land, by its flags")
-    for name, variable in here.items():
+    for name, variable in candidates.items():
         standard_name = variable.attrs.get("standard_name")
         for row in table("mask"):
             if standard_name in row.standard_names:
@@ -116,12 +116,12 @@ def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:
     if len(values) == len(texts) and values.dtype.kind in "iuf":
         return {float(value): text for value, text in zip(values, texts, strict=True)}
     options = ((re.fullmatch(r"option_?\(?(\d+)\)?", name), name) for name in attributes)
-    return {float(found[1]): str(attributes[name]) for found, name in options if found}
+    return {float(match[1]): str(attributes[name]) for match, name in options if match}
 
 
-def _about(words: str, some: set[str], others: set[str]) -> bool:
+def _about(words: str, expected: set[str], others: set[str]) -> bool:
     present = set(re.findall("[a-z]+", words.lower()))
-    return bool(present & some) and not present & others
+    return bool(present & expected) and not present & others
 
 
 def _off(

@@ -104,9 +104,7 @@ class Spread:
 
 
 def boxes(
-    seen: Trajectories,
-    cell: float | int,
-    bounds: Sequence[float | int] | None = None,
+    seen: Trajectories, cell: float | int, bounds: Sequence[float | int] | None = None
 ) -> Water:
     """Make cells of longitude and latitude that drifters visited.
 
@@ -118,8 +116,6 @@ def boxes(
         East may be less than the West, across the date line.
 
     **Returns:** the cells, at the surface.
-
-    **Raises:** `ValueError` for a side or bounds out of range, or without observations.
 
     Three observations on both sides of the date line:
 
@@ -200,8 +196,6 @@ def count_moves(
 
     **Returns:** [`CountedMoves`][], with the remaining cells.
 
-    **Raises:** `ValueError` for numbers out of range, or if no cell remains.
-
     A drifter that goes from cell to cell, and another one that stays:
 
         >>> import numpy as np
@@ -256,8 +250,6 @@ def bootstrap(
     - `seed`: of the draws.
 
     **Returns:** [`Spread`][].
-
-    **Raises:** `ValueError` for fewer than 2 samples.
 
     Of a hundred drifters 60 move on; that share has an error of 5 %:
 

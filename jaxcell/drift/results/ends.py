@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Outcome
-from ...base.quantities import PROBABILITY, Checks, Result, derived
+from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part
 from ...markov import Absorption, absorption_probabilities
 from ..behaviour import LongTermBehaviour
 from ..water import Water
@@ -112,7 +112,7 @@ class LayerEnds(Ends):
 
     @property
     def transient(self) -> Bool[np.ndarray, "cells"]:
-        """Whether each cell is in no persistent group."""
+        """The mask of the cells in no persistent group."""
         return self.group < 0
 
     @functools.cached_property
@@ -144,9 +144,7 @@ class LayerEnds(Ends):
         """The transient cells whose expected time to the end exceeds `ALMOST_FOREVER` steps."""
         return ~(np.asarray(self.begins.absorption.value) <= ALMOST_FOREVER)
 
-    @derived("", "depth", "m")
-    def depth(self) -> float:
-        return self.water.depth
+    depth = from_part("water.depth", "", "depth", "m")
 
     @derived("group_index", "cells", kind="count")
     def groups_cells(self) -> Int[np.ndarray, "groups"]:

@@ -51,7 +51,7 @@ class Compared(Ends):
     def compared_hours(self) -> Float[np.ndarray, "times"]:
         return self._distances[0].hours
 
-    @derived("", "cells in which drifters that were compared began, of all", kind="count")
+    @derived("", "cells in which the compared drifters began", kind="count")
     def compared_cells(self) -> int | None:
         count = sum(distance.cells for distance in self._distances)
         return count if count < self.cells else None
@@ -94,7 +94,7 @@ class Layer(LayerEnds, Compared):
     step: DriftStep
     "The step of the map."
     diagnosis: Diagnosis
-    "Whether the groups can be trusted."
+    "Signs that the grid, rather than the flow, made the groups."
     measured: Distance | None = None
     "The distance of the map from drifters, if it is known."
 

@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,6 +16,13 @@ from .sea_layers import SeaLayers
 # Counting the groups of other steps takes seconds for more cells.
 _MAX_FOR_COUNTS = 100_000
 _FACTORS = (0.5, 1.0, 2.0, 4.0)
+
+
+def _by_time(name: str, meaning: str) -> Any:
+    """Describe an array of the distances of all layers."""
+    return derived("layer compared", meaning, "1", kind="share")(
+        lambda sea: np.stack([getattr(layer.distance, name) for layer in sea.layers])
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,12 +60,12 @@ class SeaCurrents(SeaLayers, Compared):
     def records(self) -> np.ndarray:
         return np.datetime_as_string(self.currents.time.values, unit="s")
 
-    @derived("", "the current repeats itself after", "h", kind="time")
+    @derived("", "period of the current", "h", kind="time")
     def period_hours(self) -> float | None:
         period = self.layers[0].by.period
         return None if period is None else float(period) / 3600
 
-    @derived("", "maps that follow on one another meanwhile", kind="count")
+    @derived("", "maps in a period", kind="count")
     def phases(self) -> int | None:
         return None if self.period_hours is None else self.sea.phases
 
@@ -103,14 +111,6 @@ class SeaCurrents(SeaLayers, Compared):
         """The durations of other steps, in seconds; the second is that of the maps."""
         return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
-    @derived("layer compared", "drifters that the map has in a wrong cell", "1", kind="share")
-    def compared_distance(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([distance.total_variation for distance in self._distances])
-
-    @derived("layer compared", "drifters that left the map", "1", kind="share")
-    def compared_drifters_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([distance.drifters_left for distance in self._distances])
-
-    @derived("layer compared", "drifters that left, by the map of cells", "1", kind="share")
-    def compared_map_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([distance.map_left for distance in self._distances])
+    compared_distance = _by_time("total_variation", "drifters that the map has in a wrong cell")
+    compared_drifters_left = _by_time("drifters_left", "drifters that left the map")
+    compared_map_left = _by_time("map_left", "drifters that left, by the map of cells")

@@ -154,8 +154,6 @@ class SeaDrift(SeaCurrents):
         - `backward`: whether drifters go back in time from the last record, by the reversed flow.
         - `diffusivity`: of unresolved motion, in m²/s; for sampled maps.
         - `say`: called with each stage of the computation.
-
-        **Raises:** `ValueError` for a duration out of range, or as [`jaxcell.drift.drift_map`][].
         """
         step = step or DriftStep()
         count = range(currents.sizes["layer"])
@@ -292,11 +290,11 @@ class SeaDrift(SeaCurrents):
             surface.water, self.reach, surface.begins.groups, seconds=self.seconds
         )
 
-    @derived("", "drifters, group by group, that may visit each cell", kind="count")
+    @derived("", "drifters of the deployment, which may visit each cell", kind="count")
     def drifter_count(self) -> int:
         return self.deployment.cells.size
 
-    @derived("", "fewest found from which each cell may be visited", kind="count")
+    @derived("", "fewest cells found from which each cell may be visited", kind="count")
     def fewest_count(self) -> int:
         return self.minimum.size
 
@@ -324,7 +322,7 @@ class SeaDrift(SeaCurrents):
     curve_covered = from_part(
         "curve.covered",
         "drifters",
-        "cells visited from these and those before",
+        "cells visited by this and earlier drifters",
         kind="count",
         listed=True,
     )
@@ -337,16 +335,14 @@ class SeaDrift(SeaCurrents):
     def views_kept(self) -> Bool[np.ndarray, "views"] | None:
         return None if self.views is None else np.isin(self.views.cover, self.views.cells)
 
-    views_least = from_part(
-        "views.least", "", "views that no cover does with less than", kind="count"
-    )
+    views_least = from_part("views.least", "", "lower bound of the number of views", kind="count")
     start_cell = from_part("start", "", "cell where the drifter is dropped", kind="index")
 
-    @derived(_SQUARES, "by drifters that keep their depth", kind="flag")
+    @derived(_SQUARES, "reached by drifters that keep their depth", kind="flag")
     def reached(self) -> Bool[np.ndarray, "layers rows columns"] | None:
         return None if self.reachable is None else self.sea.on_squares(self.reachable[0], False)
 
-    @derived(_SQUARES, "by going up and down too", kind="flag")
+    @derived(_SQUARES, "reached by drifters that go up and down", kind="flag")
     def reached_at_any_depth(self) -> Bool[np.ndarray, "layers rows columns"] | None:
         return None if self.reachable is None else self.sea.on_squares(self.reachable[1], False)
 

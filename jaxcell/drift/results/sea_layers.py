@@ -88,7 +88,7 @@ class SeaLayers(Ends):
 
     @derived(
         "layer group_index",
-        "number of the group on maps, which goes on from layer to layer",
+        "number of the group on maps, as of the matching group above",
         kind="index",
         padding="-1: no such group",
     )
@@ -168,12 +168,12 @@ class SeaLayers(Ends):
         counts = [one.transient_groups for one in self.layers]
         return np.repeat(np.arange(len(counts), dtype=np.int32), counts)
 
-    @derived("transient", "its number in transient_group", kind="index")
+    @derived("transient", "number of the group in transient_group", kind="index")
     def transient_number(self) -> Int[np.ndarray, "transients"]:
         counts = [one.transient_groups for one in self.layers]
         return np.concatenate([np.arange(count, dtype=np.int32) for count in counts])
 
-    @derived("transient_bound", "where a transient group begins in domicile", kind="index")
+    @derived("transient_bound", "first entry of a transient group in domicile", kind="index")
     def domicile_offset(self) -> Int[np.ndarray, "bounds"]:
         return np.cumsum([0, *map(len, self._domiciles)], dtype=np.int64)
 
@@ -194,7 +194,7 @@ class SeaLayers(Ends):
     def to_cell(self) -> Int[np.ndarray, "entries"]:
         return (self._entries.col % self.cells).astype(np.int32)
 
-    @derived("entry", "probability; what a cell lacks of 1 has left the map", "1", kind="share")
+    @derived("entry", "probability; the rest to 1 leaves the map", "1", kind="share")
     def transition(self) -> Float[np.ndarray, "entries"]:
         return self._entries.data
 

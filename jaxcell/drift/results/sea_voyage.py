@@ -33,7 +33,7 @@ class SeaVoyage(Result):
 
     @property
     def arrives(self) -> bool:
-        """Whether a drifter from the start may arrive; true without a start."""
+        """True if a drifter from the start may arrive, or without a start."""
         return self.start_probability is None or self.start_probability > 0
 
     @derived("", "probability of arriving from the start", kind="share")
@@ -59,7 +59,7 @@ class SeaVoyage(Result):
     def cells_that_arrive_for_sure(self) -> int:
         return int((np.asarray(self.policy.probability) == 1).sum())
 
-    @derived("", "their time, mean", "h", kind="time")
+    @derived("", "mean time of these cells", "h", kind="time")
     def their_mean_hours(self) -> float:
         sure = np.asarray(self.policy.probability) == 1
         return float(np.asarray(self.policy.time)[sure].mean()) * self.hours

@@ -41,8 +41,6 @@ def ftle(
 
     **Returns:** the exponents, per second.
 
-    **Raises:** `ValueError` for a duration or steps out of range, or a flow of other water.
-
     A flow along x that gets a hundredth of a cell a second faster with every column stretches what
     it carries by a tenth in ten seconds, in one step of Euler's method:
 
@@ -83,10 +81,7 @@ def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[
 
 
 def ridges(
-    water: Water,
-    values: Float[np.ndarray, "cells"],
-    *,
-    share: float | int = 0.25,
+    water: Water, values: Float[np.ndarray, "cells"], *, share: float | int = 0.25
 ) -> Bool[np.ndarray, "cells"]:
     """Find the cells on a ridge of some values, such as [`ftle`][].
 
@@ -101,8 +96,6 @@ def ridges(
     - `share`: the share of the cells, those with the highest values, that may be on a ridge.
 
     **Returns:** a mask over the cells.
-
-    **Raises:** `ValueError` for a share that is not above 0 and at most 1.
 
     The middle of five columns is the highest; at the edges there is no ridge:
 
@@ -163,8 +156,6 @@ def agreement(
     - `within`: the distance in rows and columns up to which a ridge is near.
 
     **Returns:** [`Agreement`][], two shares from 0 to 1.
-
-    **Raises:** `ValueError` if there are no borders.
 
     The border between columns 2 and 3, beside a ridge in column 2:
 

@@ -73,12 +73,7 @@ class Diagnosis:
 
 
 def diagnose(
-    water: Water,
-    flow: Flow,
-    groups: PersistentGroups,
-    step: DriftStep,
-    *,
-    start: float | int = 0.0,
+    water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep, *, start: float | int = 0.0
 ) -> Diagnosis:
     """Diagnose whether the persistent groups of a drift map can be trusted.
 
@@ -88,8 +83,6 @@ def diagnose(
     - `groups`: its persistent groups.
 
     **Returns:** [`Diagnosis`][].
-
-    **Raises:** `ValueError` if the groups are of another map, or the flow is of other water.
 
     The surface of the bundled sea, where the flow makes the groups:
 

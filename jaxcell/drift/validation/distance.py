@@ -67,7 +67,7 @@ class Distance:
 
     @property
     def near(self) -> tuple[bool, ...]:
-        """Whether the times are about 6 and 24 hours; the first time of a long step is later."""
+        """True for the times near 6 and 24 hours; the first time of a long step is later."""
         return tuple((np.abs(self.hours / HOURS - 1) < _NEAR).tolist())
 
     @property
@@ -120,7 +120,7 @@ def distances(
     )
     begin = _begin(water, sampling)
     share = _shares(water, flow, begin, times, sampling)
-    found = []
+    results = []
     for steps, (chain, seconds) in zip(counts, maps, strict=True):
         later = as_sequence(chain).pushed(begin / begin.sum(), steps[-1])
         kept = {count: cells for count, cells in enumerate(later) if count in steps}
@@ -131,8 +131,8 @@ def distances(
         )
         hours = np.array(steps) * seconds / 3600
         cells = int(begin.sum())
-        found.append(Distance(hours, variation, drifters_left, map_left.clip(0, 1), cells))
-    return tuple(found)
+        results.append(Distance(hours, variation, drifters_left, map_left.clip(0, 1), cells))
+    return tuple(results)
 
 
 def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], step: DriftStep) -> DriftStep:
@@ -218,7 +218,7 @@ def longest_duration(water: Water, flow: Flow) -> float:
 def _begin(water: Water, sampling: Sampling) -> Float[np.ndarray, "cells"]:
     """Return 1 for the cells in which drifters begin, and 0 for others."""
     every = -(-water.cells * sampling.least**2 // sampling.drifters)
-    # One of `every` square parts along every diagonal.
+    # Along every diagonal, one in `every` square parts.
     part = water.row // sampling.part + water.column // sampling.part
     return (part % every == 0).astype(float)
 

@@ -67,8 +67,6 @@ def simulate_drifters(
 
     **Returns:** [`Drifters`][], beginning with the places of release.
 
-    **Raises:** `ValueError` for numbers out of range, or cells that do not exist.
-
     Two hours at the surface of the bundled sea, from cell 100:
 
         >>> import jax
@@ -184,10 +182,7 @@ class Comparison:
 
 
 def compare(
-    water: Water,
-    chain: Chain,
-    drifted: Drifters,
-    hours: Sequence[float | int] = (1, 12, 24),
+    water: Water, chain: Chain, drifted: Drifters, hours: Sequence[float | int] = (1, 12, 24)
 ) -> Comparison:
     """Compare a drift map with simulated drifters, from their places of release on.
 
@@ -199,8 +194,6 @@ def compare(
     - `hours`: the times of the comparison, rounded to whole steps.
 
     **Returns:** [`Comparison`][], a number for each of the times.
-
-    **Raises:** `ValueError` for a time that is past the last step, or a chain of other cells.
 
     Two cells of 1 km; the chain takes every drifter to the second, and one of two drifters went:
 

@@ -48,8 +48,8 @@ def leading_modes(
     - `start`: phase of the first step.
     - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`Modes`][]. The residual of its certificate is the largest 2-norm of `P f - value
-    f`, or of `m P - value m`, over eigenvectors of length 1.
+    **Returns:** [`Modes`][]. The residual of its certificate is the largest 2-norm of
+    `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
 
     **Raises:** `ValueError` for a number out of range; `RuntimeError` if the eigenvalues do not
     converge.

@@ -26,7 +26,7 @@ class NearlyClosedSets:
     """Sets of cells that a chain hardly leaves, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]
-    "The set of each cell at the begin of the window, -1 for none."
+    "The set of each cell at the start of the window, -1 for none."
     end: Int[np.ndarray, "cells"]
     """The set of each cell at the end of the window: equal to `begin` for almost-invariant sets;
     the place of a coherent set then; for attracting regions, the region where the staying mass
@@ -47,8 +47,8 @@ class NearlyClosedSets:
 
     @property
     def time(self) -> Float[np.ndarray, "sets"]:
-        """The number of steps after which 1/e of the mass is left, at the same leakage: `-steps /
-        log(1 - leakage)`; `inf` for a closed set."""
+        """The number of steps after which 1/e of the mass is left, at the same leakage:
+        `-steps / log(1 - leakage)`; `inf` for a closed set."""
         with np.errstate(divide="ignore"):
             return -self.steps / np.log1p(-self.leakage)
 
@@ -65,19 +65,19 @@ def almost_invariant_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that mass hardly leaves and hardly enters.
 
-    Let `L` be the steps of the window, `p` the mass and `q = p L`. The reversible chain `(p_i L_ij
-    + p_j L_ji) / (p_i + q_i)` is the mean of the window and its time reversal if `p` is stationary
-    (Froyland 2005). Sparse vectors that span its leading eigenvectors (Froyland, Rock and
-    Sakellariou 2019) are large on one set each. A set consists of the cells where its vector is the
-    largest and exceeds a level; the level is chosen to keep the largest share of the mass inside.
-    Mass that goes to the sink leaks.
+    Let `L` be the steps of the window, `p` the mass and `q = p L`. The reversible chain
+    `(p_i L_ij + p_j L_ji) / (p_i + q_i)` is the mean of the window and its time reversal if `p` is
+    stationary (Froyland 2005). Sparse vectors that span its leading eigenvectors (Froyland, Rock
+    and Sakellariou 2019) are large on one set each. A set consists of the cells where its vector is
+    the largest and exceeds a level; the level is chosen to keep the largest share of the mass
+    inside. Mass that goes to the sink leaks.
 
     **Arguments:**
 
     - `chain`: the chain, or a sequence of chains.
     - `count`: largest number of sets. There are no more than eigenvalues above 1e-6, because
         rounding decides the others.
-    - `mass`: the mass of each cell at the begin, not negative; by default equal. Cells without mass
+    - `mass`: the mass of each cell at the start, not negative; by default equal. Cells without mass
         are in no set.
     - `steps`: number of steps of the window; by default one per phase.
     - `start`: phase of the first step.
@@ -118,7 +118,7 @@ def coherent_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that move and hardly mix with their surroundings, over a finite time.
 
-    They come in pairs: the place of a set at the begin and at the end. With `L` the steps of the
+    They come in pairs: the place of a set at the start and at the end. With `L` the steps of the
     window, `p` the mass and `q = p L`, they follow from the leading singular vectors of the matrix
     `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010), with one rotation
     for both sides; otherwise as [`almost_invariant_sets`][].
@@ -184,7 +184,7 @@ class _Search:
     blurred: Window
     "The window followed by the blur."
     mass: Float[np.ndarray, "cells"]
-    "The mass at the begin, with sum 1."
+    "The mass at the start, with sum 1."
 
     @classmethod
     def of(
@@ -205,7 +205,7 @@ class _Search:
         return cls(window, Window((*window.matrices, *after)), mass / mass.sum())
 
     def sets(self, count: int, *, moving: bool, throw: bool) -> NearlyClosedSets:
-        """Find the sets of the reversible chain between the begin and the end of the window, or,
+        """Find the sets of the reversible chain between the start and the end of the window, or,
         for sets that do not move, of the chain in which both are one."""
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
@@ -258,11 +258,11 @@ class _Search:
         last: Float[np.ndarray, "cells sets"] | None,
         after: Float[np.ndarray, "cells"],
     ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Float[np.ndarray, "sets"]]:
-        """Find the sets at the begin and the end, and their leakage, by the best levels.
+        """Find the sets at the start and the end, and their leakage, by the best levels.
 
         **Arguments:**
 
-        - `first`, `last`: functions that are large on one set each, at the begin and the end;
+        - `first`, `last`: functions that are large on one set each, at the start and the end;
             `None` if the sets do not move.
         - `after`: the mass at the end, with the blur.
         """

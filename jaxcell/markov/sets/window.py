@@ -106,8 +106,7 @@ class Subspace:
 
 @one_blas_thread()
 def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: bool) -> Subspace:
-    """Compute the subspace of the leading eigenvalues of a matrix, by Arnoldi's or Lanczos's
-    method.
+    """Compute the subspace of the leading eigenvalues, by Arnoldi's or Lanczos's method.
 
     From one vector these methods find one eigenvector of a multiple eigenvalue, such as 1 if
     several sets are closed. So the eigenvectors are deflated and the rest is searched again, until
@@ -148,8 +147,7 @@ def _iterated(
     basis = np.zeros((rows, 0))
 
     def across(vectors: np.ndarray) -> np.ndarray:
-        """Multiply in the orthogonal complement of the basis, whose vectors get the eigenvalue
-        -1."""
+        """Multiply outside the span of the basis, whose vectors get the eigenvalue -1."""
         nonlocal products
         products += 1
         within = basis @ (basis.T @ vectors)

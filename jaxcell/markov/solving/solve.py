@@ -40,6 +40,8 @@ from .two_level import TwoLevel
 class Limits:
     """Sizes and numbers of products at which one method gives way to the next."""
 
+    small: int = 200
+    "Closed classes with at most this many cells in all are eliminated at once."
     trial: int = 60
     "Products between two decisions on whether to go on with products."
     worthwhile: int = 400

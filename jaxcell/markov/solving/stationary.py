@@ -31,7 +31,7 @@ _SEED = 0
 
 
 def solve_stationary(
-    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"], *, small: int = 200
+    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "cells"], int]:
     """Solve for the stationary distribution of every closed class: `x = P' x`, of sum 1 in each.
 
@@ -39,7 +39,6 @@ def solve_stationary(
 
     - `step`: the matrix P of the classes, with nothing between them.
     - `group`: the class of each cell, numbered from 0 without gaps.
-    - `small`: largest total number of cells that are eliminated at once.
 
     **Returns:** the distributions side by side and the number of products.
     """
@@ -48,7 +47,7 @@ def solve_stationary(
     products = 0
     if group.size == size.size:
         return x, products
-    if group.size > small:
+    if group.size > solve.LIMITS.small:
         x, products, done = _by_products(step, group)
         if done or group.size > solve.LIMITS.factored:
             return x, products

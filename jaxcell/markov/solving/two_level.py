@@ -93,7 +93,7 @@ class TwoLevel:
 def aggregates(
     matrix: scipy.sparse.csr_array, most: int = _MAX_AGGREGATES
 ) -> scipy.sparse.csr_array:
-    """Assign each state to the nearest of some random states, if one is connected to it.
+    """Assign each state to the nearest connected state among some random states.
 
     The length of a step, in either direction, is the inverse of its probability.
     """

@@ -28,7 +28,6 @@ _MAX_SHAPE = 50.0
 # The support ends where the distribution function of the least of n samples is exp(-_BEYOND) / n,
 # or farther away: an end nearer to the sample gains less than n times that in log-likelihood.
 _BEYOND = 5.0
-_MAX_STEPS = 60
 _MAX_HALVINGS = 20
 # The largest change of a parameter in a step.
 _MAX_CHANGE = 2.0
@@ -71,7 +70,9 @@ class GldFit(Result):
         return float(self.law.l4)
 
 
-def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -> GldFit:
+def fit_gld(
+    samples: Any, *, censored: bool | None = None, steps: int = 60, throw: bool = True
+) -> GldFit:
     """Fit a generalized lambda distribution by maximum likelihood (Alam 2018, section 4.4.6).
 
     Times counted in steps are whole numbers, and for those the likelihood of a density grows
@@ -88,6 +89,7 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
     - `samples`: array `[samples]`, in any order and unit.
     - `censored`: whether the samples are whole numbers that stand for intervals. The default is
         `True` if all are whole and two are equal.
+    - `steps`: largest number of steps of a search.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`GldFit`][]. The residual of its certificate is the predicted gain in
@@ -121,13 +123,13 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
         )
     # Values are relative to the least one, so that samples far from 0 lose no digits.
     origin = value[0]
-    problem = _Problem.of(value - origin, count, censored)
+    problem = _Problem.of(value - origin, count, censored, steps)
     ranking = dataclasses.replace(problem, data=problem.few)
     maxima = [_maximum(ranking, *start) for start in _starts(problem)]
     likeliest = min(maxima, key=lambda law: float(problem.data.loss(law.numbers, law.point)))
     best = _maximum(problem, likeliest.numbers, likeliest.point)
-    steps = best.steps + sum(maximum.steps for maximum in maxima)
-    certificate = Certificate(steps, best.gain, _TOLERANCE)
+    taken = best.steps + sum(maximum.steps for maximum in maxima)
+    certificate = Certificate(taken, best.gain, _TOLERANCE)
     certificate.check("fit_gld", throw)
     l1, l2, l3, l4 = np.concatenate(dataclasses.astuple(law_through(best.numbers, best.point)))
     law = Gld(*map(float, (l1 + origin, l2, l3, l4)))
@@ -152,10 +154,15 @@ class _Problem:
     "The interval that it must hold if all samples are to have a chance."
     size: int
     "The number of samples."
+    steps: int
+    "The largest number of steps of a search."
 
     @staticmethod
     def of(
-        value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
+        value: Float[np.ndarray, "values"],
+        count: Int[np.ndarray, "values"],
+        censored: bool,
+        steps: int,
     ) -> "_Problem":
         upto = np.cumsum(count)
         size = int(upto[-1])
@@ -177,6 +184,7 @@ class _Problem:
             value[[0, -1]] + beyond,
             value[[0, -1]] - beyond,
             size,
+            steps,
         )
 
 
@@ -263,7 +271,7 @@ def _maximise(
         along = axes.T @ slope[free]
         curvature = np.maximum(np.abs(curvature), _FLATTEST)
         gain = float(problem.size * along @ (along / curvature) / 2)
-        if gain <= _TOLERANCE or steps == _MAX_STEPS:
+        if gain <= _TOLERANCE or steps == problem.steps:
             break
         change = np.zeros(4)
         change[free] = -axes @ (along / curvature)

@@ -1,11 +1,15 @@
 from .attack import (
+    Attack as Attack,
     boundary as boundary,
-    capture_probabilities as capture_probabilities,
     contested as contested,
     outside as outside,
 )
 from .attacked_cell import Vulnerability as Vulnerability, vulnerability as vulnerability
 from .capture import (
+    Capture as Capture,
+    capture_probabilities as capture_probabilities,
+)
+from .capture_search import (
     CaptureSearch as CaptureSearch,
     Frontier as Frontier,
     capture_frontier as capture_frontier,

@@ -1,24 +1,72 @@
+import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
-from ...base.precision import require_x64
-from ...mapping import Chain
 from ...optimize import Graph
 from .policies import Policy
 from .regions import Regions, check_visible
 
 
-# The places where a robot may be as an attack begins.
 _STARTS = ("uniform", "stationary", "worst")
-# Probabilities of capture that differ by less are equal.
-_ALIKE = 1e-9
-# The number of targets computed at once: their arrays, one number per cell and target, stay small.
-_TARGETS = 512
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Attack:
+    """Attacks on cells of a map: the steps that they take, and where robots are as they begin.
+
+    Two attack times, and robots where they are in the long run:
+
+        >>> from jaxcell import patrol
+        >>> patrol.Attack([20, 50], "stationary").times.tolist()
+        [20, 50]
+    """
+
+    times: Int[np.ndarray, "times"]
+    "Number of steps that an attack takes."
+    start: str
+    """Distribution of each robot over its cells out of view of the target as an attack begins:
+    equal probabilities, `uniform`; its share of time in the long run, `stationary`; or the cell
+    from which it is least likely to arrive in time, `worst`, if the adversary sees the robots."""
+
+    def __init__(self, times: Any, start: str = "uniform") -> None:
+        """**Arguments:**
+
+        - `times`: one or several whole numbers of at least 1.
+        - `start`: `uniform`, `stationary` or `worst`.
+
+        **Raises:** `ValueError` for other times and starts.
+        """
+        given = np.atleast_1d(np.asarray(times))
+        if given.size == 0 or not np.issubdtype(given.dtype, np.integer):
+            raise ValueError(f"times: expected whole numbers of steps, got {times!r}")
+        if given.min() < 1:
+            raise ValueError(f"times: expected at least 1 step, got {given.min()}")
+        if start not in _STARTS:
+            raise ValueError(f"start: expected one of {', '.join(_STARTS)}, got {start!r}")
+        object.__setattr__(self, "times", given.astype(np.int32))
+        object.__setattr__(self, "start", start)
+
+    @property
+    def first(self) -> "Attack":
+        """The attack that takes the first of the times."""
+        return Attack(self.times[:1], self.start)
+
+    def begins(
+        self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
+    ) -> list[Float[np.ndarray, "*targets cells"]]:
+        """Compute the distribution of each robot over its cells out of view.
+
+        For the start `worst`, these are the cells to choose from, with equal probabilities.
+        """
+        begins = []
+        for policy, hidden in zip(policies, outside(policies, view), strict=True):
+            share = hidden * (policy.share_of_time(graph) if self.start == "stationary" else 1.0)
+            total = share.sum(axis=-1, keepdims=True)
+            begins.append(share / np.where(total > 0, total, 1.0))
+        return begins
 
 
 def boundary(
@@ -103,113 +151,6 @@ def contested(
     return np.flatnonzero(open_).astype(np.int32)
 
 
-def capture_probabilities(
-    graph: Graph,
-    visible: Bool[np.ndarray, "cells cells"],
-    policies: Sequence[Policy],
-    attack_times: npt.ArrayLike,
-    start: str = "uniform",
-) -> Float[np.ndarray, "times cells"]:
-    """Compute the probability of capturing an adversary that attacks a cell, for every cell.
-
-    The attack begins with each robot in a cell from which the target is not seen, by default with
-    equal probability, and fails if a robot sees the target within the attack time (Alam 2018,
-    section 4.4.6). The law of that time is exact, a product over the independent robots. A robot
-    that sees the target from all of its cells has arrived at once.
-
-    **Arguments:**
-
-    - `graph`: the cells and the edges between them.
-    - `visible`: which cells are wholly visible from each cell, [`jaxcell.space.visible_cells`][].
-    - `policies`: the policy of each robot.
-    - `attack_times`: number of steps that an attack takes, each at least 1.
-    - `start`: distribution of each robot over its cells out of view as the attack begins: equal
-        probabilities, `"uniform"`; its share of time in the long run, `"stationary"`; or the cell
-        from which it is least likely to arrive in time, `"worst"`, if the adversary sees the
-        robots.
-
-    **Returns:** one row per attack time. The smallest number of a row is at the cell that an
-    adversary chooses who knows the policies.
-
-    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
-
-    One robot in a corridor of five cells, against attacks of one and of six steps:
-
-        >>> from jaxcell import examples, patrol
-        >>> graph, visible = examples.patrol()
-        >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> patrol.capture_probabilities(graph, visible, policies, [1, 6]).round(3).tolist()
-        [[0.167, 0.4, 1.0, 0.4, 0.167], [0.748, 0.992, 1.0, 0.992, 0.748]]
-    """
-    require_x64("capture_probabilities")
-    times = check_attack_times(attack_times)
-    check_start(start)
-    check_policies(graph, visible, policies)
-    cells = graph.vertices
-    chunk = min(_TARGETS, cells)
-    # Robots that move alike share their chain.
-    chains = {id(policy.chain): policy.chain for policy in policies}
-    caught = np.empty((times.size, cells))
-    for first in range(0, cells, chunk):
-        # The last chunk is full too, so that all chunks have one shape.
-        targets = np.arange(min(first, cells - chunk), min(first, cells - chunk) + chunk)
-        view = visible[targets].T
-        begins = shares(graph, policies, visible[targets], start)
-        survive = np.ones((times.size, chunk))
-        late, before = dict.fromkeys(chains, np.where(view, 0.0, 1.0)), 0
-        for time in np.unique(times):
-            late = {
-                key: np.asarray(_later(chain, view, late[key], time - before))
-                for key, chain in chains.items()
-            }
-            before = time
-            for policy, share in zip(policies, begins, strict=True):
-                each = late[id(policy.chain)]
-                if start == "worst":
-                    alone = np.where(share.T > 0, each, 0.0).max(axis=0)
-                else:
-                    alone = (share.T * each).sum(axis=0)
-                survive[times == time] *= alone
-        caught[:, targets] = np.maximum(0.0, 1 - survive)
-    return caught
-
-
-def weakest(
-    caught: Float[np.ndarray, "times cells"], among: Int[np.ndarray, "some"]
-) -> Int[np.ndarray, "times"]:
-    """Find the cell where capture is least; among equals up to rounding, the first.
-
-    **Arguments:**
-
-    - `caught`: the probability of capture at each cell.
-    - `among`: the cells to choose from.
-    """
-    chosen = caught[:, among]
-    alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
-    return among[alike.argmax(axis=1)]
-
-
-def shares(
-    graph: Graph,
-    policies: Sequence[Policy],
-    view: Bool[np.ndarray, "*targets cells"],
-    start: str,
-) -> list[Float[np.ndarray, "*targets cells"]]:
-    """Compute the distribution of each robot over its cells out of view as an attack begins."""
-    begins = []
-    for policy, hidden in zip(policies, outside(policies, view), strict=True):
-        share = hidden * (policy.share_of_time(graph) if start == "stationary" else 1.0)
-        total = share.sum(axis=-1, keepdims=True)
-        begins.append(share / np.where(total > 0, total, 1.0))
-    return begins
-
-
-def check_start(start: str) -> None:
-    """**Raises:** `ValueError` for an unknown start."""
-    if start not in _STARTS:
-        raise ValueError(f"start: expected one of {', '.join(_STARTS)}, got {start!r}")
-
-
 def check_policies(
     graph: Graph, visible: Bool[np.ndarray, "rows cells"], policies: Sequence[Policy]
 ) -> None:
@@ -222,33 +163,3 @@ def check_policies(
                 f"policies: that of robot {robot} is for {policy.chain.cells} cells, and the graph "
                 f"has {graph.vertices}"
             )
-
-
-def check_attack_times(attack_times: npt.ArrayLike) -> Int[np.ndarray, "times"]:
-    """**Raises:** `ValueError` for attack times that are not whole numbers from 1."""
-    given = np.atleast_1d(np.asarray(attack_times))
-    if given.size == 0 or not np.issubdtype(given.dtype, np.integer):
-        raise ValueError(f"attack_times: expected whole numbers of steps, got {attack_times!r}")
-    if given.min() < 1:
-        raise ValueError(f"attack_times: expected at least 1 step, got {given.min()}")
-    return given.astype(np.int32)
-
-
-@jax.jit
-def _later(
-    chain: Chain,
-    view: Bool[Array, "cells targets"],
-    late: Float[Array, "cells targets"],
-    steps: int | Int[Array, ""],
-) -> Float[Array, "cells targets"]:
-    """Compute the probability that a robot from each cell has not seen each target.
-
-    **Arguments:**
-
-    - `late`: that probability for an earlier time.
-    - `steps`: number of steps after that time.
-    """
-    stay = jnp.where(view, 0.0, 1.0)
-    leaving = chain.leaving[:, None]
-    pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)
-    return jax.lax.fori_loop(0, steps, lambda _, value: stay * (pull(value) + leaving), late)

@@ -4,14 +4,13 @@ from typing import Annotated, ClassVar
 
 import jax
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...markov import Arrivals, first_arrival, simulate_arrival
 from ...optimize import Graph
 from ..law.fit import GldFit, fit_gld
-from .attack import boundary, check_attack_times, check_policies, check_start, shares
+from .attack import Attack, boundary, check_policies
 from .policies import Policy
 
 
@@ -98,9 +97,8 @@ def vulnerability(
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     target: int,
-    attack_times: npt.ArrayLike,
+    attack: Attack,
     *,
-    start: str = "uniform",
     runs: int = 5000,
 ) -> Vulnerability:
     """Compute how vulnerable one cell is (Alam 2018, section 4.4.6, Tables 4.6 and 4.7).
@@ -112,11 +110,9 @@ def vulnerability(
     **Arguments:**
 
     - `key`: random key of `jax.random` for the simulation.
-    - `graph`, `visible`, `policies`, `attack_times`: as in
-        [`jaxcell.patrol.capture_probabilities`][].
+    - `graph`, `visible`, `policies`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `target`: the cell that is attacked.
-    - `start`: as in [`jaxcell.patrol.capture_probabilities`][]; `"worst"` for the first attack
-        time.
+    - `attack`: the attack; the start `worst` is that for its first time.
     - `runs`: number of simulated runs.
 
     **Returns:** [`Vulnerability`][].
@@ -130,26 +126,23 @@ def vulnerability(
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
         >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> attack = jax.random.key(0), graph, visible, policies, 0, [1, 6]
-        >>> result = patrol.vulnerability(*attack, runs=5)
+        >>> problem = jax.random.key(0), graph, visible, policies, 0
+        >>> result = patrol.vulnerability(*problem, patrol.Attack([1, 6]), runs=5)
         >>> result.exact.round(3).tolist(), result.fit
         ([0.167, 0.748], None)
         >>> result.failure
         'samples: expected at least 8, with 5 different values, got 5 with ...'
     """
-    times = check_attack_times(attack_times)
+    times = attack.times
     check_policies(graph, visible, policies)
     if not 0 <= target < graph.vertices:
         raise ValueError(
             f"target: cell {target} does not exist; cells are 0 to {graph.vertices - 1}"
         )
     view = visible[target]
-    check_start(start)
     starts = [
         share if share.any() else np.isin(np.arange(view.size), policy.cells)
-        for policy, share in zip(
-            policies, _begin(graph, policies, view, start, int(times[0])), strict=True
-        )
+        for policy, share in zip(policies, _begin(graph, policies, view, attack), strict=True)
     ]
     chains = [policy.chain for policy in policies]
     law = np.asarray(first_arrival(chains, starts, view, int(times.max())))
@@ -181,18 +174,17 @@ def _begin(
     graph: Graph,
     policies: Sequence[Policy],
     view: Bool[np.ndarray, "cells"],
-    start: str,
-    attack_time: int,
+    attack: Attack,
 ) -> list[Float[np.ndarray, "cells"]]:
     """Compute the distribution of each robot as an attack on one target begins."""
-    begins = shares(graph, policies, view, start)
-    if start != "worst":
+    begins = attack.begins(graph, policies, view)
+    if attack.start != "worst":
         return begins
     worst = []
     for policy, share in zip(policies, begins, strict=True):
         late = np.where(view, 0.0, 1.0)
         steps = policy.chain.to_scipy()
-        for _ in range(attack_time):
+        for _ in range(int(attack.times[0])):
             late = np.where(view, 0.0, steps @ late)
         only = np.zeros_like(share)
         only[np.argmax(np.where(share > 0, late, -1.0))] = float(share.any())

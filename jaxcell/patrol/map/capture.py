@@ -2,320 +2,178 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...base.certificate import Certificate
 from ...base.precision import require_x64
-from ...base.quantities import Result, derived, quantity
-from ...base.threads import one_blas_thread
+from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...mapping import Chain
-from ...markov import dense
-from ...optimize import Graph, greedy_cover, minimum_commute
-from ..walks.optimal.ascent import Ascent, late_gain
-from ..walks.steps import Steps
-from ..walks.walk import edge_shares, random_walk
-from .attack import capture_probabilities, check_attack_times, check_start
+from ...optimize import Graph
+from .attack import Attack, check_policies, contested
 from .policies import Policy
-from .regions import check_visible
+from .regions import Regions
 
 
-# Number of gradient steps for each start, and of those that then improve the best start.
-_TRIAL, _STEPS = 150, 450
-# Gradient steps are made in blocks of this size.
-_BLOCK = 25
-# Above this number of cells, fewer steps are made because each takes longer.
-_CELLS = 500
-# Hardness of the soft minimum of the logarithms of capture, at first and at the end.
-_HARDNESS = 30.0, 100.0
-# Least randomness of a step: the robot visits all cells, so that its share of time is unique.
-_LEAST = 1e-5
-# Above this number of cells, the walk with the least commute time takes longer than the search.
-_COMMUTE = 600
-# Tolerance of the relative gain by the last quarter of the steps.
-_TOLERANCE = 0.02
-# Spread of the logits at the first start and at the others; without it robots stay equal.
-_SPREAD = 0.1, 0.5
+# Probabilities of capture that differ by less are equal.
+_ALIKE = 1e-9
+# The number of targets computed at once: their arrays, one number per cell and target, stay small.
+_TARGETS = 512
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CaptureSearch(Result):
-    """Walks of robots that maximise the least probability of capture, up to a local optimum."""
+class Capture(Result):
+    """The probability of capturing an adversary, by attack time and attacked cell.
 
-    title: ClassVar[str] = "Search for the patrol that captures most"
-    tables: ClassVar[Mapping[str, str]] = {"attempt": "attempts"}
-
-    policies: tuple[Policy, ...]
-    attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
-    randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
-    "The least share of steps that go to any neighbour with equal probability."
-    start: Annotated[str, quantity("", "where robots are as the attack begins")]
-    tried: Annotated[
-        Float[np.ndarray, "attempts"],
-        quantity("attempt", "least probability of capture on trial", "1", kind="share"),
-    ]
-    value: Annotated[
-        float, quantity("", "least probability of capture, a local optimum", "1", kind="share")
-    ]
-    certificate: Certificate
-
-    @derived("attempt", "start", kind="coordinate")
-    def attempt(self) -> Int[np.ndarray, "attempts"]:
-        return np.arange(self.tried.size)
-
-    @derived("", "share of it that the last quarter of the steps added", "1", kind="residual")
-    def late_gain(self) -> float:
-        return self.certificate.residual
-
-    @derived("", "gradient steps", kind="count")
-    def iterations(self) -> int:
-        return self.certificate.iterations
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Frontier(Result):
-    """The trade-off between capture and unpredictability."""
-
-    title: ClassVar[str] = "Capture against entropy"
-    tables: ClassVar[Mapping[str, str]] = {"floor": "floors"}
-
-    floor: Annotated[
-        Float[np.ndarray, "floors"],
-        quantity("floor", "least share of chance in a step", "1", kind="coordinate"),
-    ]
-    least_capture: Annotated[
-        Float[np.ndarray, "floors"],
-        quantity("floor", "least probability of capture, a local optimum", "1", kind="share"),
-    ]
-    entropy: Annotated[
-        Float[np.ndarray, "floors"],
-        quantity("floor", "entropy of a step, mean over robots", "nats"),
-    ]
-
-
-def capture_policies(
-    graph: Graph,
-    visible: Bool[np.ndarray, "cells cells"],
-    robots: int,
-    attack_time: int,
-    *,
-    randomness: float = 0.0,
-    start: str = "uniform",
-    starts: int = 3,
-    seed: int = 0,
-) -> CaptureSearch:
-    """Find walks of robots that maximise the least probability of capture over the cells.
-
-    The probability of [`jaxcell.patrol.capture_probabilities`][] is differentiated in the logits of
-    the steps of all robots together. Adam follows the gradient of a soft minimum over the cells
-    from the walk with the least commute time (on more than 600 cells, from the walk with equal
-    weights), perturbed at random for each robot and start. The problem is not convex: the result is
-    a local optimum, the best of several starts.
-
-    **Arguments:**
-
-    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
-    - `robots`: number of robots.
-    - `attack_time`: number of steps that an attack takes.
-    - `randomness`: the least share of its steps in which a robot goes to any neighbour with equal
-        probability, 0 or more and less than 1. With 0 a patrol is nearly a tour, and predictable.
-    - `start`: the places of robots as an attack begins, as in
-        [`jaxcell.patrol.capture_probabilities`][].
-    - `starts`: number of starts.
-    - `seed`: seed of the starts.
-
-    **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
-    the last quarter of the steps added: if it is large, more steps would improve the result.
-
-    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
-
-    One robot in a corridor of five cells, each of which sees its neighbours:
+    One robot in a corridor of five cells, against attacks of one and of six steps:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
-        >>> best = patrol.capture_policies(graph, visible, 1, 4)
-        >>> commuting = patrol.distributed_policies(graph, visible, 1, 0.0)
-        >>> before = patrol.capture_probabilities(graph, visible, commuting, [4]).min()
-        >>> round(float(before), 3), round(best.value, 2)
-        (0.463, 0.67)
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> capture = patrol.Capture.of(graph, visible, policies, patrol.Attack([1, 6]))
+        >>> capture.least.round(3).tolist(), capture.weakest.tolist()
+        ([0.167, 0.748], [0, 0])
     """
-    problem = _Problem.of(graph, visible, robots, attack_time, start)
-    _check_randomness(randomness)
-    if starts < 1:
-        raise ValueError(f"starts: expected at least 1, got {starts}")
-    begins = problem.begins(starts, seed)
-    return problem.search(begins, randomness)[0]
 
+    title: ClassVar[str] = "Probability of capture"
+    tables: ClassVar[Mapping[str, str]] = {"attack_time": "attacks"}
 
-def capture_frontier(
-    graph: Graph,
-    visible: Bool[np.ndarray, "cells cells"],
-    robots: int,
-    attack_time: int,
-    floors: Sequence[float],
-    *,
-    start: str = "uniform",
-    seed: int = 0,
-) -> Frontier:
-    """Compute the trade-off between capture and the unpredictability of steps.
-
-    **Arguments:**
-
-    - `floors`: the values of `randomness`, in any order.
-    - other arguments as in [`capture_policies`][].
-
-    **Returns:** [`Frontier`][], with its floors in increasing order. Each search has two starts, a
-    new one and the patrol of the next higher floor, so that capture never rises with the floor.
-
-    **Raises:** as [`capture_policies`][]; `ValueError` for no floors.
-
-    A robot in a corridor of five cells captures less if its steps must be unpredictable:
-
-        >>> from jaxcell import examples, patrol
-        >>> graph, visible = examples.patrol()
-        >>> curve = patrol.map.capture_frontier(graph, visible, 1, 4, [0.6, 0.0])
-        >>> curve.floor.tolist(), bool(curve.least_capture[0] > curve.least_capture[1])
-        ([0.0, 0.6], True)
-    """
-    if not len(floors):
-        raise ValueError("floors: expected at least one, got none")
-    for floor in floors:
-        _check_randomness(floor)
-    problem = _Problem.of(graph, visible, robots, attack_time, start)
-    points, warm, above = [], None, 0.0
-    for floor in sorted({float(floor) for floor in floors}, reverse=True):
-        begins = problem.begins(1, seed)
-        if warm is not None:
-            begins = [problem.under(warm, above, floor), *begins]
-        best, warm = problem.search(begins, floor)
-        above = max(floor, _LEAST)
-        entropy = np.mean([entropy_rate(graph, policy) for policy in best.policies])
-        points.append((floor, best.value, entropy))
-    return Frontier(*np.array(points[::-1]).T)
-
-
-def entropy_rate(graph: Graph, policy: Policy) -> float:
-    """Compute the entropy of a robot's step in the long run, in nats; 0 for a robot that stays."""
-    share = policy.share_of_time(graph)
-    chance = np.asarray(policy.chain.probability)
-    surprise = -np.log(np.where(chance > 0, chance, 1.0))
-    return float(share @ (chance * surprise).sum(axis=0))
-
-
-def _check_randomness(randomness: float) -> None:
-    if not 0 <= randomness < 1:
-        raise ValueError(f"randomness: expected 0 or more and less than 1, got {randomness}")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Problem:
-    """The problem of a search: steps on a graph, and targets that may be captured or not."""
-
-    graph: Graph
-    visible: Bool[np.ndarray, "cells cells"]
-    robots: int
-    attack_time: int
-    start: str
-    steps: Steps
-    unseen: Float[np.ndarray, "cells targets"]
-    "1 where a target is out of view, else 0."
+    attack: Attack
+    probability: Annotated[
+        Float[np.ndarray, "times attacked"],
+        quantity("attack_time position", "probability of capture", "1", kind="share"),
+    ]
+    contested: Int[np.ndarray, "targets"]
+    "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
     @classmethod
     def of(
         cls,
         graph: Graph,
         visible: Bool[np.ndarray, "cells cells"],
-        robots: int,
-        attack_time: int,
-        start: str,
-    ) -> "_Problem":
-        require_x64("capture_policies")
-        check_visible(graph, visible)
-        check_start(start)
-        (steps,) = check_attack_times([attack_time]).tolist()
-        if not 1 <= robots <= graph.vertices:
-            raise ValueError(
-                f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
-            )
-        open_ = visible.any(axis=1) & ~visible.all(axis=1)
-        unseen = (~visible[open_]).T.astype(np.float32)
-        return cls(graph, visible, robots, steps, start, Steps.of(graph), unseen)
+        policies: Sequence[Policy],
+        attack: Attack,
+        regions: Regions | None = None,
+    ) -> "Capture":
+        """Compute the capture by robots with given policies.
 
-    def begins(self, count: int, seed: int) -> list[Float[np.ndarray, "robots branches cells"]]:
-        """Return logits from which to search."""
-        weights = np.ones(len(self.graph.edges))
-        if self.graph.vertices <= _COMMUTE:
-            weights = minimum_commute(self.graph).weights
-        matrix = random_walk(self.graph, np.maximum(weights, 1e-9)).to_scipy().toarray()
-        walk = self.steps.logits(matrix)
-        random = np.random.default_rng(seed)
-        shape = (self.robots, *walk.shape)
-        spreads = [_SPREAD[0], *[_SPREAD[1]] * (count - 1)]
-        return [walk + spread * random.normal(size=shape) for spread in spreads]
+        **Arguments:**
 
-    def under(
-        self, logits: Float[Array, "robots branches cells"], above: float, floor: float
-    ) -> Float[np.ndarray, "robots branches cells"]:
-        """Return the logits of the same walks for a lower floor."""
-        floor = max(floor, _LEAST)
-        chance = np.asarray(self.steps.chances(logits, above), np.float64)
-        rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
-        return np.log(np.maximum(rest, 1e-12))
+        - `graph`, `visible`, `policies`, `attack`: as in [`capture_probabilities`][].
+        - `regions`: the regions around a base station, which always watches the cells in its view.
 
-    @one_blas_thread()
-    def search(
-        self, begins: Sequence[Float[np.ndarray, "robots branches cells"]], randomness: float
-    ) -> tuple[CaptureSearch, Float[Array, "robots branches cells"]]:
-        """Try several starts and improve the best one. Returns it, and its logits."""
-        floor = max(randomness, _LEAST)
-        scale = min(1.0, _CELLS / self.graph.vertices)
-        trial, steps = (_BLOCK * max(1, round(scale * n / _BLOCK)) for n in (_TRIAL, _STEPS))
-        if self.unseen.shape[1] == 0:
-            trial = steps = 0
-        ascent = Ascent(
-            self.steps, self.unseen, self.unseen, self.attack_time, self.start, floor, _HARDNESS
-        )
-        tries = [ascent.climb(begin, np.zeros(trial)) for begin in begins]
-        best, _, state, _ = max(tries, key=lambda attempt: attempt[1])
-        best, _, _, course = ascent.climb(state, np.arange(steps) / max(1, steps), best)
-        policies = self.policies(best, floor)
-        caught = capture_probabilities(
-            self.graph, self.visible, policies, [self.attack_time], self.start
-        )[0]
-        value = float(caught[self.visible.any(axis=1)].min(initial=1.0))
-        certificate = Certificate(trial * len(begins) + steps, late_gain(course), _TOLERANCE)
-        values = np.array([attempt[1] for attempt in tries])
-        result = CaptureSearch(
-            policies, self.attack_time, randomness, self.start, values, value, certificate
-        )
-        return result, best
+        **Raises:** as [`capture_probabilities`][].
+        """
+        caught = capture_probabilities(graph, visible, policies, attack)
+        return cls(attack, caught, contested(visible, policies, regions))
 
-    def policies(
-        self, logits: Float[Array, "robots branches cells"], floor: float
-    ) -> tuple[Policy, ...]:
-        """Make the policy of each robot, in 64 bits."""
-        cells = np.arange(self.graph.vertices, dtype=np.int32)
-        drawn = np.asarray(self.steps.chances(np.asarray(logits, np.float64), floor))
-        policies = []
-        for robot, chance in enumerate(drawn):
-            chain = Chain(self.steps.image, chance / chance.sum(axis=0))
-            weights = edge_shares(self.graph, chain)
-            cover = greedy_cover(self.visible, robot)
-            times = np.asarray(dense.hitting(chain.to_scipy().toarray()))
-            with np.errstate(invalid="ignore"):
-                commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
-            policies.append(
-                Policy(
-                    cells=cells,
-                    weights=weights / weights.sum(),
-                    chain=chain,
-                    cover=cover.chosen,
-                    uncovered=cover.uncovered,
-                    contact=None,
-                    tour=None,
-                    # Rounding can lose the time between parts that are almost separate.
-                    commute_time=commute if commute > 0 else float("inf"),
-                    certificate=None,
-                )
-            )
-        return tuple(policies)
+    @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
+    def attack_time(self) -> Int[np.ndarray, "times"]:
+        return self.attack.times
+
+    @derived("attack_time", "weakest cell", kind="place")
+    def weakest(self) -> Int[np.ndarray, "times"]:
+        """The contested cell with the least probability; among equals up to rounding, the first."""
+        chosen = self.probability[:, self.contested]
+        alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
+        return self.contested[alike.argmax(axis=1)]
+
+    @derived("attack_time", "probability of capture there", "1", kind="share")
+    def least(self) -> Float[np.ndarray, "times"]:
+        return self.probability[:, self.contested].min(axis=1, initial=1.0)
+
+    @derived("attack_time", "mean over cells", "1", kind="share")
+    def mean(self) -> Float[np.ndarray, "times"]:
+        return self.probability[:, self.contested].mean(axis=1)
+
+    def checks(self) -> Checks:
+        order = np.argsort(self.attack.times, kind="stable")
+        later = np.diff(self.probability[order], axis=0)
+        return {"falls_with_time": (float(np.max(-later, initial=0.0)), PROBABILITY)}
+
+
+def capture_probabilities(
+    graph: Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    policies: Sequence[Policy],
+    attack: Attack,
+) -> Float[np.ndarray, "times cells"]:
+    """Compute the probability of capturing an adversary that attacks a cell, for every cell.
+
+    The attack begins with each robot in a cell from which the target is not seen, and fails if a
+    robot sees the target within the attack time (Alam 2018, section 4.4.6). The law of that time is
+    exact, a product over the independent robots. A robot that sees the target from all of its cells
+    has arrived at once.
+
+    **Arguments:**
+
+    - `graph`: the cells and the edges between them.
+    - `visible`: which cells are wholly visible from each cell, [`jaxcell.space.visible_cells`][].
+    - `policies`: the policy of each robot.
+    - `attack`: the attack times, and the places of robots as an attack begins.
+
+    **Returns:** one row per attack time. The smallest number of a row is at the cell that an
+    adversary chooses who knows the policies.
+
+    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
+
+    One robot in a corridor of five cells, against attacks of one and of six steps:
+
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> attack = patrol.Attack([1, 6])
+        >>> patrol.capture_probabilities(graph, visible, policies, attack).round(3).tolist()
+        [[0.167, 0.4, 1.0, 0.4, 0.167], [0.748, 0.992, 1.0, 0.992, 0.748]]
+    """
+    require_x64("capture_probabilities")
+    times = attack.times
+    check_policies(graph, visible, policies)
+    cells = graph.vertices
+    chunk = min(_TARGETS, cells)
+    # Robots that move alike share their chain.
+    chains = {id(policy.chain): policy.chain for policy in policies}
+    caught = np.empty((times.size, cells))
+    for first in range(0, cells, chunk):
+        # The last chunk is full too, so that all chunks have one shape.
+        targets = np.arange(min(first, cells - chunk), min(first, cells - chunk) + chunk)
+        view = visible[targets].T
+        begins = attack.begins(graph, policies, visible[targets])
+        survive = np.ones((times.size, chunk))
+        late, before = dict.fromkeys(chains, np.where(view, 0.0, 1.0)), 0
+        for time in np.unique(times):
+            late = {
+                key: np.asarray(_later(chain, view, late[key], time - before))
+                for key, chain in chains.items()
+            }
+            before = time
+            for policy, share in zip(policies, begins, strict=True):
+                each = late[id(policy.chain)]
+                if attack.start == "worst":
+                    alone = np.where(share.T > 0, each, 0.0).max(axis=0)
+                else:
+                    alone = (share.T * each).sum(axis=0)
+                survive[times == time] *= alone
+        caught[:, targets] = np.maximum(0.0, 1 - survive)
+    return caught
+
+
+@jax.jit
+def _later(
+    chain: Chain,
+    view: Bool[Array, "cells targets"],
+    late: Float[Array, "cells targets"],
+    steps: int | Int[Array, ""],
+) -> Float[Array, "cells targets"]:
+    """Compute the probability that a robot from each cell has not seen each target.
+
+    **Arguments:**
+
+    - `late`: that probability for an earlier time.
+    - `steps`: number of steps after that time.
+    """
+    stay = jnp.where(view, 0.0, 1.0)
+    leaving = chain.leaving[:, None]
+    pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)
+    return jax.lax.fori_loop(0, steps, lambda _, value: stay * (pull(value) + leaving), late)

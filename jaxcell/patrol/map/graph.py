@@ -6,39 +6,34 @@ from ...optimize import Graph
 from ...space import CellSpace, Motion, free_steps
 
 
-def cell_graph(cells: CellSpace, neighbours: int = 8) -> Graph:
+def cell_graph(cells: CellSpace) -> Graph:
     """Make the graph of the free cells, with an edge where a robot can go straight to a neighbour.
 
     The vertices are the positions of the cell space (Alam 2018, section 4.3.2), at their centres.
-    Neighbours are joined if the segment between their centres stays in the closed free space: it
-    may graze the corner of an obstacle, but not slip between two obstacles that meet at a point.
+    The eight neighbours are joined if the segment between their centres stays in the closed free
+    space: it may graze the corner of an obstacle, but not slip between two obstacles that meet at a
+    point.
 
     **Arguments:**
 
     - `cells`: the cell space of a map; its directions do not matter.
-    - `neighbours`: 8, or 4 for cells that share a side.
 
     **Returns:** [`jaxcell.optimize.Graph`][], which need not be connected.
 
-    **Raises:** `ValueError` for another number of neighbours, for a space that was made from a
-    grid, and if no two cells are joined.
+    **Raises:** `ValueError` for a space that was made from a grid, and if no two cells are joined.
 
     A room of 2 x 2 cells; robots may also go diagonally:
 
         >>> from jaxcell import patrol, space
         >>> room = space.Workspace([(0, 0), (2, 0), (2, 2), (0, 2)])
         >>> cells = space.CellSpace.of(room, 1.0, 1)
-        >>> len(patrol.cell_graph(cells).edges), len(patrol.cell_graph(cells, 4).edges)
-        (6, 4)
+        >>> len(patrol.cell_graph(cells).edges)
+        6
     """
-    if neighbours not in (4, 8):
-        raise ValueError(f"neighbours: expected 4 or 8, got {neighbours}")
     plane = CellSpace(cells.workspace, cells.cell, 8, cells.origin, cells.free)
     # Each edge is listed at one of its ends: to the East and North, then North East and North West.
-    steps = [free_steps(plane)[[0, 2]]]
-    if neighbours == 8:
-        steps.append(free_steps(plane, Motion(math.sqrt(2) * plane.cell))[[1, 3]])
-    there = np.concatenate(steps)
+    diagonal = Motion(math.sqrt(2) * plane.cell)
+    there = np.concatenate([free_steps(plane)[[0, 2]], free_steps(plane, diagonal)[[1, 3]]])
     here = np.broadcast_to(np.arange(cells.positions), there.shape)
     edges = np.stack([here, there], axis=-1)[here != there]
     if edges.size == 0:

@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Outcome
-from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
 from ...space import CellSpace
-from .attack import capture_probabilities, contested, weakest
 from .attacked_cell import Vulnerability
-from .capture import CaptureSearch, Frontier, entropy_rate
+from .capture import Capture
+from .capture_search import CaptureSearch, Frontier, entropy_rate
 from .policies import Policy
 from .reassignment import Reassignment
 from .regions import Regions
@@ -29,21 +29,19 @@ class PatrolledMap(Result):
         >>> cells = space.CellSpace.of(room, 1.0, 1)
         >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 1.6)
         >>> policies = patrol.distributed_policies(graph, visible, 1)
-        >>> problem = graph, visible, policies
-        >>> attack = patrol.vulnerability(jax.random.key(0), *problem, 0, [2], runs=5)
-        >>> capture = patrol.capture_probabilities(*problem, [2])
-        >>> result = patrol.PatrolledMap(cells, 1.6, *problem, attack, capture)
-        >>> result.robots, result.contested.tolist(), result.capture.round(3).tolist()
-        (1, [0, 1, 2, 3], [[0.889, 1.0, 1.0, 0.889]])
+        >>> problem, attack = (graph, visible, policies), patrol.Attack(2)
+        >>> target = patrol.vulnerability(jax.random.key(0), *problem, 0, attack, runs=5)
+        >>> capture = patrol.Capture.of(*problem, attack)
+        >>> result = patrol.PatrolledMap(cells, 1.6, *problem, target, capture)
+        >>> result.robots, result.captures.probability.round(3).tolist()
+        (1, [[0.889, 1.0, 1.0, 0.889]])
     """
 
     title: ClassVar[str] = "Patrol of a map with limited visibility"
     tables: ClassVar[Mapping[str, str]] = {
         "robot": "policies",
-        "attack_time": "attacks",
         "share": "shares",
         "size": "team_sizes",
-        "phase": "when_a_robot_is_lost",
     }
 
     cells: CellSpace
@@ -59,17 +57,16 @@ class PatrolledMap(Result):
     "The walk of each robot."
     attack: Vulnerability
     "An attack on one cell."
-    capture: Annotated[
-        Float[np.ndarray, "times attacked"],
-        quantity("attack_time position", "probability of capture", "1", kind="share"),
-    ]
-    "The rows are attack times of `attack`, the columns attacked cells."
+    captures: Capture
+    "Attacks on all cells."
     regions: Regions | None = None
     "The region of each robot around a base station, or `None` without one."
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
-    start: str = "uniform"
-    "The places of robots as an attack begins: `uniform`, `stationary` or `worst`."
+    loss: Capture | None = None
+    "Attacks while the remaining robots keep their regions, or `None`."
+    recovery: Capture | None = None
+    "Attacks when they patrol the new regions, or `None`."
     search: CaptureSearch | None = None
     "The search for the policies, if they maximise capture; else `None`."
     frontier: Frontier | None = None
@@ -103,7 +100,7 @@ class PatrolledMap(Result):
             "graph": self.graph.vertices,
             "visible": len(self.visible),
             "attack": self.attack.view.size,
-            "capture": self.capture.shape[1],
+            "captures": self.captures.probability.shape[1],
             **{f"policies[{i}]": policy.chain.cells for i, policy in enumerate(self.policies)},
         }
         if self.regions is not None:
@@ -113,18 +110,13 @@ class PatrolledMap(Result):
                 raise ValueError(f"{name}: expected {positions} cells, got {size}")
         if self.cells.workspace is None:
             raise ValueError("cells: expected the cells of a map, got a grid")
-        if len(self.capture) != self.attack.attack_times.size:
+        if not np.array_equal(self.captures.attack.times, self.attack.attack_times):
             raise ValueError(
-                f"capture: expected {self.attack.attack_times.size} rows, one per attack time, got "
-                f"{len(self.capture)}"
+                f"captures: expected the attack times {self.attack.attack_times.tolist()}, got "
+                f"{self.captures.attack.times.tolist()}"
             )
         if self.reassignment is not None and self.regions is None:
             raise ValueError("reassignment: expected regions with it, got none")
-
-    @property
-    def contested(self) -> Int[np.ndarray, "targets"]:
-        """The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."""
-        return contested(self.visible, self.policies, self.regions)
 
     @property
     def answered(self) -> bool:
@@ -196,7 +188,7 @@ class PatrolledMap(Result):
     def most_cells_seen(self) -> int:
         return int(self.visible.sum(axis=1).max())
 
-    @derived("unseen", "cells that nobody can see", kind="index", listed=True)
+    @derived("unseen", "cells that no robot can see", kind="index", listed=True)
     def seen_by_nobody(self) -> Int[np.ndarray, "unseen"]:
         return np.flatnonzero(~self.visible.any(axis=0))
 
@@ -266,56 +258,6 @@ class PatrolledMap(Result):
     @derived("robot branch position", "its probability", "1", kind="distribution", over="branch")
     def probability(self) -> Float[np.ndarray, "robots branches cells"]:
         return _padded([np.asarray(policy.chain.probability) for policy in self.policies], 0.0)
-
-    @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
-    def attack_time(self) -> Int[np.ndarray, "times"]:
-        return self.attack.attack_times
-
-    @derived("attack_time", "weakest cell", kind="place")
-    def weakest(self) -> Int[np.ndarray, "times"]:
-        return weakest(self.capture, self.contested)
-
-    @derived("attack_time", "probability of capture there", "1", kind="share")
-    def weakest_capture(self) -> Float[np.ndarray, "times"]:
-        return self.capture[:, self.contested].min(axis=1)
-
-    @derived("attack_time", "mean over cells", "1", kind="share")
-    def mean_capture(self) -> Float[np.ndarray, "times"]:
-        return self.capture[:, self.contested].mean(axis=1)
-
-    @derived("phase", "caught in the first attack time by", kind="coordinate")
-    def phase(self) -> np.ndarray | None:
-        """The names of the phases before and after the loss of a robot."""
-        named = ("all robots", "the others in their old regions", "the others in new regions")
-        return None if self.reassignment is None else np.array(named)
-
-    @derived("phase position", "probability of capture, first attack time", "1", kind="share")
-    def phase_capture(self) -> Float[np.ndarray, "phases cells"] | None:
-        after = self.reassignment
-        if after is None:
-            return None
-        left = [self.policies[robot] for robot in sorted(after.robot.tolist())]
-        steps = [int(self.attack.attack_times[0])]
-        caught = [
-            capture_probabilities(self.graph, self.visible, policies, steps, self.start)[0]
-            for policies in (left, after.policies)
-        ]
-        return np.stack([self.capture[0], *caught])
-
-    @derived("phase", "at the weakest cell", "1", kind="share")
-    def phase_weakest(self) -> Float[np.ndarray, "phases"] | None:
-        caught = self.phase_capture
-        return None if caught is None else caught[:, self.contested].min(axis=1)
-
-    @derived("phase", "mean over cells", "1", kind="share")
-    def phase_mean(self) -> Float[np.ndarray, "phases"] | None:
-        caught = self.phase_capture
-        return None if caught is None else caught[:, self.contested].mean(axis=1)
-
-    def checks(self) -> Checks:
-        order = np.argsort(self.attack.attack_times, kind="stable")
-        later = np.diff(self.capture[order], axis=0)
-        return {"capture_falls_with_time": (float(np.max(-later, initial=0.0)), PROBABILITY)}
 
 
 def _padded(rows: list[np.ndarray], fill: float | int = -1) -> np.ndarray:

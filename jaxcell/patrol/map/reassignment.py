@@ -149,7 +149,7 @@ def reassign(
         raise ValueError("lost: robot 0 is the only robot; expected another to patrol")
     after = silence_limit(policies[lost], alpha)
     left = np.delete(np.arange(regions.count), lost)
-    new = angular_regions(graph, regions.base, regions.view, left.size, regions.sectors)
+    new = angular_regions(graph, regions.base, regions.view, left.size)
     kept = [
         [np.count_nonzero((new.region == k) & (regions.region == i)) for i in left]
         for k in range(new.count)

@@ -23,17 +23,15 @@ class Regions(Result):
     ]
     region: Annotated[
         Int[np.ndarray, "cells"],
-        quantity("position", "region of the cell, -1 where nobody patrols", kind="index"),
+        quantity("position", "region of the cell, -1 where no robot patrols", kind="index"),
     ]
     count: Annotated[int, quantity("", "regions", kind="count")]
-    sectors: str
-    'The rule that divided the cells, `"equal"` or `"balanced"`.'
 
     @derived("", "cells that the base station sees", kind="count")
     def cells_in_view(self) -> int:
         return int(self.view.sum())
 
-    @derived("", "cells that nobody patrols", kind="count")
+    @derived("", "cells that no robot patrols", kind="count")
     def patrolled_by_nobody(self) -> int:
         return int((self.region < 0).sum())
 
@@ -82,17 +80,13 @@ def base_station(
 
 
 def angular_regions(
-    graph: Graph,
-    base: int,
-    view: Bool[np.ndarray, "cells"],
-    robots: int,
-    sectors: str = "equal",
+    graph: Graph, base: int, view: Bool[np.ndarray, "cells"], robots: int
 ) -> Regions:
     """Divide the cells that a base station does not see among robots (Alam 2018, section 4.4.5).
 
     Regions contain the cells outside the view and the *rim*, the cells in view that are next to a
     cell outside it: robots report from the rim. The rest of the view belongs to no region, and no
-    robot enters the cell of the base station. Regions are sectors of the angle around it,
+    robot enters the cell of the base station. Regions are sectors with equal angles around it,
     counter-clockwise from the x axis.
 
     If obstacles cut a sector into pieces, the region is its largest piece that contains part of the
@@ -105,8 +99,6 @@ def angular_regions(
     - `base`: the cell of the base station.
     - `view`: the cells that the base station sees.
     - `robots`: number of regions.
-    - `sectors`: `"equal"` angles as in the source, or `"balanced"`, with equally many cells out of
-        view.
 
     **Returns:** [`Regions`][], each connected.
 
@@ -143,19 +135,13 @@ def angular_regions(
     across, up = (graph.xy - graph.xy[base]).T
     # Angles are parts of a full turn, rounded so that a cell on a border is in the sector it opens.
     angle = np.round(np.arctan2(up, across) / (2 * np.pi), 12) % 1
-    if sectors == "equal":
-        sector = np.floor(np.round(robots * angle, 9)).astype(np.int64) % robots
-    elif sectors == "balanced":
-        before = np.searchsorted(np.sort(angle[outside]), angle)
-        sector = np.minimum(robots * before // np.count_nonzero(outside), robots - 1)
-    else:
-        raise ValueError(f"sectors: expected 'equal' or 'balanced', got {sectors!r}")
+    sector = np.floor(np.round(robots * angle, 9)).astype(np.int64) % robots
     region = np.where(patrolled, sector, -1)
     region = _connected(near, region, view, robots, base)
     for k in range(robots):
         if not outside[region == k].any():
             raise ValueError(_refusal(k, robots, "keeps no cell that only its robot watches"))
-    return Regions(base, view, region.astype(np.int32), robots, sectors)
+    return Regions(base, view, region.astype(np.int32), robots)
 
 
 def _connected(
@@ -268,8 +254,8 @@ def _check_sees(base: int, view: Bool[np.ndarray, "cells"]) -> None:
 
 def _refusal(region: int, robots: int, reason: str) -> str:
     return (
-        f"regions: region {region} of {robots} {reason}; expected fewer robots, another base "
-        "station, or other sectors"
+        f"regions: region {region} of {robots} {reason}; expected fewer robots, or another base "
+        "station"
     )
 
 

@@ -32,14 +32,14 @@ class News(Result):
         Float[np.ndarray, "ages"],
         quantity("age", "probability that a robot passed the base this time ago or later", "1"),
     ]
-    told: Annotated[
+    known: Annotated[
         Float[np.ndarray, "ages vertices"],
         quantity("age vertex", "probability that news of the vertex are this old or newer", "1"),
     ]
 
     @derived("age", "age", kind="coordinate")
     def age(self) -> Float[np.ndarray, "ages"]:
-        return self.unit * np.arange(len(self.told))
+        return self.unit * np.arange(len(self.known))
 
     @derived("", "time since a robot passed the base, mean", kind="time")
     def mean_since_passed(self) -> float:
@@ -47,16 +47,16 @@ class News(Result):
 
     @derived("vertex", "age of its news at the base, mean", kind="time")
     def mean_age(self) -> Float[np.ndarray, "vertices"]:
-        return self._mean(self.told)
+        return self._mean(self.known)
 
     @derived("vertex", "age that 95 % of the news do not exceed", kind="time")
     def late_age(self) -> Float[np.ndarray, "vertices"]:
-        late = self.told >= _LATE
+        late = self.known >= _LATE
         return np.where(late.any(axis=0), self.unit * late.argmax(axis=0), np.inf)
 
     def checks(self) -> Checks:
-        falls = -np.diff(self.told, axis=0, prepend=0).min(initial=0)
-        later = (self.told - self.passed[:, None]).max(initial=0)
+        falls = -np.diff(self.known, axis=0, prepend=0).min(initial=0)
+        later = (self.known - self.passed[:, None]).max(initial=0)
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
     def _mean(self, law: Float[np.ndarray, "ages some"]) -> Float[np.ndarray, "some"]:
@@ -100,7 +100,7 @@ def age_of_news(
         >>> from jaxcell import patrol
         >>> ring = patrol.Graph([[0, 1], [1, 2], [2, 0]])
         >>> news = patrol.team.age_of_news(ring, np.roll(np.eye(3), 1, axis=1)[None], 0)
-        >>> news.told.round(3).tolist()[:3], news.mean_age.round(3).tolist()
+        >>> news.known.round(3).tolist()[:3], news.mean_age.round(3).tolist()
         ([[0.333, 0.0, 0.0], [0.667, 0.0, 0.333], [1.0, 0.333, 0.667]], [1.0, 3.0, 2.0])
     """
     delays = move_times(graph, times).astype(np.int64)

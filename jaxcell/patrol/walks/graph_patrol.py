@@ -210,8 +210,8 @@ class GraphPatrol(Measures):
             remarks.append(f"in the long run the walk leaves out {left_out:,} of the vertices")
         if self.entropy_rate_nats < _FORESEEN:
             remarks.append(
-                f"the walk is deterministic but for {self.entropy_rate_nats:.1g} nats a step: who "
-                "watches it knows where the patroller goes"
+                f"the walk is nearly deterministic, with {self.entropy_rate_nats:.1g} nats a step: "
+                "an observer knows where the patroller goes"
             )
         return tuple(remarks)
 

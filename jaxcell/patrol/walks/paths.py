@@ -6,7 +6,7 @@ from fractions import Fraction
 import networkx
 import numpy as np
 import scipy.sparse
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ...mapping import Chain
 from ...optimize import Graph
@@ -18,7 +18,7 @@ _PARTS, _ROUNDING = 16, 1e-9
 _MAX_SEARCHES = 500_000
 
 
-def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) -> Chain:
+def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
     """Make a walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
 
     From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). A step
@@ -26,8 +26,7 @@ def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) 
     once; a step has a probability in proportion to its count. As printed, only the direction of the
     path counts. Then, with one path from each vertex, the time to arrive is the number of edges, as
     in all rows of Table 4.2; and in the long run the walk may leave out vertices that are on no
-    path from a neighbour of the vertex. With both directions, the walk is reversible, and far
-    slower.
+    path from a neighbour of the vertex.
 
     Paths are in order of their Euclidean lengths. Among equal lengths, as for a line and its
     pieces, the path with fewer edges is first. Among those, the last edge, in the order of the
@@ -38,7 +37,6 @@ def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) 
     - `graph`: a connected graph.
     - `vertex`: the vertex for which the walk heads.
     - `paths`: number of paths from each other vertex; all simple paths, if there are fewer.
-    - `directed`: whether only the direction of a path counts, or both directions.
 
     **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
@@ -51,22 +49,6 @@ def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) 
         >>> graph = patrol.Graph(edges, xy=[[0, 0], [1, 0], [1, 1], [0, 1]])
         >>> patrol.toward(graph, 0).to_scipy().toarray().tolist()
         [[0.0, 0.5, 0.0, 0.5], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
-    """
-    there, back = path_counts(graph, vertex, paths)
-    if not directed:
-        there = back = there + back
-    tail, head = graph.edges.T
-    counts = scipy.sparse.csr_array(
-        (np.concatenate([there, back]), (np.append(tail, head), np.append(head, tail))),
-        (graph.vertices, graph.vertices),
-    ).astype(np.float64)
-    return Chain.from_scipy(scipy.sparse.diags_array(1 / counts.sum(axis=1)) @ counts)
-
-
-def path_counts(graph: Graph, vertex: int, paths: int) -> Int[np.ndarray, "2 edges"]:
-    """Count each edge in Alg. 4.1, in its own direction and in the other.
-
-    **Arguments and raises:** as [`toward`][].
     """
     vertex, paths = operator.index(vertex), operator.index(paths)
     if not 0 <= vertex < graph.vertices:
@@ -81,18 +63,12 @@ def path_counts(graph: Graph, vertex: int, paths: int) -> Int[np.ndarray, "2 edg
         )
     network = networkx.Graph()
     network.add_nodes_from(range(graph.vertices))
-    edges = graph.edges.tolist()
-    for edge, ((tail, head), length) in enumerate(zip(edges, _lengths(graph), strict=True)):
-        network.add_edge(tail, head, number=edge, length=length)
+    for (tail, head), length in zip(graph.edges.tolist(), _lengths(graph), strict=True):
+        network.add_edge(tail, head, length=length)
     shortest = networkx.single_source_dijkstra_path(network, vertex, weight="length")
-    counts = np.zeros((2, len(edges)), np.int64)
-
-    def count(here: int, there: int) -> None:
-        edge = network.edges[here, there]["number"]
-        counts[int(edges[edge][0] != here), edge] += 1
-
+    counts = scipy.sparse.dok_array((graph.vertices, graph.vertices))
     for neighbour in network[vertex]:
-        count(vertex, neighbour)
+        counts[vertex, neighbour] += 1
     for start in network.nodes - {vertex}:
         if start not in shortest:
             raise ValueError(f"vertex {vertex} cannot be reached from vertex {start}")
@@ -102,8 +78,9 @@ def path_counts(graph: Graph, vertex: int, paths: int) -> Int[np.ndarray, "2 edg
             chosen = list(itertools.islice(simple, paths))
         for path in chosen:
             for step in itertools.pairwise(path):
-                count(*step)
-    return counts
+                counts[step] += 1
+    rows = counts.tocsr()
+    return Chain.from_scipy(scipy.sparse.diags_array(1 / rows.sum(axis=1)) @ rows)
 
 
 def _lengths(graph: Graph) -> list[int]:

@@ -21,11 +21,6 @@ from ..canvas.stream import pace, send_blueprint
 from .run import log_turns
 
 
-# In this order, so that few angles avoid the colours of the robot, the start and the goal.
-_ANGLES = [
-    palette.CATEGORIES[name]
-    for name in ("orange", "sky blue", "pink", "yellow", "green", "blue", "vermilion")
-]
 _MAX_SHADES = 8
 _NONE = "from no heading"
 _MAX_ACTIONS = 60
@@ -105,7 +100,7 @@ def _log_runs(
     """
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
-    color_of = [_ANGLES[i % len(_ANGLES)] for i in range(angle.size)]
+    color_of = [palette.angle_color(i) for i in range(angle.size)]
     colors = [color_of[i] for i in number.tolist()]
 
     # Arrows end where the dot begins.

@@ -11,17 +11,13 @@ from ...automata import Policy
 from ...bounce import AdaptivelyLocalized
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
-from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
+from ..canvas.palette import CURRENT, KNOWN, PLAIN, Color, angle_color
 from ..canvas.prose import Spec, counted, degrees, made_with, numbers, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 from .run import SEEN, log_localized, log_states, log_turns, run_legend
 
 
-# Green is for the cells that are left at the end.
-_ANGLES = [
-    CATEGORIES[name] for name in ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
-]
 _MAX_DRAWN = 80
 _ACROSS, _DOWN = 26.0, 30.0
 _Tree: TypeAlias = dict[int, int]
@@ -51,7 +47,7 @@ def _log_run(map: CellMap, localized: AdaptivelyLocalized, spec: Spec) -> rrb.Co
     drawing = _log_tree(stream, localized, tree)
     legend = [
         *run_legend(map),
-        *((f"turns by {degrees(one)}", _angle_color(i)) for i, one in enumerate(localized.bounces)),
+        *((f"turns by {degrees(one)}", angle_color(i)) for i, one in enumerate(localized.bounces)),
         ("a state where it is localized", KNOWN),
         ("the start, until the first bump", PLAIN),
         ("the state of the robot", CURRENT),
@@ -123,12 +119,8 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 def _state_color(policy: Policy, state: int) -> Color:
     turn = int(policy.turn[state])
     if turn >= 0:
-        return _angle_color(turn)
+        return angle_color(turn)
     return PLAIN if state == 0 else KNOWN
-
-
-def _angle_color(turn: int) -> Color:
-    return _ANGLES[turn % len(_ANGLES)]
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:

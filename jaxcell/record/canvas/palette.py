@@ -47,6 +47,9 @@ _ROBOTS = ("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow")
 ROBOTS: list[tuple[str, Color]] = [*((name, CATEGORIES[name]) for name in _ROBOTS), ("grey", PLAIN)]
 """The name and the colour of each robot, in order."""
 
+# Few angles avoid the colours of the robot and of the start, and none has that of the goal.
+_ANGLES = ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
+
 # Samples of viridis, without its darkest part, which looks like an obstacle.
 _RAMP = np.array(
     [
@@ -72,6 +75,11 @@ _NOTHING = 1e-9
 def robot_color(robot: int) -> tuple[str, Color]:
     """Return the name and the colour of a robot; robots are counted from 0."""
     return ROBOTS[robot % len(ROBOTS)]
+
+
+def angle_color(number: int) -> Color:
+    """Return the colour of a bouncing angle; angles are counted from 0."""
+    return CATEGORIES[_ANGLES[number % len(_ANGLES)]]
 
 
 def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:

@@ -1,4 +1,4 @@
-"""How long it takes until drifters are in a persistent group."""
+"""The tab of absorption times: how long drifters take to reach a persistent group."""
 
 from collections.abc import Sequence
 
@@ -21,8 +21,8 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     layers = [map.drift.layers[map.number] for map in maps]
     hours = [np.asarray(layer.begins.hours) for layer in layers]
     late = [layer.almost_forever for layer in layers]
-    shown = np.concatenate([one[(one > 0) & ~two] for one, two in zip(hours, late, strict=True)])
-    # A few that take very long would leave one colour for all others.
+    shown = np.concatenate([t[(t > 0) & ~is_late] for t, is_late in zip(hours, late, strict=True)])
+    # A few very long times would leave one colour for all others.
     most = min(float(shown.max()), 3 * float(np.quantile(shown, 0.9))) if shown.size else 1.0
     scale = Scale.over(
         shown,
@@ -34,11 +34,11 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
         open=True,
     )
     views = []
-    for map, one, two in zip(maps, hours, late, strict=True):
-        kind = scale.levels(one, {_PERSISTENT: one == 0, _LATE: two})
+    for map, time, is_late in zip(maps, hours, late, strict=True):
+        kind = scale.levels(time, {_PERSISTENT: time == 0, _LATE: is_late})
         picture = map.picture(f"absorption_{map.number}", scale.classes, kind)
         views.append(map.view(map.title, [picture]))
-    special = [_PERSISTENT, _LATE] if any(one.any() for one in late) else [_PERSISTENT]
+    special = [_PERSISTENT, _LATE] if np.concatenate(late).any() else [_PERSISTENT]
     text, legend = _text(maps[0].drift.layers), scale.legend(shown=special)
     return maps[0].tab("absorption", "Absorption times", views, text, legend)
 

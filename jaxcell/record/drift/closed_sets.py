@@ -1,4 +1,4 @@
-"""Parts of the water that drifters hardly leave."""
+"""The tab of nearly closed sets, which drifters hardly leave."""
 
 from collections.abc import Sequence
 
@@ -19,8 +19,8 @@ _NONE = PictureClass("in no nearly closed set", FREE)
 def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
     """Log the nearly closed sets of each layer."""
     views = []
-    # Numbers go on from layer to layer, while ranks are of the sets of one.
-    firsts = np.cumsum([0, *(one.count for one in sets.layers)]).tolist()
+    # Numbers continue from layer to layer, while ranks begin again in each layer.
+    firsts = np.cumsum([0, *(layer.count for layer in sets.layers)]).tolist()
     ranks = sets.ranks
     for map, first, rank in zip(maps, firsts, ranks, strict=False):
         label = sets.labels[map.number]

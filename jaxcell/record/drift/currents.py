@@ -1,4 +1,4 @@
-"""Currents as arrows, and drifters that move with them."""
+"""The tab of currents: arrows, and drifters that move with the current."""
 
 from collections.abc import Sequence
 
@@ -15,17 +15,17 @@ from .map import DRIFTER, CurrentMap
 
 
 _MAX_ARROWS = 700
-# Over all records and layers, so that the file stays small.
+# The number of arrows over all records and layers, so that the file stays small.
 _MAX_DRAWN = 400_000
 _DRIFTERS = 250
 _TRAIL = 6
 _ARROW: Color = (70, 110, 150)
-# Arrows of faster water are not longer.
+# The largest length of an arrow, in cells.
 _MAX_LENGTH = 2.5
 
 
 def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
-    """Log the current of each layer by time, and drifters that it carries."""
+    """Log the current of each layer by time, and drifters in it."""
     views = []
     for map in maps:
         _log_arrows(map, len(maps))
@@ -37,7 +37,7 @@ def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
 
 
 def currents_of(drift: SeaDrift) -> str:
-    """A sentence that says which currents these are."""
+    """Name the source and the times of the currents in a sentence."""
     times, source = drift.currents.time.values, drift.currents.attrs["source"]
     if times.size == 1:
         return f"The current of `{source}` at {_moment(times[0])}."
@@ -104,7 +104,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
 
 
 def _log_drifters(map: CurrentMap, seed: int) -> None:
-    """Log drifters that the current itself carries, without disturbances."""
+    """Log drifters in the current itself, without disturbances."""
     water, clock, stream = map.water, map.clock, map.stream
     moved = simulate_drifters(
         jax.random.key(seed),
@@ -116,27 +116,27 @@ def _log_drifters(map: CurrentMap, seed: int) -> None:
         drifters=min(_DRIFTERS, water.cells),
         substeps=4,
     )
-    there = moved.cell >= 0
+    present = moved.cell >= 0
     whole, y = np.asarray(moved.x), np.asarray(moved.y)
     x = water.on_columns(whole)
     xy = map.on_grid(x, y)
-    # One that ran over a coast lies at it.
-    found, _ = water.at(np.rint(y).astype(int), np.rint(x).astype(int))
-    dry = there & (found < 0)
+    # A drifter that ran ashore is drawn in its cell at the coast.
+    square, _ = water.at(np.rint(y).astype(int), np.rint(x).astype(int))
+    dry = present & (square < 0)
     xy[dry] = map.xy(moved.cell[dry])
-    # A trail around the Earth begins beyond the edge of the map rather than at its other side.
+    # A trail across the seam begins beyond the edge of the map, not at its other side.
     turns = map.on_grid(whole, y) - map.on_grid(x, y)
-    # At first trails stay where they begin: those of one length are logged much faster.
+    # Trails of one length are logged much faster; at first they repeat their first point.
     trails = []
     for time in range(len(xy)):
         past = np.arange(time - _TRAIL, time + 1).clip(0)
-        trails.append((xy[past] + turns[past] - turns[time])[:, there[time]].swapaxes(0, 1))
-    strips, counts = np.concatenate(trails), there.sum(axis=1)
+        trails.append((xy[past] + turns[past] - turns[time])[:, present[time]].swapaxes(0, 1))
+    strips, counts = np.concatenate(trails), present.sum(axis=1)
     path, at = f"map/drifters_{map.number}", clock.frame * np.arange(len(xy))
     dot = {"colors": DRIFTER, "radii": 0.55 * map.mark, "draw_order": 40}
     line = {"colors": DRIFTER, "radii": points(0.8), "draw_order": 30}
     for name, kind, style, columns in (
-        ("here", rr.Points2D, dot, {"positions": xy[there]}),
+        ("here", rr.Points2D, dot, {"positions": xy[present]}),
         ("trail", rr.LineStrips2D, line, {"strips": strips}),
     ):
         send_changing(

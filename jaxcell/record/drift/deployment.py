@@ -1,4 +1,4 @@
-"""Where to drop drifters."""
+"""The tab of the deployment: the cells to drop drifters in."""
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -15,21 +15,21 @@ from .map import CurrentMap
 _CELL: Color = (20, 20, 24)
 _SEEN: Color = tint(BELIEF, 0.7)
 _LEFT_OUT: Color = tint(BELIEF, 0.35)
-# Behind the marks, which are what one sees.
+# The shade of the groups behind the marks.
 _PALE = 0.55
 _CORNERS = 48
 _MAX_ROWS = 24
 
 
 def log_deployment(map: CurrentMap) -> rrb.Container:
-    """Log where to drop drifters at the surface."""
+    """Log the cells to drop drifters in at the surface."""
     drift = map.drift
-    found = drift.deployment
+    chosen = drift.deployment
     kind, classes = group_classes(drift.layers[0], drift.group_ranks[0])
-    faint = [PictureClass(one.label, tint(one.color, _PALE)) for one in classes[1:]]
+    faint = [PictureClass(c.label, tint(c.color, _PALE)) for c in classes[1:]]
     picture = map.picture("deployment", [classes[0], *faint], kind)
-    log_dots(map.stream, "map/deployment", map.xy(found.cells), map.mark, _CELL)
-    title = f"To reach all: {found.cells.size:,} drifters"
+    log_dots(map.stream, "map/deployment", map.xy(chosen.cells), map.mark, _CELL)
+    title = f"To reach all: {chosen.cells.size:,} drifters"
     views: list[rrb.View] = [map.view(title, [picture, "deployment"])]
     legend = [
         ("drop a drifter here", _CELL),
@@ -66,20 +66,20 @@ def _log_views(map: CurrentMap) -> rrb.View:
 
 
 def _log_curve(map: CurrentMap) -> rrb.View:
-    """Log how many cells so many drifters may visit."""
+    """Log the number of cells that drifters may visit, by the number of drifters."""
     assert map.drift.curve is not None
     share = 100 * map.drift.curve.covered / map.water.cells
     number = np.arange(share.size + 1, dtype=float)
     plot = Plot(map.stream, "deployment/curve", max(2.0, float(share.size)), 105.0)
-    whole = [one for one in ticks(plot.most_x) if one == int(one)]
+    whole = [tick for tick in ticks(plot.most_x) if tick == int(tick)]
     plot.axes(whole, [0, 25, 50, 75, 100], "drifters", "cells that they may visit, %")
     plot.line("covered", number, np.concatenate([[0.0], share]), BELIEF, 2.5)
     return plot.view("Coverage by the number of drifters")
 
 
 def _text(drift: SeaDrift) -> str:
-    found = drift.deployment
-    persistent = int((found.group >= 0).sum())
+    chosen = drift.deployment
+    persistent = int((chosen.group >= 0).sum())
     views = ""
     no_fewer = ", and no fewer" if drift.phases is None else ""
     if drift.views is not None:
@@ -90,12 +90,12 @@ def _text(drift: SeaDrift) -> str:
     columns = [f"deployment_{name}" for name in ("cell", "lon", "lat", "gained")]
     rank = [*drift.group_ranks[0].tolist(), "transient"]
     numbered = {
-        "number": range(1, found.cells.size + 1),
-        "group": [rank[group] for group in found.group.tolist()],
+        "number": range(1, chosen.cells.size + 1),
+        "group": [rank[group] for group in chosen.group.tolist()],
     }
     return f"""# Where to drop drifters
 
-Dropped at the black circles, **{found.cells.size:,}** drifters may come to every cell, each within
+Dropped at the black circles, **{chosen.cells.size:,}** drifters may come to every cell, each within
 its group; {persistent:,} are in persistent groups. If any drifter may visit a cell,
 **{drift.minimum.size:,}** will do{no_fewer}.
 {views}

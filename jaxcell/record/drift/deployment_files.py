@@ -16,13 +16,13 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     """Write the deployment cells as CSV with a head, one drifter a line, or as GeoJSON (RFC 7946).
 
     The columns, or properties of the points, are `number`, from 1; `lon` and `lat` in degrees;
-    `cell`; `purpose`, which is `reach` for a cell of the deployment and `view` for one from where
-    the sea bed is seen; `group`, its persistent group, and `transient_group`, of which one is
+    `cell`; `purpose`, which is `reach` for a cell of the deployment and `view` for a cell from
+    which the sea bed is seen; `group`, its persistent group, and `transient_group`, of which one is
     empty; and `gained`, the cells that are reached first from there.
 
     **Arguments:**
 
-    - `drift`: what was found.
+    - `drift`: the result.
     - `path`: the file to write or replace, whose name ends in `.csv` or `.geojson`.
 
     **Raises:** `ValueError` if the name ends in something else; `FileNotFoundError` if the folder
@@ -33,10 +33,10 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
         >>> import pathlib, tempfile
         >>> from jaxcell import bundled, drift, record
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> found = drift.SeaDrift.of(currents)
+        >>> sea = drift.SeaDrift.of(currents)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "deployment.csv")
-        ...     record.save_deployment(found, path)
+        ...     record.save_deployment(sea, path)
         ...     path.read_text().splitlines()[0]
         'number,lon,lat,cell,purpose,group,transient_group,gained'
     """
@@ -61,9 +61,9 @@ def _geojson(rows: pd.DataFrame) -> str:
 
 
 def _rows(drift: SeaDrift) -> pd.DataFrame:
-    found, begins = drift.deployment, drift.layers[0].begins
+    chosen, begins = drift.deployment, drift.layers[0].begins
     views = np.zeros(0, np.int32) if drift.views is None else drift.views.cells
-    cells = np.concatenate([found.cells, views])
+    cells = np.concatenate([chosen.cells, views])
     lon, lat, _ = np.array(drift.places(cells)).reshape(-1, 3).T
     group, transient = np.asarray(begins.groups.group), np.asarray(begins.transient.group)
     columns = {
@@ -72,14 +72,14 @@ def _rows(drift: SeaDrift) -> pd.DataFrame:
         "lon": lon.round(6) + 0.0,
         "lat": lat.round(6) + 0.0,
         "cell": cells,
-        "purpose": ["reach"] * found.cells.size + ["view"] * views.size,
+        "purpose": ["reach"] * chosen.cells.size + ["view"] * views.size,
         "group": _known(group[cells]),
         "transient_group": _known(transient[cells]),
-        "gained": _known(np.append(found.gained, np.full(views.size, -1))),
+        "gained": _known(np.append(chosen.gained, np.full(views.size, -1))),
     }
     return pd.DataFrame(columns)
 
 
 def _known(numbers: np.ndarray) -> pd.Series:
-    """Numbers of which -1 stands for none."""
+    """Convert numbers to a series in which -1 is missing."""
     return pd.Series(numbers, dtype="Int64").where(numbers >= 0)

@@ -1,4 +1,4 @@
-"""Where drifters come to be, by the map of cells, as the current changes."""
+"""The tab of the distribution of drifters by the map of cells, as the current changes."""
 
 import functools
 import itertools
@@ -13,10 +13,10 @@ from ..canvas.scale import Scale
 from .map import SeaMap
 
 
-# Times as many drifters as at first, from which on and up to which they have colours.
+# The ends of the scale, in multiples of the number of drifters at first.
 _LEAST, _MOST = 1 / 16, 16.0
 _HARDLY = "hardly any"
-# Over all times and layers, so that the file stays small.
+# The number of squares over all times and layers, so that the file stays small.
 _MAX_SQUARES = 20_000_000
 
 
@@ -28,8 +28,8 @@ def log_distribution(
     **Arguments:**
 
     - `maps`: of the layers.
-    - `more`: further views, with colours of [`density`][] too.
-    - `about`: what they show.
+    - `more`: further views in the colours of [`density`][].
+    - `about`: a text on these views.
     """
     drift, clock = maps[0].drift, maps[0].clock
     steps = int(clock.last * clock.seconds / drift.step)
@@ -46,7 +46,7 @@ def log_distribution(
 
 @functools.cache
 def density() -> Scale:
-    """The scale of how many times as many drifters as at first are in a cell."""
+    """Make the scale of the number of drifters in a cell, in multiples of the number at first."""
     return Scale.over(
         np.zeros(0),
         "{} x".format,
@@ -60,17 +60,17 @@ def density() -> Scale:
 
 
 def levels(share: np.ndarray) -> np.ndarray:
-    """The class of each cell by its share of the drifters."""
+    """Classify each cell by its share of the drifters."""
     times = share * share.shape[-1]
     return density().levels(times, {_HARDLY: times < _LEAST})
 
 
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """The classes of cells after every so many steps, and when that is."""
+    """Push drifters on, and return the classes of cells after every few steps, and the times."""
     chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
     share = np.full(map.water.cells, 1 / map.water.cells)
     shares = itertools.islice(chain.pushed(share, steps), 0, None, every)
-    kept = np.stack([levels(one) for one in shares])
+    kept = np.stack([levels(share) for share in shares])
     seconds = np.arange(len(kept)) * every * map.drift.step
     return kept, np.rint(seconds / map.clock.seconds).astype(np.int64)
 

@@ -1,4 +1,4 @@
-"""How drifters go from region to region, and how long they stay."""
+"""The tab of regions: the exchange of drifters, and their residence times."""
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -11,18 +11,18 @@ from ..canvas.prose import described
 from .map import SeaMap
 
 
-# Squares beside the heat map for a letter of the names of its rows.
+# The width of a letter of the names of rows, in squares of the heat map.
 _LETTER = 0.1
 _PALE = 0.4
 
 
 def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
-    """Log the regions on the map, and the share that goes from each to each as a heat map."""
+    """Log the regions on the map, and the shares that go between them as a heat map."""
     names = exchange.name.tolist()
     colors = [tint(color, _PALE) for color in CATEGORIES.values()]
     classes = [PictureClass("land", CLEAR), PictureClass("in no region", FREE)]
     classes += [PictureClass(name, colors[k % len(colors)]) for k, name in enumerate(names)]
-    # The last of regions that overlap.
+    # Of overlapping regions the last is shown.
     kind = (exchange.inside * (np.arange(len(names))[:, None] + 1)).max(axis=0) + 1
     picture = map.picture("regions", classes, kind)
     labels = []

@@ -1,4 +1,4 @@
-"""Where drifters end up: persistent groups, and the cells that lead to them."""
+"""The tab of groups: persistent groups, and the cells that lead to them."""
 
 from collections.abc import Sequence
 
@@ -21,9 +21,9 @@ _SEVERAL: Color = FREE
 _AWAY: Color = tint(CATEGORIES["yellow"], 0.3)
 _OTHERS: Color = (96, 82, 72)
 _PALE = 0.6
-# Pictures have at most 255 classes; so many transient groups have one of their own.
+# The number of groups with a class of their own; pictures have at most 255 classes.
 _MAX_CLASSES = 120
-# Smaller parts of the map would lie hidden under their labels.
+# The least share of the map for a label, which would hide a smaller group.
 _MIN_LABELLED = 0.01
 
 
@@ -38,8 +38,8 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
         _log_numbers(map, layer, ranks[number])
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         if isinstance(layer, Layer):
-            found, hours = layer.distance.total_variation[-1], layer.distance.hours[-1]
-            title += f", {100 * found:.2g} % of drifters elsewhere after {hours:.3g} h"
+            share, hours = layer.distance.total_variation[-1], layer.distance.hours[-1]
+            title += f", {100 * share:.2g} % of drifters elsewhere after {hours:.3g} h"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
     legend = _legend(drift.layers, max(int(rank.max(initial=-1)) + 1 for rank in ranks))
     if isinstance(drift, SeaDrift):
@@ -48,21 +48,21 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
 
 
 def home_color(rank: int) -> Color:
-    """The colour of a persistent group."""
+    """Return the colour of a persistent group."""
     return HOMES[rank] if rank < len(HOMES) else _OTHERS
 
 
 def group_classes(
     layer: LayerEnds, rank: Int[np.ndarray, "groups"]
 ) -> tuple[UInt8[np.ndarray, "cells"], list[PictureClass]]:
-    """The class of each cell in a picture of groups, and what the classes mean; 0 is land.
+    """Classify each cell for a picture of groups, with the meanings of the classes; 0 is land.
 
-    A cell of a persistent group has its colour, one that leads there for sure a paler shade.
+    A cell of a persistent group has its colour; a cell that surely leads there, a paler shade.
     """
     transient = layer.begins.transient
     classes = [PictureClass("land", CLEAR)]
     groups = np.argsort(rank)[:_MAX_CLASSES].tolist()
-    # The last of each is for cells that are not of this kind.
+    # The last entry is for cells that are not persistent.
     of_group = np.full(rank.size + 1, 1 + len(groups))
     of_group[groups] = 1 + np.arange(len(groups))
     classes += [
@@ -92,7 +92,7 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
 
 
 def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"]) -> None:
-    """Log the numbers of groups that have a colour of their own and are not tiny, over them."""
+    """Log the numbers of large groups with a colour of their own."""
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]
@@ -123,7 +123,7 @@ leaves, or off the map.
 
 
 def groups_text(drift: SeaDrift, spec: Spec) -> str:
-    """The text beside the groups in a current."""
+    """Write the text beside the groups in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
@@ -132,7 +132,9 @@ def groups_text(drift: SeaDrift, spec: Spec) -> str:
     spread = "on points of its cell"
     if drift.layers[0].step.spread != "sampled":
         spread = "or to a cell beside that"
-    warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
+    warnings = [
+        f"- **{layer.depth:g} m**: {layer.warning}." for layer in drift.layers if layer.warning
+    ]
     beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""
     return f"""# Where drifters end up
 
@@ -158,7 +160,7 @@ share that the map has in a wrong cell, and the shares that left:
 
 
 def _phases(drift: SeaDrift) -> str:
-    """A sentence that says of which drifters groups and times are, in a current that repeats."""
+    """Name the time of release in a periodic current, in a sentence."""
     if drift.phases is None:
         return ""
     return (

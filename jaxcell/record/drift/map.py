@@ -1,4 +1,4 @@
-"""The maps of a sea: land, the way to the North, a length, and places on the grid.
+"""The maps of a sea: land, a North arrow, a scale bar, and places on the grid.
 
 Maps are drawn in the axes of the grid, in kilometres of its mean cell, so that a cell is a square
 of a picture whichever way the grid is turned; an arrow says where North is.
@@ -28,11 +28,11 @@ from ..canvas.stream import plane
 
 LAND: Color = PLAIN
 DRIFTER: Color = (20, 20, 24)
-# So many layers have maps of their own, from the surface down.
+# The number of layers with a map, from the surface down.
 _MAX_MAPS = 6
-# Pictures of moving drifters for each step of the chain, and how many at most.
+# Pictures of moving drifters per step of the chain, and the largest number of pictures.
 _FRAMES_PER_STEP, _MAX_FRAMES = 4, 240
-# So many steps of the chain are shown at least.
+# The least number of steps of the chain that are shown.
 _MIN_STEPS = 40
 _UNITS = {"day": 86400, "hour": 3600, "minute": 60, "second": 1}
 
@@ -53,7 +53,7 @@ class Clock:
 
     @classmethod
     def of(cls, drift: SeaLayers) -> "Clock":
-        """One that is fine enough for a step of the chain, and goes on as the current changes."""
+        """Make a clock that resolves a step of the chain and covers the records of the current."""
         total = _MIN_STEPS * drift.step
         if isinstance(drift, SeaDrift):
             time = np.asarray(drift.layers[0].flow.time)
@@ -65,7 +65,7 @@ class Clock:
 
     @property
     def seconds(self) -> int:
-        """The seconds of a unit."""
+        """Seconds per unit."""
         return _UNITS[self.unit]
 
     @property
@@ -75,7 +75,7 @@ class Clock:
 
     @property
     def speed(self) -> float:
-        """Units a second, so that all plays in about half a minute."""
+        """Units per second of playback, so that all plays in about half a minute."""
         return max(1.0, self.last / 30)
 
 
@@ -84,7 +84,7 @@ class SeaMap:
     """The map of a layer in a recording."""
 
     dry: ClassVar[str] = "land"
-    "What squares without a cell are."
+    "The name of squares without a cell."
 
     stream: rr.RecordingStream
     drift: SeaLayers
@@ -122,11 +122,11 @@ class SeaMap:
 
     @property
     def mark(self) -> float:
-        """The radius of a mark that fills most of a cell, and can be seen on a large map."""
+        """The radius of a mark that fills most of a cell, but is visible on a large map."""
         return max(0.4 * float(self.side.min()), 0.004 * self.extent)
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Where the label of some cells stands: as deep among them as the middle one that is."""
+        """Find the place for the label of some cells: of the deepest cells, the middle one."""
         row, column = self.water.row[cells], self.water.column[cells]
         among = np.zeros(np.add(self.water.number.shape, 2), bool)
         among[row + 1, column + 1] = True
@@ -139,18 +139,18 @@ class SeaMap:
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]
     ) -> Float[np.ndarray, "*points 2"]:
-        """Places of the grid, in kilometres."""
+        """Convert places of the grid to kilometres."""
         return np.stack([column + 0.5, row + 0.5], axis=-1) * self.side
 
     def xy(self, cells: Int[np.ndarray, "some"] | None = None) -> Float[np.ndarray, "some 2"]:
-        """The centres of cells, by default of all, in kilometres."""
-        some = np.arange(self.water.cells) if cells is None else cells
+        """Return the centres of cells, by default of all, in kilometres."""
+        chosen = np.arange(self.water.cells) if cells is None else cells
         return self.on_grid(
-            self.water.column[some].astype(float), self.water.row[some].astype(float)
+            self.water.column[chosen].astype(float), self.water.row[chosen].astype(float)
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Cells on a coarser grid, at most about so many."""
+        """Select cells on a coarser grid, at most about `most`."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride
@@ -164,7 +164,7 @@ class SeaMap:
         order: float = -10.0,
         times: Int[np.ndarray, "times"] | None = None,
     ) -> str:
-        """Log the class of each cell as a picture, or one for each time; land has class 0.
+        """Log the class of each cell as a picture, or as a picture per time; land has class 0.
 
         **Returns:** the name of the entity, for [`SeaMap.view`][].
         """
@@ -178,16 +178,16 @@ class SeaMap:
     def numbers(
         self, name: str, title: str, scale: Scale, values: Float[np.ndarray, "cells"]
     ) -> rrb.Spatial2DView:
-        """Log the numbers of the cells by the colours of a scale, and give a view of them."""
+        """Log the numbers of the cells by the colours of a scale, and return a view of them."""
         return self.view(title, [self.picture(name, scale.classes, scale.levels(values))])
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
-        """A view of entities on the map, with the length and the North below it."""
+        """Make a view of entities on the map, with the scale bar and the North arrow below it."""
         width, height = self.size.tolist()
         margin = 0.04 * self.extent
         shown = "frame/**", f"grid/water_{self.number}", *contents
         box = -margin, -height - margin, width + margin, 2.6 * margin
-        return plane("/", title, box, [f"/map/{one}" for one in shown])
+        return plane("/", title, box, [f"/map/{name}" for name in shown])
 
     def tab(
         self, path: str, name: str, views: Sequence[rrb.View], text: str, legend: Legend
@@ -210,14 +210,14 @@ class CurrentMap(SeaMap):
 
     @functools.cached_property
     def arrow(self) -> float:
-        """What makes an arrow of the mean speed as long as a cell, in cells for a cell a second."""
+        """The length of an arrow in cells per speed in cells per second: 0.9 at the mean speed."""
         rates = (np.asarray(layer.flow.rate) for layer in self.drift.layers)
         speed = [np.hypot(rate[:, 0], rate[:, 1]) for rate in rates]
-        return 0.9 / float(np.concatenate([one[one > 0] for one in speed]).mean())
+        return 0.9 / float(np.concatenate([of_layer[of_layer > 0] for of_layer in speed]).mean())
 
 
 def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
-    """Turn y up for all that is under `map`, and log what is on every map."""
+    """Point y upward under `map`, and log the water and the frame of every map."""
     clock = Clock.of(drift)
     count = min(len(drift.layers), _MAX_MAPS)
     maps = [kind(stream, drift, clock, number) for number in range(count)]
@@ -232,7 +232,7 @@ def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> lis
 
 
 def _log_frame(map: SeaMap) -> None:
-    """Log a length, an arrow to the North, and where the middle of the map is."""
+    """Log a scale bar, a North arrow, and the position of the middle of the map."""
     stream, water = map.stream, map.water
     width, margin = float(map.size[0]), 0.04 * map.extent
     low, length = -1.2 * margin, round_below(0.25 * width)
@@ -242,7 +242,7 @@ def _log_frame(map: SeaMap) -> None:
     foot = np.array([0.42 * width, low]) - north / 2
     log_arrows(stream, "map/frame/north", [foot], [north], TEXT, 0.1 * margin, order=50.0)
     rows, columns = water.number.shape
-    lon, lat = (float(one[rows // 2, columns // 2]) for one in (water.lon, water.lat))
+    lon, lat = (float(place[rows // 2, columns // 2]) for place in (water.lon, water.lat))
     beside_x, beside_y = (foot + north / 2 + [0.7 * margin, 0.3 * margin]).tolist()
     labels = [
         (f"{length:g} km", 0.5 * length, low),
@@ -253,12 +253,12 @@ def _log_frame(map: SeaMap) -> None:
 
 
 def place_name(lon: float, lat: float) -> str:
-    """A place as people read it."""
+    """Write a place in degrees with its hemispheres."""
     east, north = "W" if lon < 0 else "E", "S" if lat < 0 else "N"
     return f"{abs(lat):.2f}° {north}, {abs(lon):.2f}° {east}"
 
 
 def round_below(length: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above a length."""
+    """Round a length down to 1, 2 or 5 times a power of ten."""
     size = 10.0 ** math.floor(math.log10(length))
-    return next(size * one for one in (5, 2, 1) if size * one <= length * (1 + 1e-9))
+    return next(size * n for n in (5, 2, 1) if size * n <= length * (1 + 1e-9))

@@ -1,4 +1,4 @@
-"""What observed drifters say: where they were, where they end up, and how sure that is."""
+"""The recording of observed drifters: their ends, with sampling errors, and their tracks."""
 
 import dataclasses
 
@@ -27,18 +27,18 @@ _MAX_TRACKS, _MAX_PLACES = 40, 100_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedMap(SeaMap):
-    """The map of where drifters were."""
+    """The map of observed drifters."""
 
     dry = "too few were there"
     drift: ObservedDrift
 
 
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
-    """Log what becomes of drifters that were observed.
+    """Log the ends of observed drifters.
 
-    Without time: the persistent groups, nearly closed sets, how long it takes to the end, how sure
-    all of that is, and where observations are. Over days, or shorter units: where drifters come to
-    be that are released in all cells alike.
+    Static tabs show the persistent groups, nearly closed sets, times to the end, sampling errors,
+    and observations. Over days, or shorter units, a tab shows the distribution of drifters that
+    were released uniformly in all cells.
     """
     maps = log_maps(stream, found, ObservedMap)
     tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
@@ -56,7 +56,7 @@ def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> 
 
 
 def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log where drifters come to be step by step, and then."""
+    """Log the distribution of drifters step by step, and in the end."""
     found = map.drift
     kind = levels(_of_cells(map, found.distribution))
     then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
@@ -65,7 +65,7 @@ def _log_places(map: ObservedMap) -> rrb.Container:
 
 
 def _log_errors(map: ObservedMap) -> rrb.Container:
-    """Log how much answers vary with the drifters that happened to be there."""
+    """Log the sampling errors of the answers."""
     found = map.drift
     share = 100 * _of_cells(map, found.persistent_share)
     hours = _of_cells(map, found.absorption_time_error)
@@ -91,13 +91,13 @@ with all of its moves. The *error* is the standard deviation of an answer over t
 
 
 def _most(values: Float[np.ndarray, "cells"]) -> float:
-    """The end of a scale that a few large numbers do not stretch."""
+    """Return the end of a scale that a few large numbers do not stretch."""
     known = values[np.isfinite(values)]
     return float(np.quantile(known, 0.95)) if known.size else 1.0
 
 
 def _log_observations(map: ObservedMap) -> rrb.Container:
-    """Log how many moves are known from each cell, and the ways of some drifters."""
+    """Log the number of moves from each cell, and the tracks of some drifters."""
     found, water = map.drift, map.water
     count = found.counted.count.astype(float)
     scale = Scale.over(count, "{} moves".format, spaced=np.geomspace, ground="no cell")
@@ -107,7 +107,7 @@ def _log_observations(map: ObservedMap) -> rrb.Container:
     place = map.on_grid(column, (seen.lat - water.lat[0, 0]) / side)
     every = max(1, seen.drifters // _MAX_TRACKS, seen.lon.size // _MAX_PLACES)
     shown = np.flatnonzero(seen.drifter % every == 0)
-    # A way ends with the drifter, and where it goes round the Earth or off the map.
+    # A track ends with the drifter, at the seam, and at the edge of the map.
     off = (place < 0).any(axis=1) | (place > map.size).any(axis=1)
     far = np.abs(np.diff(column, prepend=column[:1])) > water.number.shape[1] / 2
     new = (np.diff(seen.drifter, prepend=-1) != 0) | far | off

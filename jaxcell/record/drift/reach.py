@@ -1,4 +1,4 @@
-"""What a drifter that is dropped at the start may come to."""
+"""The tab of the reach of a drifter that is dropped at the start."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ _CLASSES = [
 
 
 def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log what may be reached in each layer."""
+    """Log the cells that may be reached in each layer."""
     drift, first = maps[0].drift, maps[0]
     assert drift.reachable is not None
     assert drift.start is not None
@@ -29,7 +29,7 @@ def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
     log_dots(first.stream, "map/start", place, 1.3 * first.mark, START)
     views = []
     for map in maps:
-        stays, moves = (drift.of_layer(one, map.number) for one in drift.reachable)
+        stays, moves = (drift.of_layer(cells, map.number) for cells in drift.reachable)
         kind = np.where(stays, 3, 1 + moves)
         picture = map.picture(f"reach_{map.number}", _CLASSES, kind)
         title = f"{map.title}: {int(stays.sum()):,} of {stays.size:,} cells"

@@ -17,14 +17,13 @@ from .voyage import log_voyage
 
 
 def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
-    """Log what becomes of drifters in a sea.
+    """Log the ends of drifters in a sea.
 
-    Over a timeline of hours, minutes or seconds from the first record: the current of each layer as
-    arrows, drifters that it carries, where the map of cells brings those that are released
-    everywhere, and drifters that follow the policy to a goal. Without time: the persistent groups
-    and what leads to them; nearly closed sets; how long that takes; where to drop drifters; what
-    goes from region to region, and ashore; what one may reach from the start; and in three
-    dimensions the value function and the policy. The drifters have the `seed` of `spec`.
+    Over a timeline from the first record, tabs show the current of each layer as arrows, drifters
+    in it, their distribution by the map of cells, and drifters that follow the policy to a goal.
+    Static tabs show persistent groups, nearly closed sets, absorption times, the deployment, the
+    exchange between regions, beaches, the reach of the start, and in three dimensions the value
+    function and the policy. The simulated drifters have the `seed` of `spec`.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)

@@ -1,4 +1,4 @@
-"""The way to a goal in three dimensions: what cells are worth, what to do there, and drifters."""
+"""The tab of a voyage in three dimensions: the value function, the policy, and drifters."""
 
 import dataclasses
 import math
@@ -19,19 +19,19 @@ from ..canvas.stream import send_changing
 from .map import DRIFTER, LAND, CurrentMap, place_name
 
 
-# Squares and arrows of a layer.
+# The numbers of squares and arrows of a layer.
 _MAX_SQUARES, _MAX_ARROWS = 20_000, 1500
 _DRIFTERS = 60
 _MAX_STEPS = 240
 _UP, _DOWN = CATEGORIES["sky blue"], CATEGORIES["blue"]
-# How high the eye is above the plane, in degrees.
+# The elevation of the eye, in degrees.
 _ABOVE = 28
 _SIDE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 @dataclasses.dataclass(frozen=True)
 class _Space:
-    """Where the cells of all layers are in space; depths are stretched."""
+    """The positions of the cells of all layers in space, with stretched depths."""
 
     surface: CurrentMap
 
@@ -45,12 +45,12 @@ class _Space:
 
     @property
     def gap(self) -> float:
-        """From layer to layer, in kilometres of the map."""
+        """The distance between layers, in kilometres of the map."""
         layers = len(self.surface.drift.layers)
         return float(self.surface.size[1]) * min(0.75, 2.5 / max(1, layers - 1))
 
     def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
-        """The centres of cells, by their numbers among those of all layers."""
+        """Return the centres of cells, by their numbers among those of all layers."""
         layer, row, column = (one[cells] for one in self.surface.drift.sea.squares)
         flat = self.surface.on_grid(column.astype(float), row.astype(float))
         return np.concatenate([flat, -layer[:, None] * self.gap], axis=1)
@@ -113,7 +113,7 @@ def _log_land(space: _Space) -> None:
         some = (row % stride == stride // 2) & (column % stride == stride // 2)
         at = np.stack([column[some], row[some]], axis=1).astype(float)
         if some.any():
-            # A little lower, so that it does not flicker through the water.
+            # A little lower, so that land does not flicker through the water.
             z = -(layer + 0.01) * space.gap
             color = np.tile(np.array(LAND[:3], np.uint8), (len(at), 1))
             _log_squares(space, f"space/land/{layer}", at, z, stride, color)
@@ -151,7 +151,7 @@ def _log_value(space: _Space, policy: Voyage) -> Scale:
     """Log the water and the value function as squares."""
     drift, value = space.surface.drift, np.asarray(policy.value).copy()
     outside = ~np.asarray(policy.goal)
-    # What is in the goal gains nothing more; it is where the value would be largest.
+    # The value in the goal is 0; it is shown with the largest value.
     value[~outside] = value[outside].max()
     scale = Scale.over(value, "a value of {}".format, levels=255)
     colors = np.array(scale.colors, np.uint8)
@@ -168,7 +168,7 @@ def _log_value(space: _Space, policy: Voyage) -> Scale:
 
 
 def _log_policy(space: _Space, policy: Voyage) -> None:
-    """Log what to do in some of the cells as arrows, on squares of water."""
+    """Log the policy in some of the cells as arrows, on squares of water."""
     drift, side = space.surface.drift, space.surface.side
     origins: list[np.ndarray] = []
     vectors: list[np.ndarray] = []
@@ -187,7 +187,7 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
         along *= np.minimum(1, 1.5 * spacing * side.max() / np.maximum(length, 1e-12))
         up = -0.09 * space.gap * action[:, None].astype(float)
         vector = np.concatenate([np.where(drifts, along, 0), up], axis=1)
-        # Above the water, so that it does not cut them in half.
+        # Above the water, which would cut the arrows in half.
         height = (0.02 + 0.09 * (action > 0) - map.number) * space.gap
         foot = np.column_stack([map.xy(cells), height])
         foot[:, :2] -= vector[:, :2] / 2
@@ -205,22 +205,22 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
 
 
 def _log_tracks(space: _Space, policy: Voyage, seed: int) -> int:
-    """Log drifters that follow the policy, along the chain; gives the number of steps."""
+    """Log drifters that follow the policy along the chain, and return the number of steps."""
     drift, clock, stream = space.surface.drift, space.surface.clock, space.surface.stream
     begin = np.ones(drift.cells, bool) if drift.start is None else drift.start
     steps = min(_MAX_STEPS, max(1, int(clock.last * clock.seconds / drift.step)))
     tracks = simulate_voyages(jax.random.key(seed), policy, begin, _DRIFTERS, steps)
     cell = np.asarray(tracks.cell)
-    there = cell >= 0
+    present = cell >= 0
     places = np.full((*cell.shape, 3), np.nan)
-    places[there] = space.xyz(cell[there])
-    # Several in one cell would be one point.
+    places[present] = space.xyz(cell[present])
+    # Offsets separate drifters in one cell.
     off = np.random.default_rng(seed).uniform(-0.3, 0.3, (cell.shape[1], 2))
     places[..., :2] += off * space.surface.side
     places[..., 2] += 0.04 * space.gap
     times = np.rint(np.arange(steps + 1) * (drift.step / clock.seconds)).astype(np.int64)
-    counts, style = there.sum(axis=1), {"colors": DRIFTER, "radii": 0.8 * space.surface.mark}
-    path, at = "space/drifters", places[there]
+    counts, style = present.sum(axis=1), {"colors": DRIFTER, "radii": 0.8 * space.surface.mark}
+    path, at = "space/drifters", places[present]
     send_changing(stream, path, rr.Points3D, times, counts, clock.unit, style=style, positions=at)
     return steps
 

@@ -20,7 +20,7 @@ from .sight import BASE_VIEW, log_sight, place
 
 
 _STATES: dict[AttackState, tuple[str, Color]] = {
-    AttackState.WAITING: ("the target: nobody attacks it", palette.PLAIN),
+    AttackState.WAITING: ("the target, not attacked", palette.PLAIN),
     AttackState.ATTACKING: ("an attack goes on", palette.CATEGORIES["yellow"]),
     AttackState.CAUGHT: ("it was caught", palette.KNOWN),
     AttackState.SUCCEEDED: ("it succeeded", palette.TARGET),
@@ -55,7 +55,7 @@ def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Spec) -> rrb.Container
 
 
 def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
-    """Log the target, whose colour and label say how an attack goes."""
+    """Log the target, whose colour and label show the state of the attack."""
     stream, side, times = map.stream, patrol.cells.cell, np.arange(len(attacks.state))
     target, steps = patrol.xy[patrol.attack.target], patrol.attack.attack_times[0]
     states = list(builtins.map(AttackState, attacks.state.tolist()))
@@ -77,7 +77,7 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log which robot sees each square."""
     colors = min(patrol.robots, len(palette.ROBOTS))
-    classes = [palette.NOT_FREE, PictureClass("nobody sees it", palette.FREE)]
+    classes = [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)]
     for robot in range(colors):
         name, color = palette.robot_color(robot)
         classes.append(PictureClass(f"robot {robot} ({name}) sees it", palette.tint(color, 0.6)))
@@ -114,8 +114,8 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Spec) -> str:
 
 {who} a map at random and see {patrol.reach:g} m far, not through walls.{divided}
 
-An adversary attacks the cell at {place(patrol, attack.target)} when nobody looks, for
-{attack.attack_times[0]:,} steps. A robot sees it by then, and it is caught, with probability
+An adversary attacks the cell at {place(patrol, attack.target)} when no robot sees it, for
+{attack.attack_times[0]:,} steps. It is caught if a robot sees the cell by then, with probability
 **{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
 
 ## How to look

@@ -1,4 +1,4 @@
-"""The cells from which each robot sees all that it walks on, one by one."""
+"""The covers: the cells from which a robot sees all cells on which it walks, one by one."""
 
 import numpy as np
 import rerun as rr
@@ -60,14 +60,16 @@ def _classes(robot: int) -> list[PictureClass]:
 
 def _text(patrol: PatrolledMap) -> str:
     if patrol.regions is None:
-        how = "Robot 0 takes the cell that adds most to what is seen, robot 1 the second best."
+        how = (
+            "Robot 0 takes the cell from which most unseen cells are seen, robot 1 the second best."
+        )
     else:
-        how = "Each robot takes the cell that adds most to what is seen of its region."
-    return f"""# Cells from which all is seen
+        how = "Each robot takes the cell from which most unseen cells of its region are seen."
+    return f"""# Cells from which all cells are seen
 
 {how} Choose the slider `cover` at the bottom left to go through them.{only_some(patrol)}
 
-A square is seen if all that is free of it is within {patrol.reach:g} m and behind no wall.
+A square is seen if its whole free part is within {patrol.reach:g} m and behind no wall.
 
 {robot_table(patrol, "cover_size", "uncovered")}
 """

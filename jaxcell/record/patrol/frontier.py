@@ -1,4 +1,4 @@
-"""What is left of capture where robots must be hard to predict."""
+"""The trade-off between capture and unpredictability."""
 
 import numpy as np
 import rerun as rr
@@ -40,8 +40,8 @@ def _text(frontier: Frontier) -> str:
     chance = {"chance, at least": [f"{floor:.0%}" for floor in frontier.floor]}
     return f"""# Capture against entropy
 
-A patrol that captures most is nearly a tour, which an adversary can learn. Robots that go to any
-neighbour alike in some share of their steps are harder to predict, and capture less. Each row is a
+A patrol that captures most is nearly a tour, which an adversary can learn. Robots that choose a
+neighbour uniformly in a share of their steps are harder to predict, and capture less. Each row is a
 local optimum.
 
 {described(frontier, "entropy", "least_capture", first=chance)}

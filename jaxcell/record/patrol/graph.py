@@ -36,7 +36,7 @@ from .game import log_game
 
 
 _STEPS = 1000
-# So many colours of vertices, over all steps, are a few MB.
+# The largest number of colours of vertices over all steps, a few MB.
 _MAX_COLORS = 1_000_000
 _MAX_NAMES = 80
 _MAX_CHANCES = 60
@@ -46,11 +46,11 @@ def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec
     """Log a patroller's random walk on a graph.
 
     Over the timeline `step`: patrollers that walk, from places drawn from the stationary
-    distribution, and how long ago each vertex was visited. Without time: how often each edge is
-    walked, how long vertices, news and robots wait, where a patroller goes next from each vertex, a
-    heat map of the hitting times, and the payoffs and the mixture of a game.
+    distribution, and the time since the last visit to each vertex. Without time: the share of
+    steps along each edge, the waiting times of vertices, news and robots, the next steps from each
+    vertex, a heat map of the hitting times, and the payoffs and the mixture of a game.
 
-    Vertices without positions are drawn where springs along edges put them.
+    Vertices without positions are placed by springs along edges.
     """
     xy = patrol.graph.xy
     if xy is None:
@@ -85,7 +85,7 @@ class _Drawing:
         log_lines(stream, "graph/edges", list(self.ends), PLAIN, 1.0, 1.0)
 
     def view(self, title: str, *contents: str) -> rrb.Spatial2DView:
-        """A view of entities of the graph, with a margin around it."""
+        """Make a view of entities of the graph, with a margin around it."""
         margin = 0.06 * self.extent + 2 * self.mark
         (left, bottom), (right, top) = self.low - margin, self.high + margin
         return plane(
@@ -95,13 +95,13 @@ class _Drawing:
     def labels(
         self, name: str, at: Float[np.ndarray, "labels 2"], labels: Sequence[str], shown: bool
     ) -> None:
-        """Log texts, which one sees at once or on hovering."""
+        """Log texts, which are visible at once or on hovering."""
         style = {**LABEL, "show_labels": shown}
         text = rr.Points2D(at, labels=labels, draw_order=60, **style)
         self.stream.log(f"graph/{name}", text, static=True)
 
     def discs(self, name: str, radii: Any, colors: Any, labels: Sequence[str]) -> None:
-        """Log the vertices, with what one reads on hovering."""
+        """Log the vertices, with labels that are visible on hovering."""
         discs = rr.Points2D(
             self.xy, colors=colors, radii=radii, labels=labels, show_labels=False, draw_order=20
         )
@@ -203,7 +203,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
         plot.axes(ticks(last), ticks(1.0), f"age ({units})", "share of news this old or newer")
         for vertex, age in enumerate(news.mean_age[:_MAX_NAMES].tolist()):
             (color,) = ramp(np.array([max(0.0, 1 - age / most)])).tolist()
-            plot.line(str(vertex), news.age, news.told[:, vertex], tuple(color), 2.0)
+            plot.line(str(vertex), news.age, news.known[:, vertex], tuple(color), 2.0)
         charts.append(plot.view("Age of news of each vertex, in its colour"))
     if charged is not None:
         every, high = float(charged.every), float(charged.interval.max())
@@ -257,12 +257,12 @@ def _log_times(stream: rr.RecordingStream, patrol: GraphPatrol) -> rrb.Container
 
 
 def _scale(most: float, unit: str) -> Scale:
-    """The scale of lines and discs, from 0."""
+    """Make the scale of lines and discs, from 0."""
     return Scale.over(np.array([0.0, most]), f"{{}} {unit}".format)
 
 
 def _text(patrol: GraphPatrol, spec: Spec) -> str:
-    """What the recording of a walk shows."""
+    """Write the text of the recording."""
     robots = patrol.robots
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
     edges = counted(len(patrol.graph.edges), "edge")
@@ -295,7 +295,7 @@ A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} eq
 
 
 def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
-    """The strategy of the walk, what it achieves, and the least probability of capture."""
+    """Write the strategy of the walk, its value, and the least probability of capture."""
     parts = []
     if spec.get("strategy"):
         parts.append(f"The strategy is **{spec['strategy']}**.")
@@ -313,7 +313,7 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
 
 
 def _more(patrol: GraphPatrol) -> str:
-    """What is known of constraints, of several robots, of seconds, and of other patrols."""
+    """Write the parts on constraints, several robots, seconds, and other patrols, if any."""
     columns: Sequence[str]
     parts = []
     if patrol.bounds is not None:
@@ -336,6 +336,6 @@ def _more(patrol: GraphPatrol) -> str:
         columns = "patrol", "mean", "worst", "longest", "least_capture"
         parts.append(
             "By simulation, beside robots on a tour, those that go anywhere, and those that go "
-            f"where nobody was for longest:\n\n{described(patrol.idleness, *columns)}"
+            f"where no robot was for longest:\n\n{described(patrol.idleness, *columns)}"
         )
     return "".join(f"\n{part}\n" for part in parts)

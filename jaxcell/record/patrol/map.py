@@ -19,11 +19,11 @@ def log_patrol_map(stream: rr.RecordingStream, patrol: PatrolledMap, spec: Spec)
     """Log robots that patrol a map with limited visibility.
 
     Over the timeline `step`: the robots with what they see, and an adversary that attacks one cell
-    again and again. Over the timeline `cover`, and more slowly over `step`: the cells from which
-    each robot sees all that it walks on, one by one. Without time: how often each robot takes an
-    edge; the base station and the regions around it; how long it takes until a robot sees the cell
-    that is attacked, in three ways; the probability of capture at each cell; and, if it was asked
-    for, what is left of it where robots must be hard to predict.
+    again and again. Over the timeline `cover`, and more slowly over `step`: the cells of each
+    cover, one by one. Without time: the share of steps of each robot along each edge; the base
+    station and the regions around it; the law of the time until a robot sees the attacked cell, in
+    three ways; the probability of capture at each cell; and the trade-off between capture and
+    unpredictability, if it was computed.
     """
     map = CellMap(stream, patrol.cells)
     tabs = [

@@ -1,4 +1,4 @@
-"""How often each robot takes each edge."""
+"""The share of steps of each robot along each edge."""
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -35,8 +35,8 @@ def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
 
 
 _BY_WEIGHTS = """From a cell it takes each edge with a probability in proportion to its weight. The
-shortest closed tour through the cells of the cover has at least a given share of the weight; from
-one of them to another and back it takes the fewest steps, on average."""
+shortest closed tour through the cells of the cover has at least a given share of the weight. The
+mean number of steps from a cell to another and back is the least possible."""
 
 
 def _text(patrol: PatrolledMap) -> str:
@@ -46,7 +46,7 @@ def _text(patrol: PatrolledMap) -> str:
     sizes = ""
     if patrol.size_capture is not None:
         sizes = f"""
-A least probability of capture of {patrol.wanted:g} is wanted, for which teams grew robot by robot:
+Robots were added until the least probability of capture reached {patrol.wanted:g}, or to the limit:
 
 {described(patrol, "size", "size_capture")}
 """

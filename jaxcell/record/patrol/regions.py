@@ -1,4 +1,4 @@
-"""The base station and the regions around it, and those after a robot is lost."""
+"""The base station, the regions around it, and the regions after the loss of a robot."""
 
 from collections.abc import Sequence
 
@@ -29,7 +29,7 @@ def log_base(map: CellMap, regions: Regions) -> None:
 
 
 def log_contacts(map: CellMap, path: str, policies: Sequence[Policy]) -> None:
-    """Log where robots report, if there is a base station."""
+    """Log the cells where robots report, if any."""
     contacts = [policy.contact for policy in policies if policy.contact is not None]
     if contacts:
         xy = map.xy(np.array(contacts))
@@ -37,7 +37,7 @@ def log_contacts(map: CellMap, path: str, policies: Sequence[Policy]) -> None:
 
 
 def base_legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
-    """What the marks of a base station mean, if there is one."""
+    """Return the legend of the marks of a base station, if any."""
     if patrol.regions is None:
         return []
     return [
@@ -53,7 +53,7 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
     if after is not None:
         title, owners = f"Without robot {_lost(patrol)}", after.robot.tolist()
         maps.append((title, "regions_after", after.regions, owners, after.policies))
-    # Robots past the colours have those of others.
+    # With more robots than colours, several robots share a colour.
     colors = [palette.robot_color(robot)[1] for robot in robots[: len(palette.ROBOTS)]]
     classes = [palette.NOT_FREE, PictureClass("only the base", BASE_VIEW)]
     legend: list[tuple[str, Color]] = []
@@ -62,7 +62,7 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
         reports = PictureClass(f"robot {robot} reports", palette.tint(color, 0.25))
         classes += [patrols, reports]
         legend += [patrols, ("... in view of the base: it can report", reports.color)]
-    legend += [*base_legend(patrol), ("in its view, patrolled by nobody", BASE_VIEW)]
+    legend += [*base_legend(patrol), ("in its view, patrolled by no robot", BASE_VIEW)]
     views = []
     for title, name, divided, owner, policies in maps:
         of = np.array([*owner, -1])[divided.region] % len(colors)
@@ -75,7 +75,7 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
 
 
 def _lost(patrol: PatrolledMap) -> int:
-    """The robot that has stopped reporting."""
+    """Return the robot that has stopped reporting."""
     assert patrol.reassignment is not None
     (lost,) = set(range(patrol.robots)) - set(patrol.reassignment.robot.tolist())
     return lost
@@ -84,8 +84,8 @@ def _lost(patrol: PatrolledMap) -> int:
 def _text(patrol: PatrolledMap, regions: Regions) -> str:
     text = f"""# A base station, and regions around it
 
-What the base station sees needs no patrol but on its rim, where robots report. The rest is divided
-by the angle around it.
+Cells in view of the base station need no patrol, except those on the rim, where robots report. The
+other cells are divided by the angle around the base.
 
 {numbers(regions, patrol.cells)}
 
@@ -97,6 +97,7 @@ by the angle around it.
     return f"""{text}
 ## When robot {_lost(patrol)} is lost
 
-A robot at work is silent for **{after.after:,}** steps with a probability of 1 % at most: it is
-lost. The others divide the map as the second map shows, each keeping most of its cells.
+A working robot is silent for **{after.after:,}** steps with a probability of at most 1 %; a robot
+that is silent for longer counts as lost. The others divide the map as the second map shows, each
+keeping most of its cells.
 """

@@ -1,4 +1,4 @@
-"""What several tabs show of robots on a map: what is seen from a cell, and who is who."""
+"""Parts that several tabs share: the outline of sight from a cell, and tables of robots."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ from ..canvas.stream import send_changing
 MAX_MAPS = 6
 _MAX_ROWS = 24
 BASE_VIEW: Color = (190, 226, 234)
-"The colour of what only a base station watches."
+"The colour of cells that only a base station watches."
 
 
 def log_sight(
@@ -31,7 +31,7 @@ def log_sight(
     color: Color,
     *timelines: tuple[str, Int[np.ndarray, "times"]],
 ) -> None:
-    """Log the outline of what is seen from a cell at each time, or from one at all times."""
+    """Log the outline of the sight from a cell at each time, or from one cell without time."""
     assert patrol.cells.workspace is not None
     outlines = {}
     for cell, xy in zip(np.unique(viewers).tolist(), map.xy(np.unique(viewers)), strict=True):
@@ -39,7 +39,7 @@ def log_sight(
         parts = shapely.get_rings(shapely.get_parts(polygon))
         outlines[cell] = [shapely.get_coordinates(ring) for ring in parts]
     shown = [outlines[cell] for cell in viewers.tolist()]
-    rings, counts = [ring for one in shown for ring in one], [len(one) for one in shown]
+    rings, counts = [ring for each in shown for ring in each], [len(each) for each in shown]
     style: dict[str, Any] = {"colors": color, "radii": points(2.0), "draw_order": 25}
     if not timelines:
         map.stream.log(path, rr.LineStrips2D(rings, **style), static=True)
@@ -50,17 +50,17 @@ def log_sight(
 
 
 def place(patrol: PatrolledMap, cell: int) -> str:
-    """The centre of a cell, in words."""
+    """Format the centre of a cell."""
     x, y = patrol.xy[cell].tolist()
     return f"({x:g}, {y:g})"
 
 
 def robot_table(patrol: PatrolledMap, *names: str) -> str:
-    """A table of quantities of the first robots in Markdown, with their colours."""
+    """Format quantities of the first robots as a table in Markdown, with their colours."""
     robots = [f"{i} ({robot_color(i)[0]})" for i in range(patrol.robots)]
     return described(patrol, *names, first={"robot": robots}, most=_MAX_ROWS)
 
 
 def only_some(patrol: PatrolledMap) -> str:
-    """A sentence on the robots that have no maps of their own, if there are such."""
+    """Return a sentence on the robots without maps of their own, if any."""
     return f" The first {MAX_MAPS} robots are shown." if patrol.robots > MAX_MAPS else ""

@@ -1,4 +1,4 @@
-"""The cell that is attacked: who sees it, and how soon a robot does."""
+"""The attacked cell: the cells from which it is seen, and the time until a robot sees it."""
 
 import numpy as np
 import rerun as rr
@@ -81,7 +81,7 @@ def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View
     """Log the distribution functions, with the attack times."""
     most = int(attack.attack_times.max())
     plot = Plot(stream, "target/captures", float(most), 1.0)
-    steps_taken = "steps that the attack takes (upright lines: those asked for)"
+    steps_taken = "steps that the attack takes (upright lines: the attack times)"
     plot.axes(ticks(most), ticks(1.0), steps_taken, "probability of capture")
     plot.marks("attack_times", attack.attack_times.tolist(), CATEGORIES["yellow"])
     steps = np.arange(most + 1, dtype=float)

@@ -15,10 +15,10 @@ _TURNING = 0.69
 
 @runtime_checkable
 class Wheeled(Protocol):
-    """What is needed of a robot with a clock: a [`jaxcell.robot.Create`][], or the like."""
+    """A robot for [`ByClock`][], such as a [`jaxcell.robot.Create`][]."""
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels; say whether no bump has stopped them."""
+        """Set the speeds of the wheels; return false if a bump has stopped them."""
 
     def stop(self) -> None:
         """Stop the wheels."""
@@ -75,7 +75,7 @@ class ByClock:
     def _for(
         self, seconds: float, right: float, left: float, stop_on_bump: bool
     ) -> tuple[float, bool]:
-        """Turn the wheels for a time; say for how long, and whether there was a bump."""
+        """Turn the wheels for a time; return the time, and whether a bump ended it."""
         began = self._clock()
         free = True
         try:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Port(Protocol):
-    """What the driver needs of a serial line: a `serial.Serial` or the like of it."""
+    """A serial line for the driver, such as a `serial.Serial`."""
 
     timeout: float | None
     write_timeout: float | None
@@ -28,7 +28,7 @@ class Port(Protocol):
 
 
 def open_line(url: str) -> "serial.SerialBase":
-    """Open a device such as `/dev/ttyUSB0`, or what else pySerial opens, as `socket://host:port`.
+    """Open a device such as `/dev/ttyUSB0`, or an address of pySerial such as `socket://host:port`.
 
     Where the adapter of the line can, as those of FTDI, it passes bytes on at once and does not
     gather them for 16 ms.
@@ -54,6 +54,6 @@ def open_line(url: str) -> "serial.SerialBase":
 
 
 def plain(error: OSError) -> str:
-    """What an error of a line says, without numbers of the operating system."""
+    """Get the text of an error of a line, without numbers of the operating system."""
     text = re.sub(r"\[Errno -?\d+\] ", "", str(error))
     return re.sub(r"\(\d+, '(.*)'\)", r"\1", text)

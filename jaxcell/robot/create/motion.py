@@ -20,20 +20,20 @@ _MAX_STEERING = 0.05
 
 
 class Moved(NamedTuple):
-    """How a motion ended."""
+    """The distance and turn of a motion, and whether a bump ended it."""
 
     distance: float
-    "How far ahead of where it began the body's centre is by the encoders, metres."
+    "Distance of the body's centre ahead of its start by the encoders, in metres."
     angle: float
-    "How far the body has turned by the encoders, radians counterclockwise."
+    "Turn of the body by the encoders, in radians counterclockwise."
     bumped: bool
     "Whether a bumper ended the motion."
     left: float = 0.0
-    "How far to the left of where it began, and of its heading then, the body's centre is, metres."
+    "Distance of the body's centre to the left of its start and heading then, in metres."
 
 
 class Create(Driver):
-    """A robot on a serial line that moves by given distances and angles, by its encoders.
+    """A robot on a serial line that moves by distances and angles, by its encoders.
 
     ```python
     with Create.open("/dev/ttyUSB0") as robot:
@@ -46,7 +46,7 @@ class Create(Driver):
     """
 
     speed: float = 0.2
-    "Speed of `forward` where none is given, in metres per second, up to 0.5."
+    "Default speed of `forward`, in metres per second, up to 0.5."
 
     def forward(
         self,
@@ -98,7 +98,7 @@ class Create(Driver):
         tolerance: float = math.radians(1),
         timeout: float | None = None,
     ) -> Moved:
-        """Turn on the spot; a bumper does not end it, as one may be pressed from the start.
+        """Turn on the spot. A bump does not stop the turn, because a bumper may be pressed already.
 
         **Arguments:**
 
@@ -190,5 +190,5 @@ class Create(Driver):
 
 
 def slowed(rest: float, speed: float, slowest: float) -> float:
-    """The velocity for what is left of a way: in proportion to it, between two speeds."""
+    """Compute the velocity in proportion to the remaining distance, between two speeds."""
     return math.copysign(min(max(abs(rest) / _SLOWING, slowest), speed), rest)

@@ -85,7 +85,7 @@ def drive_direct(*, right: int, left: int) -> bytes:
 
 
 def stream(ids: Sequence[int]) -> bytes:
-    """Ask for a frame with these packets every 15 ms, from now on.
+    """Request a frame with these packets every 15 ms from now on.
 
     **Raises:** `ValueError` for an unknown number, for none, or for a frame of more than the 172
     bytes that the line carries in 15 ms.
@@ -95,7 +95,7 @@ def stream(ids: Sequence[int]) -> bytes:
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
-    """A frame of the stream, as the robot sends it.
+    """Write a frame of the stream as the robot sends it.
 
     **Arguments:**
 
@@ -210,7 +210,7 @@ class Command:
 
 
 class CommandParser:
-    """The robot's side: cuts bytes that come in pieces into commands.
+    """Cut bytes that come in pieces into commands, on the side of the robot.
 
     As a robot does, it waits for missing data bytes, so that a command cut short swallows the next
     one. A byte that is no opcode is passed over.
@@ -247,7 +247,7 @@ class CommandParser:
 
 
 def _command_size(buffer: bytearray) -> int | None:
-    """Bytes of the command that begins `buffer`; 0 if none does, `None` if not yet known."""
+    """Count the bytes of the first command in `buffer`: 0 for none, `None` if not yet known."""
     opcode = buffer[0]
     if opcode in _DATA_BYTES:
         return 1 + _DATA_BYTES[opcode]
@@ -260,14 +260,14 @@ def _command_size(buffer: bytearray) -> int | None:
 
 @dataclass(frozen=True)
 class _FrameLayout:
-    """Where in a frame of the stream the values are, and the bytes that are known beforehand."""
+    """The positions of the values in a frame of the stream, and the fixed bytes."""
 
     empty: bytes
-    "A frame of what is known, and 0 for values and checksum."
+    "A frame with the fixed bytes, and 0 for values and checksum."
     known: bytes
-    "255 for what is known, and 0 likewise."
+    "255 for the fixed bytes, and 0 for values and checksum."
     values: struct.Struct
-    "The format of the values, which passes over what is known."
+    "The format of the values, which skips the fixed bytes."
 
     @classmethod
     @functools.lru_cache
@@ -294,7 +294,7 @@ class _FrameLayout:
         return len(self.empty)
 
     def fits(self, frame: bytearray) -> bool:
-        """Whether these may be the first bytes of a frame."""
+        """Check whether these may be the first bytes of a frame."""
         return bytes(map(operator.and_, frame, self.known)) == self.empty[: len(frame)]
 
 

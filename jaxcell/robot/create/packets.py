@@ -44,7 +44,7 @@ class Packet:
     """One sensor packet: a big-endian integer of one or two bytes."""
 
     id: int
-    "The number that asks for it."
+    "The number that requests the packet."
     name: str
     "A key of what `decode` returns."
     size: int
@@ -58,7 +58,7 @@ class Packet:
 
     @property
     def code(self) -> str:
-        """Its format, as that of the module `struct`."""
+        """The format of the packet for the module `struct`."""
         code = {1: "b", 2: "h"}[self.size]
         return code if self.low < 0 else code.upper()
 
@@ -144,7 +144,7 @@ GROUPS: Mapping[int, range] = {
 
 
 def members(ids: Iterable[int]) -> list[Packet]:
-    """The packets that the robot sends for `ids`, in order.
+    """List the packets that the robot sends for `ids`, in order.
 
     **Raises:** `ValueError` for a number that is neither a packet nor a group.
     """
@@ -164,17 +164,17 @@ def _members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
 
 
 def size(ids: Iterable[int]) -> int:
-    """Bytes of data that the robot sends for `ids`."""
+    """Count the bytes of data that the robot sends for `ids`."""
     return sum(packet.size for packet in members(ids))
 
 
 def codes(ids: Iterable[int]) -> str:
-    """The format of these bytes, as that of the module `struct`, big-endian."""
+    """Write the format of these bytes for the module `struct`, big-endian."""
     return "".join(packet.code for packet in members(ids))
 
 
 def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
-    """The values in the robot's answer to a request for `ids`.
+    """Decode the robot's answer to a request for `ids`.
 
     **Arguments:**
 
@@ -193,7 +193,7 @@ def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
 
 
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
-    """The robot's answer to a request for `ids`: the inverse of `decode`.
+    """Encode the robot's answer to a request for `ids`: the inverse of `decode`.
 
     **Arguments:**
 
@@ -207,11 +207,11 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
 
 
 def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
-    """The values of the packets that the robot sends for `ids`, in order.
+    """Choose the values of the packets that the robot sends for `ids`, in order.
 
     **Raises:** as `encode`.
     """
-    found = []
+    numbers = []
     for packet in members(ids):
         if packet.name not in values:
             raise ValueError(f"values: packet {packet.id} needs {packet.name!r}, which is missing")
@@ -220,8 +220,8 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
             raise ValueError(
                 f"{packet.name} = {value}: packet {packet.id} holds {packet.low} to {packet.high}"
             )
-        found.append(value)
-    return found
+        numbers.append(value)
+    return numbers
 
 
 def encoder_difference(before: int, after: int) -> int:

@@ -21,18 +21,18 @@ STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
 
 @dataclass(frozen=True)
 class Reading:
-    """What one frame of the stream says, in SI units."""
+    """The content of one frame of the stream, in SI units."""
 
     time: float
-    "When the frame was complete, seconds by `time.monotonic`."
+    "Time when the frame was complete, in seconds of `time.monotonic`."
     left: float
-    "How far the left wheel has rolled since the driver connected, metres."
+    "Distance that the left wheel has rolled since the driver connected, in metres."
     right: float
-    "How far the right wheel has rolled, metres."
+    "Distance that the right wheel has rolled, in metres."
     contact: Contact
     "Bumpers and dropped wheels."
     cliff: tuple[bool, bool, bool, bool]
-    "Whether there is no floor under the left, front left, front right and right sensor."
+    "Whether the floor is missing under the left, front left, front right and right sensor."
     overcurrent: bool
     "Whether the motor of a wheel draws more current than it should."
     mode: Mode
@@ -112,12 +112,12 @@ class Reading:
 
     @property
     def distance(self) -> float:
-        """How far the body's centre has gone since the driver connected, metres."""
+        """Distance of the body's centre since the driver connected, in metres."""
         return (self.left + self.right) / 2
 
     @property
     def heading(self) -> float:
-        """How far the body has turned since, radians counterclockwise, not wrapped."""
+        """Turn of the body since the driver connected, in radians counterclockwise, not wrapped."""
         return (self.right - self.left) / WHEEL_BASE
 
     @property
@@ -132,7 +132,7 @@ class Reading:
 
     @property
     def danger(self) -> str | None:
-        """Why the robot should not drive, if so."""
+        """The reason why the robot should not drive, or `None`."""
         if self.contact & Contact.WHEEL_DROP:
             return "a wheel hangs in the air"
         if any(self.cliff):

@@ -6,7 +6,7 @@ from .open_interface import MAX_SPEED, RESET, START, STOP
 
 
 def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
-    """The speeds to send for those that are wanted.
+    """Choose the speeds to send for the wanted speeds.
 
     Where the line loses the opcode of a drive command, the robot takes its data for commands, and
     would clean, dock, switch off or reset. So a pair with such a byte gives way to the next slower
@@ -49,6 +49,6 @@ def _millimetres(name: str, speed: float) -> int:
 
 
 def _harmless(speed: int) -> bool:
-    """Whether the low byte of a speed is no opcode; the high byte never is."""
+    """Check that the low byte of a speed is not an opcode; the high byte never is."""
     low = speed & 0xFF
     return low != RESET[0] and not START[0] <= low <= STOP[0]

@@ -30,7 +30,7 @@ class Strain:
         self._overcurrent = 0
 
     def observe(self, wheels: tuple[int, int], reading: Reading) -> str | None:
-        """Take the next frame; say what is blocked, if anything is.
+        """Take the next frame; return the name of the blocked part, or `None`.
 
         **Arguments:**
 

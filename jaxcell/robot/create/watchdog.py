@@ -27,7 +27,7 @@ _GOODBYE = b"q"
 
 
 class Watchdog:
-    """The driver's end.
+    """The driver's side of the watchdog.
 
     **Arguments:**
 

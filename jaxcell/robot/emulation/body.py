@@ -20,7 +20,7 @@ _MIDDLE = math.radians(20.0)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Noise:
-    """What keeps an emulated robot from doing as commanded; all zero by default.
+    """The errors of the motion of an emulated robot; all zero by default.
 
     The wheel encoders do not see slip, veer, or spin, as on the real robot.
     """
@@ -45,7 +45,7 @@ class Noise:
 
 
 def bumper_give(cell: float) -> float:
-    """How far the bumper of an emulated robot goes in, in metres, among cells of this side.
+    """Choose by how many metres the bumper of an emulated robot goes in, by the side of cells.
 
     A step that goes less deep into a wall is no bump, against the model of bouncing robots. But
     with none, a robot that is beside its line by what its tolerances allow would meet corners that
@@ -80,7 +80,7 @@ class Body:
         - `give`: how far the bumper goes in, in metres, before the wall stops the body. It is what
             lets a body that is millimetres off its line graze a corner.
         - `noise`: slip and encoder errors.
-        - `rng`: where the noise comes from.
+        - `rng`: source of the noise.
 
         **Raises:** `ValueError` if the body would be in a wall, or for a `give` below 0.
         """
@@ -99,7 +99,7 @@ class Body:
             )
         self.x, self.y, self.theta = map(float, pose)
         self.travelled = np.zeros(2)
-        "How far the left and the right wheel have turned, in metres, as their encoders show."
+        "Distances that the left and the right wheel have rolled by their encoders, in metres."
         self.bump_left = self.bump_right = False
         # A disc without walls, wherein a way need not be tested: its middle, and its radius.
         self._clear, self._walls = (self.x, self.y), self._space.boundary
@@ -122,10 +122,11 @@ class Body:
         **Arguments:**
 
         - `cells`: the cells of a map.
-        - `cell`: where it is.
+        - `cell`: the cell.
         - `error`: the slip of straight stretches, of turns, and of the heading.
-        - `rng`: where that comes from.
-        - `give`: how far the bumper goes in, in metres; by default `bumper_give` of the cells.
+        - `rng`: source of the noise.
+        - `give`: distance by which the bumper goes in, in metres; by default `bumper_give` of the
+            cells.
         """
         assert cells.workspace is not None
         x, y, theta = map(float, cells.centre(cell))
@@ -140,7 +141,7 @@ class Body:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """What the left and the right encoder show, from 0 to 65535."""
+        """The counts of the left and the right encoder, from 0 to 65535."""
         left, right = self.travelled.tolist()
         return (
             math.floor(left / METRES_PER_COUNT) % 65536,
@@ -149,7 +150,7 @@ class Body:
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
-        # The slip is drawn anew where the kind of motion changes, not where its speed does.
+        # A new slip is drawn when the kind of motion changes, not when its speed does.
         stretch = _sign(left + right), _sign(right - left)
         if stretch != self._stretch:
             distance, rotation = self._rng.normal(0.0, (self.noise.distance, self.noise.rotation))
@@ -192,7 +193,7 @@ class Body:
         return share
 
     def _free(self, right: float, up: float) -> bool:
-        """Whether the body may go straight so far along both axes."""
+        """Check that the body can go straight by a distance along each axis."""
         here, end = (self.x, self.y), (self.x + right, self.y + up)
         if math.dist(self._clear, here) < self._radius > math.dist(self._clear, end):
             return True
@@ -202,7 +203,7 @@ class Body:
         return bool(shapely.covers(self._space, shapely.linestrings([here, end])))
 
     def _turned_by_bump(self) -> float:
-        """The turn by a bump here as a multiple of that at 45 degrees."""
+        """Compute the turn by a bump here as a multiple of that at 45 degrees."""
         heading = np.array([self.theta])
         before = np.array([self.pose[:2]]) - _HELD * np.stack(
             [np.cos(heading), np.sin(heading)], axis=-1
@@ -231,7 +232,7 @@ class Body:
 # Many bodies in a row are among the same walls.
 @functools.lru_cache(maxsize=1)
 def _felt(free: shapely.Geometry, give: float) -> shapely.Geometry:
-    """Where a body may be with its bumper pressed in."""
+    """Get the free places of a body whose bumper is pressed."""
     space = free.buffer(give, join_style="mitre")
     shapely.prepare(space)
     return space

@@ -23,7 +23,7 @@ class DirectBody:
         self.body = body
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Goes straight, back if negative; forward it stops when the bumper is pressed."""
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
         ticks = max(1, math.ceil(abs(distance) / _TICK))
         before = self.body.travelled.copy()
         bumped = False

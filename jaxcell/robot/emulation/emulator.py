@@ -57,14 +57,14 @@ class Moving(Protocol):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Line:
-    """The serial line to an emulated robot, and how fast its time runs."""
+    """The serial line to an emulated robot, and the speed of its time."""
 
     latency: float = 0.0
     "Seconds from the arrival of a command to its effect."
     dropped: float = 0.0
     "Probability that a byte is lost, either way."
     speedup: float = 1.0
-    """Seconds of the robot in a second of the clock. Beyond 1 the robot's time stands still while
+    """Seconds of the robot per second of the clock. Beyond 1 the robot's time stands still while
     the host has yet to read what it was sent, so that a busy machine makes it slower, not wrong."""
 
     def __post_init__(self) -> None:
@@ -147,7 +147,7 @@ class Emulator:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """Where the body is: x and y in metres, and its heading in radians."""
+        """The pose of the body: x and y in metres, and the heading in radians."""
         with self._lock:
             return self._body.pose
 
@@ -185,7 +185,7 @@ class Emulator:
             raise self._failure
 
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
-        """Let the robot's time pass, at most a frame, and then hear what a host has sent.
+        """Let the robot's time pass, at most a frame, and then take the bytes of a host.
 
         **Returns:** what the robot has sent in the meantime.
         """
@@ -285,7 +285,7 @@ class Emulator:
             self._send(encode(ids, self._values()))
 
     def _known(self, ids: tuple[int, ...]) -> bool:
-        """Whether a frame can be made of these: a lost byte may have made another request."""
+        """Check that these packets make a frame: a lost byte may have changed the request."""
         try:
             stream_frame(ids, self._values())
         except ValueError:
@@ -332,7 +332,7 @@ class Emulator:
         }
 
     def _current(self) -> float:
-        """Into the battery, in mA."""
+        """Compute the current into the battery, in mA."""
         return -self._standby - _MOTORS * any(self._wheels)
 
     def _send(self, data: bytes) -> None:
@@ -345,7 +345,7 @@ class Emulator:
         return bytes(np.frombuffer(data, np.uint8)[kept])
 
     def _unread(self) -> bool:
-        """Whether the host has yet to read what it was sent.
+        """Check whether the host still has bytes to read.
 
         Bytes are on their way for milliseconds where the machine is busy. Only a poll of a line
         that is empty waits for them, so that a few cannot be let pass as read.
@@ -358,7 +358,7 @@ def _limited(speed: int) -> int:
 
 
 def _arc(velocity: int, radius: int) -> tuple[int, int]:
-    """The speeds of the left and the right wheel on an arc."""
+    """Compute the speeds of the left and the right wheel on an arc."""
     velocity = _limited(velocity)
     if radius in (STRAIGHT, 0x7FFF):
         return velocity, velocity

@@ -11,7 +11,7 @@ from .emulator import Emulator, Moving
 
 
 class _Wire:
-    """A line without a length: what is written is heard at once."""
+    """A line without delay: the robot takes bytes when they are written."""
 
     timeout: float | None = None
     write_timeout: float | None = None
@@ -52,7 +52,7 @@ class SimulatedCreate(Create):
     """
 
     robot: Emulator
-    "The robot, and where it truly is."
+    "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
         """**Arguments:**

@@ -13,7 +13,7 @@ from .model import AXLE, BUMPER, RADIUS, WHEEL, Physics, robot_model
 _SWITCHES = np.array([[1.0, 1.0], [1.0, -1.0]]) / math.sqrt(2)
 # Steps of the engine between two looks at the heading; far less than half a turn.
 _TOGETHER = 50
-# A body that a map just holds, by the rounding of its walls.
+# The rounding of the walls of a map that just holds a body.
 _ROUNDING = 1e-6
 
 
@@ -48,7 +48,7 @@ class PhysicsBody:
 
         - `workspace`: the map. Its `robot_radius` plays no part: the robot has its own.
         - `pose`: x and y in metres, and the heading in radians.
-        - `physics`: what is assumed.
+        - `physics`: the assumptions.
         - `rng`: the source of the wheels' radii, where these have an error.
 
         **Raises:** `ValueError` if the body would be in a wall; `ModuleNotFoundError` if there is
@@ -88,7 +88,7 @@ class PhysicsBody:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """What the left and the right encoder show, from 0 to 65535."""
+        """The counts of the left and the right encoder, from 0 to 65535."""
         left, right = (self._data.qpos[self._wheels] * (WHEEL / METRES_PER_COUNT)).tolist()
         return math.floor(left) % 65536, math.floor(right) % 65536
 

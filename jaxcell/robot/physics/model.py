@@ -32,7 +32,7 @@ _THIN = 1e-4
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Physics:
-    """What is assumed of a Create 2, its floor and its walls, since nobody has published it.
+    """The unpublished properties of a Create 2, its floor and its walls, as assumed.
 
     >>> from jaxcell.robot.physics import Physics
     >>> Physics(floor=0.5).floor
@@ -86,8 +86,8 @@ def robot_model(
 
     **Arguments:**
 
-    - `workspace`: the map; its walls, not its free space, are what counts.
-    - `physics`: what is assumed.
+    - `workspace`: the map; its walls count, not its free space.
+    - `physics`: the assumptions.
     - `pose`: x and y in metres, and the heading in radians.
     - `wheels`: radii of the left and the right wheel, in metres.
     - `height`: how far the wheels are above the floor at first, in metres.
@@ -139,7 +139,7 @@ def robot_model(
 
 
 def _wall(ends: Float[np.ndarray, "2 2"]) -> str:
-    """Describe a wall from its start to its end; what is free lies to its left."""
+    """Describe a wall from its start to its end, with the free space to its left."""
     middle, way = ends.mean(axis=0), ends[1] - ends[0]
     length, angle = float(np.hypot(*way)), math.atan2(way[1], way[0])
     x, y = middle + _THIN * np.array([math.sin(angle), -math.cos(angle)])

@@ -17,7 +17,7 @@ _STEERING, _MAX_STEERING = 2.0, 0.4
 
 
 class Base(RosRobot):
-    """Any base that takes `cmd_vel` and gives `odom` and a bumper.
+    """A base that takes `cmd_vel` and publishes `odom` and a bumper.
 
     Its speeds are `geometry_msgs/Twist` or `TwistStamped`, as it subscribes to them. The bumper is
     a `std_msgs/Bool` on `bumper`, true while it is pressed, published all the time. A node of a few
@@ -58,7 +58,7 @@ class Base(RosRobot):
         return self._move(what, rest, roll, tolerance, end, stop_on_bump=distance > 0)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise; a bumper does not end it."""
+        """Turn in place, by radians counter-clockwise; a bump does not stop the turn."""
 
         def rest(start: Odometry, now: Odometry) -> float:
             return angle - (now.heading - start.heading)
@@ -80,7 +80,7 @@ class Base(RosRobot):
         *,
         stop_on_bump: bool,
     ) -> Moved:
-        """Send speeds, one for each message of the odometry, until little enough is left."""
+        """Send a speed for each message of the odometry until the rest is within the tolerance."""
         start = now = self._begin()
         try:
             while True:

@@ -7,10 +7,6 @@ from jaxtyping import Int, Int8
 
 from ...base.optional_modules import import_module
 from ...space import CellSpace
-from ..believer import BeliefFollower
-from ..following import Follower
-from ..policy import PolicyFollower
-from ..runner import FilterFollower
 from ..tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
 from ..tasks.patrol_task import PatrolTask
 
@@ -24,7 +20,7 @@ _MAX_POSES = 1000
 
 
 class Candidates:
-    """Publish where a robot may be, after each observation of its run.
+    """Publish the possible places of a robot after each observation of its run.
 
     - `candidates`, a `geometry_msgs/PoseArray`: the configurations in which it may be, by the
         filter, policy or belief; the position of a patrol; of a plan and of a team, where the
@@ -51,7 +47,9 @@ class Candidates:
         self._node = robot.node
         self._arrows = robot.node.create_publisher(self._poses, "candidates", kept)
         self._squares = robot.node.create_publisher(self._grid, "candidate_squares", kept)
-        self._follower = follower_of(task)
+        self._follower = None
+        if isinstance(task, FilterTask | PolicyTask | BeliefTask):
+            self._follower = task.follower()
         self._cells = task.cells if isinstance(task, PatrolTask) else cells
 
     def event(self, name: str, fields: Mapping[str, Any]) -> None:
@@ -69,10 +67,10 @@ class Candidates:
             ahead, left, turned = fields["estimate"]
             self._send("start", [(ahead, left, turned)])
 
-    def _publish(self, found: Int[np.ndarray, "candidates"]) -> None:
+    def _publish(self, candidates: Int[np.ndarray, "candidates"]) -> None:
         if self._cells is None:
             return
-        poses = zip(*(v.tolist() for v in self._cells.centre(found[:_MAX_POSES])), strict=True)
+        poses = zip(*(v.tolist() for v in self._cells.centre(candidates[:_MAX_POSES])), strict=True)
         self._send("map", list(poses))
         grid = self._grid()
         grid.header.frame_id = "map"
@@ -82,7 +80,7 @@ class Candidates:
         grid.info.width, grid.info.height = columns, rows
         grid.info.origin.position.x, grid.info.origin.position.y = map(float, self._cells.origin)
         grid.info.origin.orientation.w = 1.0
-        grid.data = squares(self._cells, found).ravel().tolist()
+        grid.data = squares(self._cells, candidates).ravel().tolist()
         self._squares.publish(grid)
 
     def _send(self, frame: str, poses: list[tuple[float, float, float]]) -> None:
@@ -98,14 +96,14 @@ class Candidates:
 
 
 def squares(
-    cells: CellSpace, found: Int[np.ndarray, "candidates"]
+    cells: CellSpace, candidates: Int[np.ndarray, "candidates"]
 ) -> Int8[np.ndarray, "rows columns"]:
-    """An occupancy grid of cells: 100 where they are, 0 where not, -1 where nothing can be.
+    """Make an occupancy grid: 100 for these cells, 0 for other cells, -1 outside the map.
 
     **Arguments:**
 
     - `cells`: the cells of a map.
-    - `found`: some of them.
+    - `candidates`: the cells to mark.
 
     **Returns:** a row of squares at a time, from the lowest.
 
@@ -120,18 +118,6 @@ def squares(
     """
     grid = np.where(cells.free, 0, -1).astype(np.int8)
     values = np.zeros(cells.positions, np.int8)
-    values[found % cells.positions] = 100
+    values[candidates % cells.positions] = 100
     grid[cells.free] = values
     return grid
-
-
-def follower_of(task: AnyTask) -> Follower | None:
-    """What tells where a robot may be by what it senses, of a task that has such a thing."""
-    match task:
-        case FilterTask():
-            return FilterFollower(task.filter)
-        case PolicyTask():
-            return PolicyFollower(task.policy)
-        case BeliefTask():
-            return BeliefFollower(task.belief)
-    return None

@@ -68,7 +68,7 @@ class Create3(RosRobot):
         return self._act(self._driving, goal, what, abs(distance) / _SPEED, distance > 0)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise; a bumper does not end it."""
+        """Turn in place, by radians counter-clockwise; a bump does not stop the turn."""
         goal = self._rotate.Goal()
         goal.angle, goal.max_rotation_speed = float(angle), _TURNING
         self._backing = False
@@ -76,7 +76,7 @@ class Create3(RosRobot):
         return self._act(self._rotating, goal, what, abs(angle) / _TURNING, False)
 
     def _act(self, client: Any, goal: Any, what: str, seconds: float, stop_on_bump: bool) -> Moved:
-        """Have a goal carried out, or cancelled at a bump."""
+        """Send an action goal and wait; cancel it at a bump."""
         start = self._begin()
         if stop_on_bump and self._bumped:
             return Moved(0.0, 0.0, True)
@@ -105,7 +105,7 @@ class Create3(RosRobot):
         return moved(start, now, bumped)
 
     def _known(self, future: Any) -> Any:
-        """A future whose end is noticed at once."""
+        """Make a future whose end is noticed at once."""
         future.add_done_callback(self._notice)
         return future
 

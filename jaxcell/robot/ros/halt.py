@@ -10,7 +10,7 @@ _ACTIONS = ("drive_distance", "rotate_angle")
 
 
 def goal_cancellers(node: Any) -> Callable[[], list[Any]]:
-    """What cancels every goal of a Create 3, whoever sent it, and gives the futures of that."""
+    """Make a function that cancels all goals of a Create 3, and returns the futures."""
     service = import_module("action_msgs.srv").CancelGoal
     clients = [node.create_client(service, f"{name}/_action/cancel_goal") for name in _ACTIONS]
 
@@ -27,9 +27,9 @@ def speed_type(node: Any) -> str | None:
     A robot that takes both is given `Twist`.
     """
     topic = node.resolve_topic_name("cmd_vel")
-    found = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
+    types = {end.topic_type for end in node.get_subscriptions_info_by_topic(topic)}
     names = ("Twist", "TwistStamped")
-    return next((name for name in names if f"geometry_msgs/msg/{name}" in found), None)
+    return next((name for name in names if f"geometry_msgs/msg/{name}" in types), None)
 
 
 def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:

@@ -33,7 +33,7 @@ _STILL, _STILL_TURN = 5e-4, 1e-3
 
 
 class Odometry(NamedTuple):
-    """What a message of the odometry says."""
+    """The pose in a message of the odometry."""
 
     place: complex
     "Metres, x and the imaginary y."
@@ -42,7 +42,7 @@ class Odometry(NamedTuple):
 
 
 class RosRobot(abc.ABC):
-    """A robot on ROS 2 that is what a [`jaxcell.robot.Walker`][] needs, by its odometry.
+    """A robot on ROS 2 for a [`jaxcell.robot.Walker`][], which goes by its odometry.
 
     A context manager: within it a node `jaxcell` hears the robot, in a thread of its own, and the
     robot drives once it is armed. The wheels stop when the block ends, however it ends (by SIGINT,
@@ -52,7 +52,7 @@ class RosRobot(abc.ABC):
     """
 
     kind: ClassVar[str]
-    "What the process that stops it is called with."
+    "The argument of the process that stops the robot."
     contact: ClassVar[str]
     "Topic of the bumper."
 
@@ -131,10 +131,10 @@ class RosRobot(abc.ABC):
 
     @abc.abstractmethod
     def _connect(self) -> None:
-        """Make what the node needs besides the odometry."""
+        """Make the publishers and subscriptions of the node besides the odometry."""
 
     def _connect_speeds(self) -> str:
-        """Return the type of the speeds that the robot takes, once it is heard."""
+        """Return the type of the speeds of the robot, once it is known."""
         return speed_type(self.node) or "Twist"
 
     @abc.abstractmethod
@@ -151,7 +151,7 @@ class RosRobot(abc.ABC):
 
     @abc.abstractmethod
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turn in place, by radians counter-clockwise; a bumper does not end it."""
+        """Turn in place, by radians counter-clockwise; a bump does not stop the turn."""
 
     def arm(self) -> None:
         """Let the robot drive.
@@ -242,7 +242,7 @@ class RosRobot(abc.ABC):
                     self._stop("the watchdog is gone")
 
     def _begin(self) -> Odometry:
-        """Where a motion begins; a bumper may be pressed from the start."""
+        """Get the pose where a motion begins; a bumper may be pressed already."""
         with self._news:
             self._check()
             self._bumped = self._pressed
@@ -265,7 +265,7 @@ class RosRobot(abc.ABC):
                 self._check()
 
     def _after(self, messages: int) -> Odometry:
-        """Wait for the odometry after so many messages."""
+        """Wait for the odometry after `messages` messages."""
         self._wait(lambda: self._messages > messages, math.inf, "")
         assert self._odometry is not None
         return self._odometry
@@ -283,6 +283,6 @@ class RosRobot(abc.ABC):
 
 
 def moved(start: Odometry, end: Odometry, bumped: bool) -> Moved:
-    """How a motion ended."""
+    """Make the result of a motion."""
     way = (end.place - start.place) * cmath.rect(1.0, -start.heading)
     return Moved(way.real, end.heading - start.heading, bumped, way.imag)

@@ -1,17 +1,15 @@
 import dataclasses
 import functools
-import json
 import math
 import os
 from pathlib import Path
 from typing import Any
 
 from ...base.documents import Fields, checked_number, refused
-from ...base.paths import replacing
 from ...space import Workspace
 from ...walls import Errors, Homing, WallFilter
 from ..anywhere import AnywhereSettings
-from .task import Task, common_fields
+from .task import Task, common_fields, write_task
 
 
 KIND = "anywhere"
@@ -25,7 +23,7 @@ class AnywhereTask(Task):
     bounces: tuple[float, ...]
     "The angles to choose from, in radians."
     headings: int | None
-    "Number of headings that it may start with; `None` for any."
+    "Number of headings that the robot may start with; `None` for any."
     slices: int
     errors: Errors
     counted: float
@@ -37,7 +35,7 @@ class AnywhereTask(Task):
 
     @functools.cached_property
     def settings(self) -> AnywhereSettings:
-        """The filter of the room, and what the robot is to do."""
+        """The filter of the room, the angles and the aim of the robot."""
         filter = WallFilter.of(
             self.workspace,
             headings=self.headings,
@@ -69,17 +67,15 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
     - `fields`: `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
         `counted_m`, `known_m`, and `goal_m` and `goal_radius_m` where there is a goal.
     """
-    file = {
-        "format": "jaxcell-robot-task",
-        "kind": KIND,
-        "boundary": workspace.boundary.tolist(),
-        "obstacles": [ring.tolist() for ring in workspace.obstacles],
-        "robot_radius_m": workspace.robot_radius,
-        "name": workspace.name,
+    write_task(
+        path,
+        KIND,
+        boundary=workspace.boundary.tolist(),
+        obstacles=[ring.tolist() for ring in workspace.obstacles],
+        robot_radius_m=workspace.robot_radius,
+        name=workspace.name,
         **fields,
-    }
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(file) + "\n", encoding="utf-8")
+    )
 
 
 def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:

@@ -8,6 +8,7 @@ from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
 from ...space.cells import MAX_CELLS
+from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
 from ..team import KIND as TEAM, MemberTask, read_member
 from .anywhere_task import KIND as ANYWHERE, AnywhereTask, read_anywhere
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
@@ -20,20 +21,28 @@ class FilterTask(Task):
 
     filter: Filter
     bounce: float
-    "The bouncing angle that it is for, in radians."
+    "The bouncing angle of the filter, in radians."
+
+    @property
+    def bounces(self) -> tuple[float, ...]:
+        return (self.bounce,)
 
     @property
     def header(self) -> dict[str, Any]:
         return {"kind": "filter", **super().header, "bounce_deg": math.degrees(self.bounce)}
 
+    def follower(self, until: Until = "known") -> Follower:
+        """Put the filter at its start."""
+        return FilterFollower(self.filter, until)
+
 
 @dataclasses.dataclass(frozen=True)
 class _Choice(Task):
-    """What chooses among bouncing angles."""
+    """A task that chooses among bouncing angles."""
 
     kind: ClassVar[str]
     bounces: tuple[float, ...]
-    "The angles that it chooses from, in radians."
+    "The angles to choose from, in radians."
 
     @property
     def header(self) -> dict[str, Any]:
@@ -48,13 +57,21 @@ class PolicyTask(_Choice):
     kind: ClassVar[str] = "policy"
     policy: Policy
 
+    def follower(self) -> Follower:
+        """Put the policy at its start."""
+        return PolicyFollower(self.policy)
+
 
 @dataclasses.dataclass(frozen=True)
 class BeliefTask(_Choice):
-    """A belief that localizes a robot that slips; it may have one angle only."""
+    """A belief that localizes a robot that slips, with one or more angles."""
 
     kind: ClassVar[str] = "belief"
     belief: Belief
+
+    def follower(self) -> Follower:
+        """Put the belief at its start."""
+        return BeliefFollower(self.belief)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,11 +79,11 @@ class PlanTask(Task):
     """A navigation plan."""
 
     start: int
-    "The cell that it starts in."
+    "The cell where the plan starts."
     actions: tuple[float, ...]
     "0 for a step, else the angle to turn by at a bump, in radians."
     positions: int | None = None
-    "Number of positions of its map, or `None` if the file does not have it."
+    "Number of positions of the map, or `None` if the file does not have it."
 
     @property
     def start_direction(self) -> int | None:
@@ -78,20 +95,20 @@ class PlanTask(Task):
 
 
 AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask | AnywhereTask
-"""What a robot can run."""
+"""A task of a robot."""
 
 
 def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask:
-    """Read what a robot is to run.
+    """Read the task of a robot.
 
     **Arguments:**
 
     - `path`: the `filter.jxf`, `policy.jxf` or `belief.jxb` of `jaxcell localize --out`, the
         `summary.json` of `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the
         `patrol.json` of `jaxcell patrol map --out`.
-    - `robot`: which of a team, or of those that patrol; the first if not given.
+    - `robot`: number of the robot in a team or patrol, by default the first.
 
-    **Returns:** the filter, policy, plan, or part of a robot, with what it has to know of its map.
+    **Returns:** the filter, policy, belief, plan, or part of a robot, with the numbers of its map.
 
     **Raises:** `ValueError` that names the file and the field, if it is none of them, or there is
     no such robot in it, or no plan; `FileNotFoundError`.
@@ -152,7 +169,7 @@ def _policy(path: Path) -> PolicyTask:
 
 
 def _angles(path: Path, fields: Fields, count: int) -> tuple[float, ...]:
-    """The angles to choose from, at least so many, in radians."""
+    """Read the angles to choose from, at least `count`, in radians."""
     field, angles = f"{path}: bounces_deg", fields.get("bounces_deg")
     expected = f"a list of at least {count} angles, as `jaxcell localize --out` writes it"
     if not isinstance(angles, list) or len(angles) < count:

@@ -1,6 +1,5 @@
 import dataclasses
 import functools
-import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.documents import Fields, refused
-from ...base.paths import replacing
 from ...space import CellSpace, free_steps
 from ..routing import grid_steps, wave
-from .task import Task, common_fields, robot_fields
+from .task import Task, common_fields, robot_fields, write_task
 
 
 KIND = "patrol"
@@ -21,10 +19,10 @@ KIND = "patrol"
 
 @dataclasses.dataclass(frozen=True)
 class PatrolTask(Task):
-    """A random walk of one robot on the cells of a map, and the ways between them."""
+    """A random walk of one robot on the cells of a map, with the ways between the cells."""
 
     robot: int
-    "Its number."
+    "Number of the robot."
     robots: int
     "Number of robots."
     cells: CellSpace
@@ -34,11 +32,11 @@ class PatrolTask(Task):
     image: Int[np.ndarray, "branches positions"]
     "The positions that a draw may lead to."
     probability: Float[np.ndarray, "branches positions"]
-    "How likely each is."
+    "The probability of each position."
     start: int
-    "The position where it is put down."
+    "The position at the start."
     reach: float
-    "How far it sees, in metres."
+    "Range of sight, in metres."
 
     @functools.cached_property
     def ways(self) -> Int[np.ndarray, "4 positions"]:
@@ -65,9 +63,9 @@ def save_patrols(
     - `path`: the file, which is replaced.
     - `cells`: the cell space of a map; its directions do not matter.
     - `walks`: for each robot `image` and `probability` of its chain, a `jaxcell.mapping.Chain`.
-    - `starts`: the position where each begins.
-    - `reach`: how far a robot sees, in metres.
-    - `about`: what else is to be told.
+    - `starts`: the position of each robot at the start.
+    - `reach`: range of sight of a robot, in metres.
+    - `about`: further fields of the file.
 
     One robot, that goes to and fro between the ends of a corridor:
 
@@ -87,19 +85,19 @@ def save_patrols(
     plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
     open_, grid = free_steps(plane), grid_steps(cells.free)
     way, position = np.nonzero(open_ != grid)
-    file = {
-        "format": "jaxcell-robot-task",
-        "kind": KIND,
+    write_task(
+        path,
+        KIND,
         **about,
-        "cell_m": cells.cell,
-        "directions": 4,
-        "step_m": cells.cell,
-        "robot_radius_m": cells.workspace.robot_radius,
-        "range_m": reach,
-        "origin_m": list(cells.origin),
-        "free": ["".join(".#"[not square] for square in row) for row in cells.free],
-        "closed": np.stack([position, way], axis=1).tolist(),
-        "robots": [
+        cell_m=cells.cell,
+        directions=4,
+        step_m=cells.cell,
+        robot_radius_m=cells.workspace.robot_radius,
+        range_m=reach,
+        origin_m=list(cells.origin),
+        free=["".join(".#"[not square] for square in row) for row in cells.free],
+        closed=np.stack([position, way], axis=1).tolist(),
+        robots=[
             {
                 "start": int(start),
                 "image": np.asarray(image).tolist(),
@@ -107,13 +105,11 @@ def save_patrols(
             }
             for (image, probability), start in zip(walks, starts, strict=True)
         ],
-    }
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(file) + "\n", encoding="utf-8")
+    )
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """A robot of a patrol, from the fields of its file.
+    """Read a robot of a patrol from the fields of its file.
 
     **Raises:** `ValueError` that names the field.
     """
@@ -155,7 +151,7 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
 
 def _check_ways(task: PatrolTask) -> None:
-    """Raises `ValueError` if a draw leads where no way along the grid does."""
+    """Raise `ValueError` if a draw leads to a position that no way along the grid reaches."""
     drawn = np.zeros(task.cells.positions, bool)
     front = np.array([task.start])
     while front.size:

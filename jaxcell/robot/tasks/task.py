@@ -1,5 +1,7 @@
 import dataclasses
 import hashlib
+import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.documents import Fields
+from ...base.paths import replacing
 from ..walker import cell_strides
 
 
@@ -16,7 +19,7 @@ _MAX_DIRECTIONS = 1_000_000
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """What is to run, from a file, with what a robot has to know of its map."""
+    """A task from a file, with the numbers of its map that a robot needs."""
 
     path: Path
     cell: float
@@ -26,7 +29,7 @@ class Task:
     step: float
     "Length of a step, in metres."
     radius: float
-    "Radius of the robot that it is for, in metres."
+    "Radius of the robot, in metres."
 
     @property
     def strides(self) -> Float[np.ndarray, "directions 2"] | None:
@@ -35,13 +38,13 @@ class Task:
 
     @property
     def needs_heading(self) -> bool:
-        """True if a step leads farther, or more to a side, in some directions than in others."""
+        """Whether the length or the side of a step differs between directions."""
         strides = self.strides
         return strides is not None and bool(np.ptp(strides, axis=0).max() > 1e-9 * self.cell)
 
     @property
     def start_direction(self) -> int | None:
-        """The direction in which the robot is put down, or `None` if any will do."""
+        """The direction of the robot at the start; `None` for any."""
         return None
 
     @property
@@ -56,14 +59,21 @@ class Task:
         }
 
 
+def write_task(path: str | os.PathLike[str], kind: str, **fields: Any) -> None:
+    """Write a task in JSON, in place of the file if it exists."""
+    text = json.dumps({"format": "jaxcell-robot-task", "kind": kind, **fields})
+    with replacing(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
 def digest(path: Path) -> str:
-    """The SHA-256 of a file."""
+    """Compute the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
-    """The fields of every [`Task`][]."""
+    """Read the fields of every [`Task`][]."""
     return {
         "path": path,
         "cell": fields.number("cell_m", _MIN_LENGTH),
@@ -74,7 +84,7 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:
-    """The fields of one of the robots of a file.
+    """Read the fields of a robot of a file.
 
     **Raises:** `ValueError` if there is no such robot.
     """

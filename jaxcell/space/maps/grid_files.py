@@ -27,7 +27,7 @@ _HEADER = ("name", "cell", "origin", "robot_radius", "directions")
 
 
 class _Loader(yaml.BaseLoader):
-    """Without aliases: a few lines of them can stand for more than any memory holds."""
+    """A loader without aliases, a few lines of which can expand beyond any memory."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         if self.check_event(yaml.AliasEvent):
@@ -52,17 +52,9 @@ def parse_ascii(text: str) -> dict[str, Any]:
     (m; 1 by default), `origin` (the x and y of the lower left corner, m), `robot_radius` (m),
     `directions` and `name`; those that begin with `;;` are remarks.
 
-    **Arguments:**
+    **Returns:** keyword arguments of `Workspace`.
 
-    - `text`: what the file holds.
-
-    **Returns:**
-
-    Keyword arguments of `Workspace`.
-
-    **Raises:**
-
-    `ValueError` that names the line and the column, or the field.
+    **Raises:** `ValueError` that names the line and the column, or the field.
     """
     lines = text.replace("\r\n", "\n").split("\n")
     header: dict[str, str] = {}
@@ -89,7 +81,6 @@ def parse_ascii(text: str) -> dict[str, Any]:
                 f"but the first row, line {first + 1}, has {len(rows[0])}"
             )
     blocked = np.array([[character in _BLOCKED for character in row] for row in rows[::-1]])
-
     fields: dict[str, Any] = {}
     if "name" in header:
         fields["name"] = header["name"]
@@ -110,16 +101,13 @@ def parse_ascii(text: str) -> dict[str, Any]:
 def format_ascii(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> str:
-    """The text of an ASCII grid of a map.
+    """Write the text of an ASCII grid of a map.
 
     **Arguments:**
 
-    - `fields`: the fields of a `Workspace`.
-    - `environment`: its environment.
+    - `fields`, `environment`: the fields of a `Workspace`, and its environment.
 
-    **Raises:**
-
-    `ValueError` where the map suggests no `cell`, or none of that side is free.
+    **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
     """
     blocked, origin = _grid_of(fields, environment)
     x, y = origin
@@ -137,27 +125,23 @@ def format_ascii(
 def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     """Read the YAML file of a ROS map_server map, and its image.
 
-    `image`, `resolution` (m a pixel), `origin` (x, y and yaw of the lower left corner; the yaw must
-    be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may be given as
-    trinary; other keys are passed over. Occupied and unknown pixels are both obstacles. As in
-    map_server, the channels of a pixel, alpha among them, are averaged first.
+    `image`, `resolution` (m per pixel), `origin` (x, y and yaw of the lower left corner; the yaw
+    must be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may be trinary;
+    other keys are ignored. Occupied and unknown pixels are both obstacles. As in map_server, the
+    channels of a pixel, alpha among them, are averaged first.
 
     **Arguments:**
 
-    - `text`: what the YAML file holds.
-    - `folder`: where it lies; `image` is relative to it.
+    - `text`: the text of the YAML file.
+    - `folder`: the folder of the file; `image` is relative to it.
 
-    **Returns:**
+    **Returns:** keyword arguments of `Workspace`.
 
-    Keyword arguments of `Workspace`.
-
-    **Raises:**
-
-    `ValueError` that names the field; also for an image that is missing, broken, or over Pillow's
-    limit of size (about 9 * 10^7 pixels), which is known before it is decoded.
+    **Raises:** `ValueError` that names the field, also for an image that is missing, broken, or
+    over Pillow's limit of size (about 9 * 10^7 pixels), which is checked before decoding.
     """
     try:
-        # All scalars as text: YAML 1.1 has it that 5e-2 is not a number and that `no` is one.
+        # All scalars as text, because in YAML 1.1 `5e-2` is no number and `no` is a Boolean.
         document = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, RecursionError) as error:
         raise ValueError(f"not valid YAML, or cut short: {' '.join(str(error).split())}") from None
@@ -204,17 +188,14 @@ def format_map_server(
     environment: shapely.Polygon | shapely.MultiPolygon,
     image: str,
 ) -> tuple[str, bytes]:
-    """The YAML text and the PGM image of a map_server map.
+    """Write the YAML text and the PGM image of a map_server map.
 
     **Arguments:**
 
-    - `fields`: the fields of a `Workspace`.
-    - `environment`: its environment.
-    - `image`: name of the file that the image will be written to.
+    - `fields`, `environment`: the fields of a `Workspace`, and its environment.
+    - `image`: name of the file of the image.
 
-    **Raises:**
-
-    `ValueError` where the map suggests no `cell`, or none of that side is free.
+    **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
     """
     blocked, (x, y) = _grid_of(fields, environment)
     text = (
@@ -258,7 +239,7 @@ def _side(field: str, text: Any) -> float:
 def _grid_fields(
     blocked: Bool[np.ndarray, "rows columns"], origin: tuple[float, float], cell: float
 ) -> dict[str, Any]:
-    """The map of a grid with row 0 at the bottom and its lower left corner at `origin`."""
+    """Make the map of a grid with row 0 at the bottom and its lower left corner at `origin`."""
     if blocked.all():
         raise ValueError("the grid has no free square")
     rows, columns = blocked.shape
@@ -273,7 +254,7 @@ def _grid_fields(
 def _grid_of(
     fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
 ) -> tuple[Bool[np.ndarray, "rows columns"], tuple[float, float]]:
-    """The grid of a map, row 0 at the bottom, and its lower left corner."""
+    """Make the grid of a map, row 0 at the bottom, and find its lower left corner."""
     if fields["cell"] is None:
         raise ValueError("cell: a grid needs the side of its squares, and this map suggests none")
     x, y = fields["boundary"].min(axis=0).tolist()
@@ -285,18 +266,17 @@ def _grid_of(
 
 
 def _free_pixels(path: Path, negate: bool, free_thresh: float) -> Bool[np.ndarray, "rows columns"]:
-    """Which pixels of an image map_server takes as free; row 0 at the top."""
+    """Find the pixels of an image that map_server takes as free; row 0 at the top."""
     pixels, full = _pixels(path)
     channels = pixels.shape[2]
-    # One entry for each possible sum of the channels: the arithmetic is map_server's own, and
-    # only this table is in float64.
+    # The table has an entry per possible sum of the channels, by the arithmetic of map_server.
     mean = np.arange(full * channels + 1) / channels
     occupancy = mean / full if negate else (full - mean) / full
     return (occupancy < free_thresh)[pixels.sum(axis=2, dtype=np.int32)]
 
 
 def _pixels(path: Path) -> tuple[Integer[np.ndarray, "rows columns channels"], int]:
-    """The channels of an image's pixels, and the value of a white one."""
+    """Read the channels of the pixels of an image, and the value of a white pixel."""
     try:
         content = path.read_bytes()
     except OSError as error:

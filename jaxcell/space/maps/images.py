@@ -1,4 +1,4 @@
-"""Pictures of files that may be damaged."""
+"""Pictures from files that may be damaged."""
 
 import warnings
 from io import BytesIO
@@ -12,10 +12,10 @@ def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.
     **Arguments:**
 
     - `content`: the bytes of the file.
-    - `formats`: those of Pillow that are expected; by default any.
+    - `formats`: the expected formats of Pillow; by default any.
 
-    **Raises:** `PIL.UnidentifiedImageError` if it is of none of them; `ValueError` if it is too
-    large, broken or cut short.
+    **Raises:** `PIL.UnidentifiedImageError` for another format; `ValueError` for a picture that is
+    too large, broken or cut short.
     """
     try:
         with warnings.catch_warnings():
@@ -26,6 +26,6 @@ def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.
         raise
     except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
         raise ValueError(f"too large: {error}") from None
-    except Exception as error:  # Pillow's decoders leak errors of many types on broken files.
+    except Exception as error:  # Pillow's decoders raise many types of errors for broken files.
         raise ValueError(f"broken or cut short: {error}") from error
     return image

@@ -1,7 +1,6 @@
-"""Map files: which format a file has, our own JSON format, and safe writing.
+"""Map files: the choice of the format, our own JSON format, and safe writing.
 
-The other formats are in `grid_files`. A map is passed about as the keyword arguments of
-`Workspace`.
+The other formats are in `grid_files`. A map is the keyword arguments of `Workspace`.
 
 Our format is a JSON object. `format` ("jaxcell-map"), `version` (1) and `boundary` are required:
 
@@ -19,8 +18,8 @@ Our format is a JSON object. `format` ("jaxcell-map"), `version` (1) and `bounda
 }
 ```
 
-`units` ("m" by default, or "cm", "mm", "ft") holds for all lengths of the file. Other keys are
-refused, so that a misspelt one is not passed over.
+`units` ("m" by default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown keys are
+refused, so that a misspelt key is noticed.
 """
 
 import json
@@ -55,19 +54,11 @@ _UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a map file of any format.
+    """Read a map file in the format of its suffix.
 
-    **Arguments:**
+    **Returns:** keyword arguments of `Workspace`, with lengths in metres.
 
-    - `path`: the file; its suffix says the format.
-
-    **Returns:**
-
-    Keyword arguments of `Workspace`, with lengths in metres.
-
-    **Raises:**
-
-    `ValueError` that names the file, the field, and what is wrong; `FileNotFoundError`.
+    **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
     """
     path = Path(path)
     check_file(path, "a map")
@@ -93,11 +84,11 @@ def write_map(
     fields: Mapping[str, Any],
     environment: shapely.Polygon | shapely.MultiPolygon,
 ) -> None:
-    """Write a map file in the format of its suffix; see `Workspace.save`.
+    """Write or replace a map file in the format of its suffix; see `Workspace.save`.
 
     **Arguments:**
 
-    - `path`: the file to write or replace.
+    - `path`: the file.
     - `fields`: the fields of a `Workspace`.
     - `environment`: its environment, which a grid holds in place of the polygons.
     """
@@ -124,17 +115,9 @@ def write_map(
 def parse_json(text: str) -> dict[str, Any]:
     """Read a map in our own format.
 
-    **Arguments:**
+    **Returns:** keyword arguments of `Workspace`, with lengths in metres.
 
-    - `text`: what the file holds.
-
-    **Returns:**
-
-    Keyword arguments of `Workspace`, with lengths in metres.
-
-    **Raises:**
-
-    `ValueError` that names the field.
+    **Raises:** `ValueError` that names the field.
     """
     document = decode_json(text, "a map")
     if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
@@ -168,12 +151,7 @@ def parse_json(text: str) -> dict[str, Any]:
 
 
 def format_json(fields: Mapping[str, Any]) -> str:
-    """The text of a map in our own format, in metres; reading it gives the same numbers.
-
-    **Arguments:**
-
-    - `fields`: the fields of a `Workspace`.
-    """
+    """Write the text of a map in our own format, in metres; reading it gives the same numbers."""
     obstacles = ",\n".join(f"    {json.dumps(ring.tolist())}" for ring in fields["obstacles"])
     values = {
         "format": '"jaxcell-map"',

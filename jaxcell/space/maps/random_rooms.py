@@ -1,9 +1,10 @@
-"""Rooms with obstacles at random places, which a seed and the number of the room determine."""
+"""Rooms with obstacles at random places, determined by a seed and the number of the room."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Bool
 
 
@@ -46,19 +47,18 @@ class Placement(NamedTuple):
 
 
 def place(seed: int, environment: str, run: int) -> Placement:
-    """Put obstacles into the room of Figure 2.7, uniformly over all ways in which they do not
-    overlap.
+    """Put obstacles into the room of Figure 2.7, uniformly over all placements without overlap.
 
     Section 2.5.1 changes the obstacles of "the environment E of Figure 2.6", which has a static
-    obstacle at its boundary, so that obstacle stands in all of
+    obstacle at its boundary. That obstacle stands in all environments, with
 
     - E1: a square at a random place inside,
     - E2: a square and a rectangle,
     - E3: a square, a rectangle and a rectilinear obstacle (an L),
     - E4: a square of random size.
 
-    The source gives no sizes of obstacles; ours are those of `data/maps/room_200x125.json`, and
-    sides of 10 to 50 in E4. Random obstacles keep a cell from the boundary and do not overlap.
+    The source gives no sizes of obstacles. Ours are those of `data/maps/room_200x125.json`, and
+    sides of 10 to 50 in E4. Random obstacles keep a cell from the boundary.
 
     **Arguments:**
 
@@ -88,10 +88,11 @@ def place(seed: int, environment: str, run: int) -> Placement:
 def random_room(
     seed: int, number: int, columns: int, rows: int, obstacles: int
 ) -> Bool[np.ndarray, "rows columns"]:
-    """The free cells of a room with rectangles at random places, all of it in one piece.
+    """Draw the free cells of a room in one piece with rectangles at random places.
 
-    Sides of rectangles are a fifth to a twentieth of the room's, at least a cell; they may overlap
-    and stand at walls. Rooms whose free cells are not connected by their edges are drawn anew.
+    The sides of a rectangle are a twentieth to a fifth of the sides of the room, at least a cell.
+    Rectangles may overlap and stand at walls. A room is drawn again if its free cells are not
+    connected by their edges.
 
     **Arguments:**
 
@@ -100,10 +101,8 @@ def random_room(
     - `columns`, `rows`: size of the room in cells.
     - `obstacles`: number of rectangles.
 
-    **Raises:** `ValueError` where such a room is too rarely in one piece.
+    **Raises:** `ValueError` if such rooms are almost never in one piece.
     """
-    import scipy.ndimage
-
     rng = np.random.default_rng([seed, number, columns, rows, obstacles])
     for _ in range(_MAX_ATTEMPTS):
         free = np.ones((rows, columns), bool)
@@ -114,8 +113,8 @@ def random_room(
         if scipy.ndimage.label(free)[1] == 1:
             return free
     raise ValueError(
-        f"obstacles: expected so few that a room of {columns} x {rows} cells stays in one piece, "
-        f"got {obstacles}"
+        f"obstacles: {obstacles} obstacles leave a room of {columns} x {rows} cells in several "
+        "pieces; expected fewer"
     )
 
 

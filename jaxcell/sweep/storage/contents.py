@@ -3,11 +3,9 @@
 import dataclasses
 from collections.abc import Mapping
 
-import msgspec
-
 from ..workers.work import Computed
 from .journal import Journal, Kind, Record
-from .records import Begun, Frame
+from .records import Begun, decode
 
 
 JOURNAL = "sweep.journal"
@@ -15,7 +13,7 @@ JOURNAL = "sweep.journal"
 
 @dataclasses.dataclass
 class Contents:
-    """What a journal holds."""
+    """The last readable records of a journal, and its damage."""
 
     begun: Begun | None = None
     frame: Computed | None = None
@@ -56,11 +54,11 @@ class Contents:
         # The result is made of all records before the one that lists its files.
         self.exported = None
         if record.kind == Kind.SPEC:
-            self.begun = msgspec.msgpack.decode(content, type=Begun)
+            self.begun = decode(content, Begun)
         elif record.kind == Kind.FRAME:
-            self.frame = msgspec.msgpack.decode(content, type=Frame).computed
+            self.frame = decode(content, Computed)
         elif record.kind == Kind.EXPORT:
-            self.exported = msgspec.msgpack.decode(content, type=dict[str, str])
+            self.exported = decode(content, dict[str, str])
         else:
             self.chunks[record.number] = record
             self.damage.pop(f"chunk {record.number}", None)

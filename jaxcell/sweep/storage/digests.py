@@ -1,4 +1,4 @@
-"""What members read beside their specification, identified by its content."""
+"""Identify the versions, files and modules that the numbers of a sweep depend on."""
 
 import hashlib
 import importlib.metadata
@@ -40,11 +40,11 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 
 
 def digests(spec: Spec) -> dict[str, str]:
-    """The SHA-256 of each file that the members of a sweep read, by its name.
+    """Compute the SHA-256 of each file that the members of a sweep read, by its name.
 
-    These are the files that a parameter or a fixed value names; the images of such files in the
-    format of map_server; the module of a task, or of a value such as a system, that is the user's
-    own (`FILE.py:NAME` or `MODULE:NAME`); and the user's modules that this module imports.
+    These are the files that parameters and fixed values name, the images of map_server files, and
+    the user's own module of a task or of a value such as a system (`FILE.py:NAME` or
+    `MODULE:NAME`), with the user's modules that it imports.
     """
     found = {}
     texts = sorted(set(_texts(spec)))
@@ -87,7 +87,7 @@ def _texts(spec: Spec) -> Iterator[str]:
 
 
 def _strings(value: Any) -> Iterator[str]:
-    """All texts in a value, its lists and its tables."""
+    """Yield all texts in a value, its lists and its tables."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list):
@@ -96,7 +96,7 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _image(path: Path) -> str | None:
-    """The image that a map in the format of map_server names."""
+    """Read the image that a map_server file names, or `None`."""
     if path.suffix.lower() not in _MAP_SERVER:
         return None
     try:
@@ -108,7 +108,7 @@ def _image(path: Path) -> str | None:
 
 
 def _source(spec: Spec, module: str) -> Path | None:
-    """The file of a module, if there is one."""
+    """Find the file of a module, or `None`."""
     if module.endswith(".py"):
         return spec.find_file(module)
     dotted = all(part.isidentifier() for part in module.split("."))

@@ -35,6 +35,12 @@ _STATUS = Variable(
 )
 
 
+def update_result(store: SweepStore) -> None:
+    """Make the result of a sweep, unless nothing has changed since it was made."""
+    if store.frame is not None and (store.contents.exported is None or store.lost_files()):
+        export(store)
+
+
 def export(store: SweepStore) -> None:
     """Make the result of a sweep in its folder, in the place of an older one."""
     with replacing(store.zarr) as temporary:

@@ -1,4 +1,4 @@
-"""One run at a time on a store."""
+"""Lock a store, so that one run at a time writes to it."""
 
 import contextlib
 import fcntl
@@ -14,18 +14,18 @@ _PATIENCE = 0.5
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold a lock on a file, made if need be, which says who holds it.
+    """Lock a file, which is made if it is missing, and write the name of this process to it.
 
-    The system lets go of it when the process ends, however it ends.
+    The system removes the lock when the process ends, also by a kill.
 
-    **Raises:** `BlockingIOError` that names the process that holds it.
+    **Raises:** `BlockingIOError` that names the process that holds the lock.
     """
     with open(path, "a+", encoding="utf-8") as file:
-        # Whoever only asks whether there is a run holds the lock too, for an instant.
+        # `holder` takes the lock for a moment too.
         limit = time.monotonic() + _PATIENCE
         while not _taken(file.fileno(), fcntl.LOCK_EX):
             if time.monotonic() > limit:
-                raise BlockingIOError(f"{path.parent}: {_holder_named(path)} is at work on it")
+                raise BlockingIOError(f"{path.parent}: {_holder_named(path)} writes to it")
             time.sleep(0.02)
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
@@ -33,12 +33,12 @@ def locked(path: Path) -> Iterator[None]:
         try:
             yield
         finally:
-            # The file stays: to remove it would let two others lock two files of its name.
+            # The file stays, because two processes could lock two files of the same name.
             file.truncate(0)
 
 
 def holder(path: Path) -> str | None:
-    """Who holds a lock, if anybody."""
+    """Read the name of the process that holds a lock, or `None`."""
     if not path.exists():
         return None
     with open(path, encoding="utf-8") as file:

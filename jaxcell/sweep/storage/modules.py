@@ -1,4 +1,4 @@
-"""The files of a user's program that a task runs: its module, and the modules that this imports."""
+"""Find the files of the user's modules that a task runs."""
 
 import ast
 import pkgutil
@@ -16,26 +16,26 @@ _OURS = __name__.partition(".")[0]
 
 
 def module_file(name: str) -> Path | None:
-    """The file of a module, or `None` if no file defines it. The module is not imported."""
+    """Find the file of a module without importing it; `None` if no file defines it."""
     return _found(name)[0]
 
 
 def is_users(module: str, file: Path) -> bool:
-    """Whether a module is the user's: not of Python, an installed package, or jaxcell."""
+    """Check that a module is not part of Python, an installed package, or jaxcell."""
     installed = _STANDARD in file.parents or any(part in _INSTALLED for part in file.parts)
     return module.partition(".")[0] != _OURS and not installed
 
 
 def imported_files(path: Path, name: str = "") -> dict[str, Path]:
-    """The files of the user's modules that a file imports, directly or by other such modules.
+    """Find the files of the user's modules that a file imports, directly or indirectly.
 
-    Modules of Python, of installed packages and of jaxcell are left out. The sources are read, not
-    run, so imports within functions are found, and imports by a computed name are not.
+    The sources are read, not run. So imports inside functions are found, and imports by a computed
+    name are not.
 
     **Arguments:**
 
     - `path`: the file.
-    - `name`: the name of its module, if it is imported by a name.
+    - `name`: the name of its module; empty for a script.
 
     **Returns:** the files by the names of their modules.
     """
@@ -51,14 +51,14 @@ def imported_files(path: Path, name: str = "") -> dict[str, Path]:
 
 
 def _imported(path: Path, name: str) -> Iterator[str]:
-    """The names of modules that a file may import, and of the packages that hold them."""
+    """Yield the names of modules that a file may import, and of their packages."""
     parts = name.split(".")
     yield from (".".join(parts[:count]) for count in range(1, len(parts)))
     package = name if path.stem == "__init__" else name.rpartition(".")[0]
     try:
         tree = ast.parse(path.read_bytes())
     except (SyntaxError, ValueError, RecursionError):
-        # An extension module, or a file that the task cannot import either.
+        # An extension module, or a file that Python cannot import either.
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -70,7 +70,7 @@ def _imported(path: Path, name: str) -> Iterator[str]:
             except ImportError:
                 continue
             yield from _with_parents(source)
-            # A name in a package may be a module of it; with * all of them may be.
+            # An imported name may be a module of the package; * may be all of them.
             names = [one.name for one in node.names]
             yield from (f"{source}.{one}" for one in (_members(source) if "*" in names else names))
 
@@ -81,13 +81,13 @@ def _with_parents(module: str) -> Iterator[str]:
 
 
 def _members(package: str) -> list[str]:
-    """The names of the modules in a package."""
+    """List the names of the modules in a package."""
     folders = _found(package)[1]
     return [path.stem for folder in folders for path in sorted(Path(folder).glob("*.py"))]
 
 
 def _found(name: str) -> tuple[Path | None, list[str]]:
-    """The file of a module, or `None`, and the folders of a package. Nothing is imported."""
+    """Find the file of a module, or `None`, and the folders of a package."""
     parent, _, _ = name.rpartition(".")
     if not parent:
         specs = (finder.find_spec(name, None) for finder in sys.meta_path)

@@ -5,18 +5,18 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from ...base.paths import replacing
+from ..failures import write_failures
 from ..spec import Spec
 from .contents import JOURNAL
-from .journal import Journal, Kind
-from .records import Begun
+from .journal import Journal, Kind, Record
+from .records import Begun, encode
 from .store import DONE, TO_DO, SweepStore
 
 
@@ -45,7 +45,7 @@ def opened(
             raise FileExistsError(
                 f"{folder / 'sweep.zarr'} exists, but {folder / JOURNAL} does not"
             )
-        _write_first(folder, Begun.of(spec, folder, made))
+        write_journal(folder, Begun.of(spec, folder, made))
     elif not resume:
         raise FileExistsError(
             f"{folder}: a sweep is there; continue it (--resume), or name another folder (--out)"
@@ -55,8 +55,13 @@ def opened(
         if _brought_up(store, spec, made, anyway):
             store = stack.enter_context(SweepStore(folder, append=True))
         copy_spec(store)
-        stack.callback(store.sync)
-        yield store
+        try:
+            yield store
+        finally:
+            # The disk may be full.
+            with contextlib.suppress(OSError):
+                store.sync()
+                write_failures(folder / "failures.json", [*store.failures()])
 
 
 def _brought_up(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
@@ -103,10 +108,16 @@ def tidy(folder: Path) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _write_first(folder: Path, begun: Begun) -> None:
+def write_journal(
+    folder: Path, begun: Begun, old: Journal | None = None, records: Iterable[Record] = ()
+) -> None:
+    """Write a journal at once, with records that are copied from an old one."""
     with replacing(folder / JOURNAL) as temporary:
         journal = Journal(temporary, append=True)
-        journal.append(Kind.SPEC, msgspec.msgpack.encode(begun))
+        journal.append(Kind.SPEC, encode(begun))
+        for record in records:
+            assert old is not None
+            journal.append(record.kind, old.content(record), record.number, record.state)
         journal.sync()
         journal.close()
 
@@ -127,7 +138,7 @@ def _grow(
     """
     with tempfile.TemporaryDirectory(prefix=".sweep-", dir=store.folder) as name:
         temporary = Path(name)
-        _write_first(temporary, Begun.of(spec, store.folder, made))
+        write_journal(temporary, Begun.of(spec, store.folder, made))
         with SweepStore(temporary, append=True) as large:
             if store.frame is not None:
                 large.check(store.frame)

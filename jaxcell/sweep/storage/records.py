@@ -3,17 +3,18 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
 from numcodecs.zstd import Zstd
 
 from ..spec import Spec
-from ..workers.work import Computed, Variable
+from ..workers.work import Computed
 
 
 _ZSTD = Zstd(level=1)
+Content = TypeVar("Content")
 
 
 class Begun(msgspec.Struct):
@@ -34,52 +35,6 @@ class Begun(msgspec.Struct):
     def spec(self, folder: Path) -> Spec:
         """Parse the specification of the sweep whose store is in a folder."""
         return Spec.parse(self.text, folder / "spec.toml", (folder / self.folder).resolve())
-
-
-class Array(msgspec.Struct):
-    """A variable, or a coordinate."""
-
-    dimensions: tuple[str, ...]
-    dtype: str
-    shape: tuple[int, ...]
-    values: bytes
-    attributes: dict[str, Any]
-
-    @classmethod
-    def of(cls, one: Variable) -> "Array":
-        values = one.values
-        attributes = dict(one.attributes)
-        return cls(one.dimensions, values.dtype.str, values.shape, values.tobytes(), attributes)
-
-    @property
-    def variable(self) -> Variable:
-        values = np.frombuffer(self.values, self.dtype).reshape(self.shape)
-        return Variable(self.dimensions, values, self.attributes)
-
-
-class Frame(msgspec.Struct):
-    """The variables of a sweep, without members, and the coordinates of their dimensions."""
-
-    variables: dict[str, Array]
-    coordinates: dict[str, Array]
-
-    @classmethod
-    def of(cls, computed: Computed) -> "Frame":
-        return cls(
-            {
-                name: Array.of(Variable(one.dimensions, one.values[:0], one.attributes))
-                for name, one in computed.variables.items()
-            },
-            {name: Array.of(one) for name, one in computed.coordinates.items()},
-        )
-
-    @property
-    def computed(self) -> Computed:
-        """The frame as the result of a task for no member."""
-        return Computed(
-            {name: one.variable for name, one in self.variables.items()},
-            {name: one.variable for name, one in self.coordinates.items()},
-        )
 
 
 class Members(msgspec.Struct):
@@ -109,6 +64,23 @@ class Members(msgspec.Struct):
             own = np.frombuffer(values, array.dtype, array.size, start)
             array[...] = own.reshape(array.shape)
             start += array.nbytes
+
+
+def encode(content: Any) -> bytes:
+    """Encode the content of a record; arrays by their types, shapes and bytes."""
+    return msgspec.msgpack.encode(
+        content, enc_hook=lambda array: (array.dtype.str, array.shape, array.tobytes())
+    )
+
+
+def decode(content: bytes, kind: type[Content]) -> Content:
+    """Decode the content of a record."""
+    return msgspec.msgpack.decode(content, type=kind, dec_hook=_array)
+
+
+def _array(_: type, content: tuple[str, list[int], bytes]) -> np.ndarray:
+    dtype, shape, values = content
+    return np.frombuffer(values, dtype).reshape(shape)
 
 
 def fill_value(dtype: np.dtype) -> Any:

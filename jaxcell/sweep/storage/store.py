@@ -1,5 +1,6 @@
 """The store of a sweep: a journal, which a run appends to, and the result that is made of it."""
 
+import dataclasses
 import itertools
 import math
 import os
@@ -7,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from ..failures import Failure
@@ -18,7 +18,7 @@ from .contents import JOURNAL, Contents
 from .damage import reading
 from .digests import differences
 from .journal import Journal, Kind, Record
-from .records import Begun, Frame, Members, check_fits, fill_value
+from .records import Begun, Members, check_fits, decode, encode, fill_value
 
 
 TO_DO, DONE, FAILED = 0, 1, 2
@@ -144,7 +144,7 @@ class SweepStore:
         return np.full(shape, TO_DO, np.int8), arrays
 
     def failures(self) -> Iterator[Failure]:
-        """The members that failed, in the order of their chunks."""
+        """Read the members that failed, in the order of their chunks."""
         for number, record in sorted(self.contents.chunks.items()):
             if record.state == FAILED:
                 with reading(self.folder):
@@ -152,11 +152,11 @@ class SweepStore:
                 yield from self._failures(number, failed)
 
     def has_outcomes(self, number: int) -> bool:
-        """Whether all members of a chunk are done or have failed."""
+        """Check that each member of a chunk is done or has failed."""
         return number in self.contents.chunks and bool((self.read(number)[0] != TO_DO).all())
 
     def lost_files(self) -> list[str]:
-        """The files of the result that are gone."""
+        """Find the files of the result that are missing."""
         names = self.contents.exported or {}
         return [name for name in names if not os.path.exists(self.zarr / name)]
 
@@ -174,9 +174,13 @@ class SweepStore:
         **Raises:** `ValueError` if it has others.
         """
         if self.frame is None:
-            frame = Frame.of(computed)
+            variables = {
+                name: dataclasses.replace(one, values=one.values[:0])
+                for name, one in computed.variables.items()
+            }
+            frame = Computed(variables, computed.coordinates)
             self._append(Kind.FRAME, frame)
-            self.contents.frame = frame.computed
+            self.contents.frame = frame
         assert self.frame is not None
         check_fits(self.frame, computed)
 
@@ -243,11 +247,10 @@ class SweepStore:
 
     def _append(self, kind: Kind, content: Any, number: int = 0, state: int = 0) -> Record:
         self.contents.exported = None
-        return self._journal.append(kind, msgspec.msgpack.encode(content), number, state)
+        return self._journal.append(kind, encode(content), number, state)
 
     def _members(self, number: int) -> Members:
-        content = self._journal.content(self.contents.chunks[number])
-        return msgspec.msgpack.decode(content, type=Members)
+        return decode(self._journal.content(self.contents.chunks[number]), Members)
 
     def _failures(self, number: int, failed: Mapping[int, tuple[str, str]]) -> Iterator[Failure]:
         chunk = self.spec.chunk(number)

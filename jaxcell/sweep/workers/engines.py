@@ -1,7 +1,7 @@
-"""Where chunks are computed: in this process, in others, or by Dask.
+"""Engines compute chunks: in this process, in others, or on a cluster of Dask.
 
-An engine takes jobs as it can work on them, so that only a few are on their way at a time, and
-gives back outcomes in the order in which they come. Closing its generator ends its workers at once.
+An engine takes a job when a worker is free for it, so that only a few are submitted at a time, and
+gives outcomes in the order in which jobs end. Closing its generator ends its workers at once.
 """
 
 import asyncio
@@ -12,19 +12,17 @@ import itertools
 import json
 import logging
 import math
-import multiprocessing.connection
 import os
 import queue
 import re
 import secrets
-import threading
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from .process import Worker
+from .process import Team
 from .work import Computed, Failed, Job, compute, failure
 
 
@@ -32,49 +30,46 @@ Outcomes = Generator[tuple[Job, Computed | Failed], None, None]
 Take = Callable[[], Job | None]
 Engine = Callable[[Take], Outcomes]
 
-# While one is computed the next waits beside it.
+# While a worker computes a job, the next one waits.
 _JOBS_EACH = 2
-# How often a chunk may take its worker with it.
-_MAX_DEATHS = 3
-_DIED = Failed(f"its worker died each of {_MAX_DEATHS} times: out of memory?")
-# A word to the scheduler for each job would be more than a thousand workers leave time for.
+# One message per job would saturate the scheduler at 1,000 workers.
 _TOGETHER = 16
-# So often we look whether workers of a cluster have come.
+# The seconds between counts of the workers of a cluster.
 _LOOK_SECONDS = 1.0
 _GONE = (
-    "{}: the scheduler of the cluster cannot be reached, or is gone; what is done is kept for a "
-    "run with resume"
+    "{}: the scheduler of the cluster cannot be reached, or is gone; chunks that ended are kept: "
+    "resume the sweep with another cluster"
 )
 # The parts of Dask that log a lost connection.
 _CONNECTION = ("batched", "client", "comm", "core")
 # Ours does not wait for Dask's half a minute.
 _CONNECT_SECONDS = 10
-# Two clusters on a machine would quarrel about the usual one.
+# Two clusters on one machine cannot share the default port.
 _ANY_PORT = "127.0.0.1:0"
-# Ctrl-C goes to all processes of a terminal. This is run in each worker.
+# Ctrl-C goes to all processes of a terminal. Each worker runs this.
 _LEAVE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 def engine_named(name: str, workers: int | None = None, timeout: float | None = None) -> Engine:
-    """The engine of a name.
+    """Make the engine of a name.
 
     **Arguments:**
 
-    - `name`: `local`, in this process; `processes`, in processes of their own; `dask`, on a cluster
-        of this machine that is started for it; or `dask://host:port`, on the cluster of that
-        scheduler, whose workers can import jaxcell and the task. Its address as Dask has it will
-        do too: `tcp://host:port`, or `tls://host:port` with what the configuration of Dask says.
+    - `name`: `local`, in this process; `processes`, in other processes; `dask`, on a cluster that
+        is started on this machine; or `dask://host:port`, on the cluster of that scheduler, whose
+        workers must be able to import jaxcell and the task. Addresses of Dask are accepted too:
+        `tcp://host:port`, or `tls://host:port` with the configuration of Dask.
     - `workers`: the number of processes of `processes` and `dask`; by default one for each
-        processor that this process may run on.
-    - `timeout`: seconds after which a job is ended and has failed. `local` cannot end any.
+        processor that this process may use.
+    - `timeout`: seconds after which a job is ended and has failed; not for `local`.
 
-    **Returns:** a function that takes jobs and gives back their outcomes as they come. It asks for
-    jobs until it is given `None`, and again after each outcome.
+    **Returns:** a function that takes jobs and gives their outcomes in the order in which they end.
+    It takes jobs until it gets `None`, and again after each outcome.
 
     **Raises:** `ValueError` for another name, for a timeout of `local`, or if `distributed` is not
     installed.
 
-    A name that is none:
+    An unknown name:
 
         >>> from jaxcell import sweep
         >>> sweep.engine_named("threads")
@@ -115,15 +110,15 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 
 
 def scheduler_address(file: str | os.PathLike[str]) -> str:
-    """Read the address of a cluster, which is the name of an engine, from a file of its scheduler.
+    """Read the address of a cluster, for use as an engine, from the file of its scheduler.
 
     **Arguments:**
 
-    - `file`: what `dask scheduler --scheduler-file FILE` wrote.
+    - `file`: the file from `dask scheduler --scheduler-file FILE`.
 
-    **Returns:** the address, as `tcp://host:port`, which [`engine_named`][] takes.
+    **Returns:** the address, such as `tcp://host:port`, for [`engine_named`][].
 
-    **Raises:** `ValueError` if it is no such file; `FileNotFoundError`.
+    **Raises:** `ValueError` for another file; `FileNotFoundError`.
 
     The file of a scheduler:
 
@@ -142,76 +137,56 @@ def scheduler_address(file: str | os.PathLike[str]) -> str:
 
 
 def local(take: Take) -> Outcomes:
-    """This process."""
+    """Compute in this process."""
     for job in iter(take, None):
         yield job, compute(job)
 
 
 def _processes(take: Take, workers: int, timeout: float | None) -> Outcomes:
-    """Processes that end with this one. One that dies is replaced, and its job tried again."""
-    environment = worker_environment(workers)
-    deaths: Counter[int] = Counter()
-    again: deque[Job] = deque()
-    team: list[Worker] = []
-    try:
-        while True:
-            while sum(len(worker.jobs) for worker in team) < workers * _JOBS_EACH:
-                job = again.popleft() if again else take()
-                if job is None:
-                    break
-                idlest = min(team, key=lambda worker: len(worker.jobs), default=None)
-                if idlest is None or (idlest.jobs and len(team) < workers):
-                    idlest = Worker(environment)
-                    team.append(idlest)
-                idlest.give(job)
-            if not any(worker.jobs for worker in team):
-                return
-            heard = multiprocessing.connection.wait(
-                [worker.connection for worker in team], _patience(team, timeout)
-            )
-            for worker in list(team):
-                outcome = None
-                job = worker.jobs[0] if worker.jobs else None
-                try:
-                    if worker.connection in heard:
-                        outcome = worker.receive()
-                    elif _patience([worker], timeout) == 0 and not worker.connection.poll():
-                        raise TimeoutError
-                except (EOFError, TimeoutError) as error:
-                    team.remove(worker)
-                    worker.end()
-                    again.extendleft(reversed(worker.jobs))
-                    if job is None:
-                        continue
-                    deaths[id(job)] += 1
-                    if isinstance(error, TimeoutError):
-                        outcome = _late(timeout)
-                    elif deaths[id(job)] >= _MAX_DEATHS:
-                        outcome = _DIED
-                    if outcome is not None:
-                        again.popleft()
-                if job is not None and outcome is not None:
-                    deaths.pop(id(job), None)
-                    yield job, outcome
-    finally:
-        for worker in team:
-            worker.end()
+    """Compute in processes that end with this one."""
+    with (
+        ThreadPoolExecutor(workers) as threads,
+        contextlib.closing(Team(worker_environment(workers), timeout)) as team,
+    ):
+        yield from _in_turn(
+            take,
+            lambda: workers * _JOBS_EACH,
+            lambda jobs: [threads.submit(team.compute, job) for job in jobs],
+            lambda futures: [future.result() for future in futures],
+        )
 
 
-def _patience(team: list[Worker], timeout: float | None) -> float | None:
-    """Seconds until the first worker is late; `None` if that may never be."""
-    began = [worker.began for worker in team if worker.began is not None]
-    if timeout is None or not began:
-        return None
-    return max(min(began) + timeout - time.monotonic(), 0.0)
+def _in_turn(
+    take: Take,
+    most: Callable[[], int],
+    submit: Callable[[list[Job]], Iterable[Any]],
+    results: Callable[[list[Any]], Iterable[Computed | Failed]],
+) -> Outcomes:
+    """Submit jobs, and give their outcomes in the order in which they end.
 
+    **Arguments:**
 
-def _late(timeout: float | None) -> Failed:
-    return Failed(f"TimeoutError: it was not done after {timeout:g} s")
+    - `take`: gives the next job.
+    - `most`: gives the number of jobs that may be submitted and not have ended.
+    - `submit`: submits jobs, and gives their futures.
+    - `results`: gives the outcomes of futures that have ended.
+    """
+    pending: dict[Any, Job] = {}
+    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    while True:
+        while jobs := _take_some(take, min(most() - len(pending), _TOGETHER)):
+            for job, future in zip(jobs, submit(jobs), strict=True):
+                pending[future] = job
+                future.add_done_callback(ended.put)
+        if not pending:
+            return
+        futures = _ended_futures(ended)
+        for future, outcome in zip(futures, results(futures), strict=True):
+            yield pending.pop(future), outcome
 
 
 def _dask_here(take: Take, workers: int, timeout: float | None) -> Outcomes:
-    """A cluster of this machine."""
+    """Compute on a cluster of this machine that is started for it."""
     import dask
     from distributed import LocalCluster
 
@@ -233,66 +208,65 @@ def _dask_here(take: Take, workers: int, timeout: float | None) -> Outcomes:
 
 
 def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
-    """A cluster that is there. Dask itself tries again what was on a worker that died."""
+    """Compute on an existing cluster, which tries a job again if its worker dies."""
     from distributed import Client
 
     run = secrets.token_hex(8)
-    work = compute if timeout is None else functools.partial(_apart, run, timeout)
-    pending: dict[Any, Job] = {}
-    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    most, looked = 0, -math.inf
+    work = compute if timeout is None else functools.partial(_compute_apart, run, timeout)
+    threads, counted = 0, -math.inf
+
+    def most() -> int:
+        nonlocal threads, counted
+        if time.monotonic() >= counted + _LOOK_SECONDS:
+            # Workers come and go.
+            with _reaching(address):
+                threads = sum(client.nthreads().values())
+            counted = time.monotonic()
+        return max(threads, 1) * _JOBS_EACH
+
+    def submit(jobs: list[Job]) -> list[Any]:
+        with _reaching(address):
+            return client.map(work, jobs, pure=False)
+
+    def results(futures: list[Any]) -> Iterator[Computed | Failed]:
+        with _reaching(address):
+            gathered = client.gather({one.key: one for one in futures}, errors="skip")
+        for future in futures:
+            if future.cancelled():
+                raise ConnectionError(_GONE.format(address))
+            yield gathered[future.key] or failure(future.exception())
+
     with contextlib.ExitStack() as stack:
         stack.enter_context(_without_log())
         with _reaching(address):
             client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
         stack.enter_context(client)
         try:
-            while True:
-                if time.monotonic() >= looked + _LOOK_SECONDS:
-                    # Workers come and go.
-                    with _reaching(address):
-                        threads = sum(client.nthreads().values())
-                    most, looked = max(threads, 1) * _JOBS_EACH, time.monotonic()
-                while jobs := _some(take, min(most - len(pending), _TOGETHER)):
-                    with _reaching(address):
-                        begun = client.map(work, jobs, pure=False)
-                    for job, future in zip(jobs, begun, strict=True):
-                        pending[future] = job
-                        future.add_done_callback(ended.put)
-                if not pending:
-                    return
-                futures = _waiting(ended)
-                with _reaching(address):
-                    found = client.gather({one.key: one for one in futures}, errors="skip")
-                for future in futures:
-                    if future.cancelled():
-                        raise ConnectionError(_GONE.format(address))
-                    outcome = found[future.key] or failure(future.exception())
-                    yield pending.pop(future), outcome
+            yield from _in_turn(take, most, submit, results)
         finally:
             if timeout is not None:
                 with contextlib.suppress(OSError):
-                    client.run(_end_apart, run)
+                    client.run(_close_team, run)
 
 
-def _some(take: Take, most: int) -> list[Job]:
-    """So many jobs, or as many as there are now."""
+def _take_some(take: Take, most: int) -> list[Job]:
+    """Take up to `most` jobs, as many as there are now."""
     return [*itertools.islice(iter(take, None), max(most, 0))]
 
 
-def _waiting(ended: "queue.SimpleQueue[Any]") -> list[Any]:
-    """All that is in a queue; if nothing is, what comes within a moment."""
-    found = []
+def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
+    """Take all futures from a queue; if it is empty, wait a moment for one."""
+    futures = []
     with contextlib.suppress(queue.Empty):
-        found.append(ended.get(timeout=_LOOK_SECONDS))
+        futures.append(ended.get(timeout=_LOOK_SECONDS))
         while True:
-            found.append(ended.get_nowait())
-    return found
+            futures.append(ended.get_nowait())
+    return futures
 
 
 @contextlib.contextmanager
 def _reaching(address: str) -> Iterator[None]:
-    """Raise `ConnectionError` of one line if the scheduler is not reached in the block."""
+    """Raise a `ConnectionError` of one line if the block does not reach the scheduler."""
     try:
         yield
     except (OSError, RuntimeError, asyncio.CancelledError) as error:
@@ -301,7 +275,7 @@ def _reaching(address: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_log() -> Iterator[None]:
-    """Keep Dask from printing tracebacks of a lost scheduler, of which our error says enough."""
+    """Silence the tracebacks of Dask for a lost scheduler, because our error reports it."""
     loggers = [logging.getLogger(f"distributed.{part}") for part in _CONNECTION]
     kept = [logger.disabled for logger in loggers]
     for logger in loggers:
@@ -313,38 +287,24 @@ def _without_log() -> Iterator[None]:
             logger.disabled = disabled
 
 
-# The processes beside the threads of a worker of Dask, by run and thread: a thread cannot be ended.
-_beside: dict[tuple[str, int], Worker] = {}
+# Processes for the threads of a Dask worker, by run: a thread cannot be ended.
+_teams: dict[str, Team] = {}
 
 
-def _apart(run: str, timeout: float, job: Job) -> Computed | Failed:
-    """Compute a chunk in a process of its own, which is kept for the next one."""
-    place = run, threading.get_ident()
-    for _ in range(_MAX_DEATHS):
-        worker = _beside.pop(place, None) or Worker({})
-        try:
-            outcome = worker.outcome(job, timeout)
-        except TimeoutError:
-            worker.end()
-            return _late(timeout)
-        except EOFError:
-            worker.end()
-        else:
-            _beside[place] = worker
-            return outcome
-    return _DIED
+def _compute_apart(run: str, timeout: float, job: Job) -> Computed | Failed:
+    """Compute a job on a worker of Dask, in a process that can be ended."""
+    return _teams.setdefault(run, Team({}, timeout)).compute(job)
 
 
-def _end_apart(run: str) -> None:
-    for place in [place for place in _beside if place[0] == run]:
-        _beside.pop(place).end()
+def _close_team(run: str) -> None:
+    if run in _teams:
+        _teams.pop(run).close()
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """The environment of processes that share this machine.
+    """Make the environment of processes that share the processors of this machine.
 
-    Each gets its part of the processors: JAX heeds `PJRT_NPROC`, and nothing else that limits
-    threads.
+    JAX obeys only `PJRT_NPROC`; linear algebra obeys the other variables.
     """
     share = str(max(len(os.sched_getaffinity(0)) // workers, 1))
     names = ("PJRT_NPROC", "NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

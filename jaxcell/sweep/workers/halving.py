@@ -1,4 +1,4 @@
-"""Which jobs a run has: its chunks, and halves of those that fail, until a member is alone."""
+"""Jobs of a run: chunks, and halves of jobs that fail, down to single members."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -11,36 +11,36 @@ from .work import Computed, Failed, Job
 
 @dataclasses.dataclass
 class Parts:
-    """What is known of a chunk. Places are those in its batch."""
+    """The outcomes of the jobs of a chunk. Places are places in its batch."""
 
     chunk: Chunk
     members: int
-    "How many of its members the run is to compute."
+    "The number of its members that the run computes."
     computed: list[tuple[np.ndarray, Computed]] = dataclasses.field(default_factory=list)
-    "Places, and their results."
+    "Places, and the results there."
     failed: dict[int, Failed] = dataclasses.field(default_factory=dict)
-    "The members that failed, by their places."
+    "The failures, by the places of the members."
     open: int = 1
-    "Jobs whose outcomes are missing."
+    "The number of jobs that have not ended."
 
 
 class Halving:
-    """The jobs of a run, one after the other."""
+    """The jobs of a run, taken in turn."""
 
     def __init__(self, spec: Spec, jobs: Iterator[Job]) -> None:
         self.begun: dict[int, Parts] = {}
-        "Chunks of which something is known, but not all, by their numbers."
+        "Chunks with some, but not all, outcomes, by their numbers."
         self.failed = 0
-        "Members that failed."
+        "The number of members that failed."
         self._spec, self._jobs = spec, jobs
         self._halves: list[Job] = []
 
     def take(self) -> Job | None:
-        """The next job, if there is one now. A failure may bring others."""
+        """Take the next job, or `None`. A failure may add jobs later."""
         return self._halves.pop() if self._halves else next(self._jobs, None)
 
     def settle(self, job: Job, outcome: Computed | Failed) -> Parts | None:
-        """Take the outcome of a job, and give the chunk if all of it is known now."""
+        """Add the outcome of a job. Returns the chunk if all its jobs have ended, or `None`."""
         chunk = self._spec.chunk(job.number)
         inside = np.intersect1d(job.places, self._spec.places(chunk), assume_unique=True)
         if job.number not in self.begun:

@@ -1,4 +1,4 @@
-"""A process of its own for chunks: it may die, or be ended, and takes no other with it."""
+"""Processes that compute jobs: one may die, or be ended, without harm to this process."""
 
 import contextlib
 import os
@@ -6,8 +6,6 @@ import queue
 import subprocess
 import sys
 import threading
-import time
-from collections import deque
 from collections.abc import Mapping
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -15,19 +13,20 @@ from multiprocessing.connection import Connection
 from .work import Computed, Failed, Job, compute
 
 
-class Worker:
-    """A process that computes jobs in their order. It ends with this one, however this one ends.
+# The number of workers that a job may kill before it has failed.
+_MAX_DEATHS = 3
 
-    What its tasks print goes to standard error.
+
+class Worker:
+    """A process that computes jobs. It ends with this one, however this one ends.
+
+    The output of its tasks goes to standard error.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
-        self.connection, theirs = Pipe()
-        self.jobs: deque[Job] = deque()
-        self.began: float | None = None
-        "When it began with its first job; it does not before it has started."
+        self._connection, theirs = Pipe()
         self._ready = False
-        path = os.pathsep.join(one or os.getcwd() for one in sys.path)
+        path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
         with theirs:
             number = theirs.fileno()
             self._process = subprocess.Popen(
@@ -40,56 +39,77 @@ class Worker:
                 start_new_session=True,
             )
 
-    def give(self, job: Job) -> None:
-        """Hand it a job, which may wait beside others."""
-        self.jobs.append(job)
-        if len(self.jobs) == 1:
-            self._begin()
-        # That it died shows when an outcome is awaited.
-        with contextlib.suppress(OSError):
-            self.connection.send(job)
+    def compute(self, job: Job, timeout: float | None) -> Computed | Failed:
+        """Compute a job. The seconds of the timeout begin when the process has started.
 
-    def receive(self) -> Computed | Failed | None:
-        """What it says next: the outcome of its first job, or `None` when it has started.
-
-        **Raises:** `EOFError` if it died.
+        **Raises:** `TimeoutError`; `EOFError` if the process died.
         """
         try:
-            said: Computed | Failed | None = self.connection.recv()
-        except OSError as error:
-            raise EOFError from error
-        if said is None:
-            self._ready = True
-        else:
-            self.jobs.popleft()
-        self._begin()
-        return said
-
-    def outcome(self, job: Job, timeout: float) -> Computed | Failed:
-        """Compute a job while this process waits.
-
-        **Raises:** `TimeoutError`; `EOFError` if it died.
-        """
-        self.give(job)
-        while True:
-            left = None if self.began is None else self.began + timeout - time.monotonic()
-            if not self.connection.poll(left if left is None else max(left, 0)):
+            if not self._ready:
+                self._connection.recv()
+                self._ready = True
+            self._connection.send(job)
+            if not self._connection.poll(timeout):
                 raise TimeoutError
-            if (said := self.receive()) is not None:
-                return said
+            return self._connection.recv()
+        except ConnectionError as error:
+            raise EOFError from error
 
     def end(self) -> None:
-        """End it at once."""
+        """Kill the process."""
         self._process.kill()
         self._process.wait()
-        self.connection.close()
 
-    def _begin(self) -> None:
-        self.began = time.monotonic() if self._ready and self.jobs else None
+
+class Team:
+    """Workers for threads: one for each thread that computes jobs, replaced when it dies."""
+
+    def __init__(self, environment: Mapping[str, str], timeout: float | None) -> None:
+        self._environment, self._timeout = environment, timeout
+        self._workers: dict[int, Worker] = {}
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def compute(self, job: Job) -> Computed | Failed:
+        """Compute a job by the worker of this thread.
+
+        **Raises:** `EOFError` if the team is closed.
+        """
+        for _ in range(_MAX_DEATHS):
+            worker = self._worker()
+            try:
+                return worker.compute(job, self._timeout)
+            except TimeoutError:
+                self._remove(worker)
+                return Failed(f"TimeoutError: it was not done after {self._timeout:g} s")
+            except EOFError:
+                self._remove(worker)
+        return Failed(f"its worker died each of {_MAX_DEATHS} times: out of memory?")
+
+    def close(self) -> None:
+        """Kill all workers."""
+        with self._lock:
+            self._closed = True
+            for worker in self._workers.values():
+                worker.end()
+
+    def _worker(self) -> Worker:
+        with self._lock:
+            if self._closed:
+                raise EOFError("the workers are closed")
+            thread = threading.get_ident()
+            if thread not in self._workers:
+                self._workers[thread] = Worker(self._environment)
+            return self._workers[thread]
+
+    def _remove(self, worker: Worker) -> None:
+        worker.end()
+        with self._lock:
+            self._workers.pop(threading.get_ident(), None)
 
 
 def serve(descriptor: int) -> None:
-    """What the process does: it computes until nobody holds the other end any more."""
+    """Compute jobs in a worker process, until the other end of the connection is closed."""
     connection = Connection(descriptor)
     jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
 
@@ -100,8 +120,7 @@ def serve(descriptor: int) -> None:
         os._exit(1)
 
     threading.Thread(target=read, daemon=True).start()
-    # What any result is made of takes a second to import, some of it at the first dataset, and that
-    # is not the time of a job.
+    # Every result is a dataset. The second that its import takes is not part of a job's time.
     import xarray as xr
 
     xr.Dataset({"x": ("x", [0])})

@@ -1,4 +1,4 @@
-"""The progress of a run: for its caller, and in the store for those who ask meanwhile."""
+"""Progress of a run, for its caller, and in a file of the store for other processes."""
 
 import contextlib
 import dataclasses
@@ -21,21 +21,21 @@ class Progress:
     """The progress of a run."""
 
     chunks: int
-    "All chunks that the run is to see done."
+    "The number of chunks of the run."
     done: int
-    "Chunks that have been computed, those of former runs included."
+    "The number of chunks that have ended, also in earlier runs."
     failed: int
-    "Members that failed in this run."
+    "The number of members that failed in this run."
     rate: float
-    "Members computed in this run a second, those that failed included."
+    "Members computed per second in this run, also those that failed."
     left: float
-    "Seconds that the rest will take at this rate."
+    "Seconds until the end at this rate."
     failures: tuple[Failure, ...]
-    "Those in the chunk that ended just now."
+    "The failures in the chunk that has just ended."
 
 
 class Count:
-    """The work that a run has done so far, by a clock in seconds."""
+    """Counts the work of a run, by a clock in seconds."""
 
     def __init__(self, chunks: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.chunks, self.done, self.failed = chunks, done, 0
@@ -44,7 +44,7 @@ class Count:
         self._began = clock()
 
     def add(self, members: int) -> None:
-        """Count a chunk that has ended, of which so many members were computed."""
+        """Count a chunk that has ended, and its computed members."""
         self.done += 1
         self._ended += 1
         self._members += members
@@ -67,7 +67,7 @@ class Count:
 def written_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> Iterator[Callable[[Progress], None]]:
-    """Keep the rate of a run in its folder."""
+    """Write the rate of a run to its folder, at most once per second."""
     path = folder / _FILE
     path.unlink(missing_ok=True)
     last = -math.inf
@@ -89,7 +89,7 @@ def written_down(
 def read_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> tuple[float | None, float | None]:
-    """Read the members per second and the seconds left of the run at work, once it knows."""
+    """Read the members per second and the seconds left of a run; `None` before the first chunk."""
     try:
         kept = json.loads((folder / _FILE).read_text(encoding="utf-8"))
     except FileNotFoundError:

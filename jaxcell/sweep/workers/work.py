@@ -1,4 +1,4 @@
-"""What a worker does: it computes one chunk, wherever it runs, and gives back plain arrays."""
+"""Compute the members of a chunk in a worker. The results are plain arrays."""
 
 import dataclasses
 import functools
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], "xr.Dataset"]
 
 _WIDE = "JAX_ENABLE_X64"
-# Numbers that Zarr has, and booleans.
+# Types of numbers that Zarr supports, and booleans.
 _CODES = np.typecodes["AllInteger"] + "efdFD?"
 _MAX_LINES = 30
 
@@ -39,23 +39,23 @@ class Job:
     number: int
     "The number of the chunk."
     places: np.ndarray
-    "Which members of the batch of the whole chunk these are."
+    "The places of the members in the batch of the chunk."
     task: str
     batch: Mapping[str, np.ndarray]
     fixed: Mapping[str, Any]
     seed: int
     wide: bool
-    "Whether JAX is to compute with 64 bits, as in the process that asks for the chunk."
+    "If true, JAX computes with 64 bits, as in the driver."
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
-        """A whole chunk."""
+        """Make the job of a whole chunk."""
         batch = spec.batch(chunk)
         places = np.arange(len(next(iter(batch.values()))))
         return cls(chunk.number, places, spec.task, batch, spec.fixed, spec.seed, wide)
 
     def part(self, places: np.ndarray) -> "Job":
-        """Some of the members, by their places in the batch of the whole chunk."""
+        """Make the job of some of the members, by their places in the batch of the chunk."""
         rows = np.searchsorted(self.places, places)
         batch = {name: values[rows] for name, values in self.batch.items()}
         return dataclasses.replace(self, places=places, batch=batch)
@@ -66,35 +66,35 @@ class Variable:
     """An array of a result."""
 
     dimensions: tuple[str, ...]
-    "Beside that of members."
+    "The dimensions after that of members."
     values: np.ndarray
     attributes: Mapping[str, Any]
 
 
 @dataclasses.dataclass(frozen=True)
 class Computed:
-    """The result of a chunk."""
+    """The result of a job."""
 
     variables: Mapping[str, Variable]
     "Arrays whose first dimension is that of members."
     coordinates: Mapping[str, Variable]
-    "Coordinates of the other dimensions: the same in all chunks."
+    "Coordinates of the other dimensions, equal in all chunks."
 
 
 @dataclasses.dataclass(frozen=True)
 class Failed:
-    """Why there is no result of a chunk or member."""
+    """The failure of a job."""
 
     message: str
-    "One line."
+    "One line with the reason."
     trace: str = ""
-    "The end of the traceback, if there is one."
+    "The end of the traceback; empty if there is none."
 
 
 def find_task(name: str) -> Task:
-    """The function of a task.
+    """Find the function of a task.
 
-    **Raises:** `ValueError` if there is none of that name.
+    **Raises:** `ValueError` for an unknown name.
     """
     reference = name
     if ":" not in name:
@@ -118,7 +118,7 @@ def find_task(name: str) -> Task:
 
 
 def study_of(task: str) -> type[Study] | None:
-    """The class of a task that is a study."""
+    """Find the study of a task; `None` if the task is a function."""
     found = find_task(task)
     if isinstance(found, functools.partial) and found.func is study_task:
         return found.args[0]
@@ -126,19 +126,18 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def check_parameters(spec: Spec) -> None:
-    """Look at the task and the parameters of the first chunk before anything is run.
+    """Check the task, and the parameters of the first chunk if the task is a study.
 
-    **Raises:** `ValueError` for an unknown task, and for parameters that a study does not take or
-    lacks, or values that it cannot have.
+    **Raises:** `ValueError` for an unknown task, and for unknown, missing or ill-typed parameters.
     """
     if (study := study_of(spec.task)) is not None:
         studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
 
 
 def prepared(spec: Spec) -> Spec:
-    """A specification as jobs are given it: checked, with its files found.
+    """Check a specification, and find its files.
 
-    **Raises:** `ValueError` as `check_parameters` and `with_files_found` do, with its name.
+    **Raises:** `ValueError` as `check_parameters` and `with_files_found`, with the file name.
     """
     try:
         spec = with_task_found(spec)
@@ -149,19 +148,18 @@ def prepared(spec: Spec) -> Spec:
 
 
 def with_task_found(spec: Spec) -> Spec:
-    """A specification whose task, if it is named by its file, is found from any folder."""
+    """Replace the name of a task by its absolute path if it is a file."""
     file, colon, name = spec.task.partition(":")
     path = spec.find_file(file) if colon and file.endswith(".py") else None
     return spec if path is None else dataclasses.replace(spec, task=f"{path}:{name}")
 
 
 def with_files_found(spec: Spec) -> Spec:
-    """A specification whose built-in task finds its files wherever it runs.
+    """Replace relative paths by absolute ones if the task is a study, so that workers find them.
 
-    Names of files are relative to the folder of the specification, or else to that of this process.
-    A task of the user's own is given them as they are.
+    A path starts at the folder of the specification, or else at the current folder.
 
-    **Raises:** `ValueError` if there is no such file; it says where it was looked for.
+    **Raises:** `ValueError` if a file is missing; it names the folders.
     """
     study = study_of(spec.task)
     kinds = {} if study is None else parameters(study)
@@ -193,16 +191,16 @@ def _found(spec: Spec, name: str, value: Any) -> Any:
 
 
 def jax_is_wide() -> bool:
-    """Whether JAX computes with 64 bits in this process, or will once it is imported."""
+    """Check whether JAX computes with 64 bits in this process, or will when it is imported."""
     if (jax := sys.modules.get("jax")) is not None:
         return bool(jax.config.jax_enable_x64)
     return os.environ.get(_WIDE, "").lower() in ("1", "true", "t", "yes", "y", "on")
 
 
 def compute(job: Job) -> Computed | Failed:
-    """Compute a job. Whatever goes wrong with it is its failure and nobody else's."""
+    """Compute a job. Exceptions are returned as `Failed`."""
     try:
-        # A worker of somebody's cluster does not know. Tasks may import JAX when they are called.
+        # A worker of a cluster may have another setting, and a task may import JAX when it runs.
         os.environ[_WIDE] = str(int(job.wide))
         task = find_task(job.task)
         if (jax := sys.modules.get("jax")) is not None and jax_is_wide() != job.wide:
@@ -216,7 +214,7 @@ def compute(job: Job) -> Computed | Failed:
 
 
 def failure(error: BaseException) -> Failed:
-    """A failure, of an exception."""
+    """Make the failure of an exception."""
     lines = "".join(traceback.format_exception(error)).splitlines()
     message = " ".join(str(error).split())
     name = type(error).__name__
@@ -224,7 +222,7 @@ def failure(error: BaseException) -> Failed:
 
 
 def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
-    """What a task gave, checked."""
+    """Check the result of a task, and convert it to arrays."""
     import xarray as xr
 
     if not isinstance(dataset, xr.Dataset):
@@ -264,7 +262,7 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
 
 
 def _plain(value: Any) -> Any:
-    """A number or array of NumPy, in an attribute."""
+    """Convert a number or array of NumPy in an attribute for JSON."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"expected attributes of text and numbers, got {type(value).__name__}")

@@ -35,7 +35,7 @@ def load_text(tmp_path, text, suffix=".json"):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_what_is_written_is_read(suffix, tmp_path):
+def test_a_written_graph_is_read_back(suffix, tmp_path):
     path = tmp_path / f"square{suffix}"
     save_graph(square(), path, NAMES)
     graph, names = load_graph(path)
@@ -188,12 +188,12 @@ def test_entities_do_not_grow(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_nothing_in_a_file_is_refused(suffix, tmp_path):
+def test_an_empty_file_is_refused(suffix, tmp_path):
     with pytest.raises(ValueError, match=rf"graph\{suffix}: "):
         load_text(tmp_path, "", suffix)
 
 
-def test_nests_are_refused(tmp_path):
+def test_deep_nesting_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"nested too deeply|not valid JSON"):
         load_text(tmp_path, "[" * 200_000)
     with pytest.raises(ValueError, match="expected an object with nodes and edges"):
@@ -222,7 +222,7 @@ def test_a_file_that_is_cut_short_is_refused_or_is_a_graph(suffix, data, tmp_pat
         assert graph.vertices == len(found)
 
 
-def test_other_files_are_refused(tmp_path, monkeypatch):
+def test_other_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.json: there is no such file"):
         load_graph(tmp_path / "none.json")
     with pytest.raises(ValueError, match="expected a graph file, got a directory"):
@@ -232,12 +232,13 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     (tmp_path / "latin.txt").write_bytes(b"\xe9 0 0\n")
     with pytest.raises(ValueError, match="expected UTF-8 text; byte 0 is not"):
         load_graph(tmp_path / "latin.txt")
-    monkeypatch.setattr("jaxcell.patrol.files.graph_files._MAX_BYTES", 10)
-    with pytest.raises(ValueError, match="expected a graph of at most 10"):
-        load_text(tmp_path, "a 0 0\nb 1 1\na b\n", ".txt")
+    with open(tmp_path / "large.txt", "wb") as file:
+        file.truncate(2**26 + 1)
+    with pytest.raises(ValueError, match="expected a graph of at most 67,108,864"):
+        load_graph(tmp_path / "large.txt")
 
 
-def test_what_could_not_be_read_is_not_written(tmp_path):
+def test_graphs_that_could_not_be_read_are_not_written(tmp_path):
     for graph, names, message in (
         (Graph([[0, 1]]), None, "the vertices have no positions"),
         (square(), NAMES[:3], "names: expected 4, one per vertex, got 3"),

@@ -11,7 +11,7 @@ from jaxcell.patrol.law.distribution import Gld, log_probability
 SHAPES = st.one_of(
     st.sampled_from([0.0, 1e-9, -1e-9, 1e-300, 1.0, 2.0]), st.floats(-3, 6), st.floats(-0.3, 0.3)
 )
-# Both tails, down to where 1 - u is not told from 1, and the middle.
+# Both tails, as far as 1 - u differs from 1, and the middle.
 U = np.concatenate([np.geomspace(1e-12, 0.5, 40), 1 - np.geomspace(1e-12, 0.5, 40)])
 X = np.linspace(-30, 30, 80)
 

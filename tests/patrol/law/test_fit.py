@@ -12,7 +12,7 @@ from jaxcell.patrol.law.fit import fit_gld
 
 
 SAMPLES = 5000
-# With 99 %, the distribution function of so many samples is as near to that of their law.
+# With 99 %, their distribution function is as near to that of their law.
 NEAR = 1.63 / math.sqrt(SAMPLES)
 SKEWED = Gld(0.5, 0.1, 0.1, 0.4)
 LAWS = [
@@ -30,7 +30,7 @@ def draw(law, size=SAMPLES, seed=0):
 
 
 def likelihood(law, samples, censored):
-    """The log-likelihood from the distribution function alone, but for densities."""
+    """The log-likelihood from densities or, if censored, from the distribution function."""
     if not censored:
         return float(np.log(law.pdf(samples)).sum())
     return float(np.log(law.cdf(samples + 0.5) - law.cdf(samples - 0.5)).sum())
@@ -173,9 +173,8 @@ def test_few_samples_and_great_atoms():
     assert fit_gld(samples).distance < 0.05
 
 
-def test_which_samples_are_censored(monkeypatch):
-    monkeypatch.setattr("jaxcell.patrol.law.fit._MAX_STEPS", 1)
-    fit = functools.partial(fit_gld, throw=False)
+def test_whole_samples_with_equal_ones_are_censored():
+    fit = functools.partial(fit_gld, steps=1, throw=False)
     whole = np.arange(40) ** 2
     assert not fit(whole).censored
     assert fit(whole, censored=True).censored
@@ -195,19 +194,18 @@ def test_which_samples_are_censored(monkeypatch):
         ([], "at least 8, .* got 0 with 0"),
     ],
 )
-def test_refuses(samples, match):
+def test_wrong_samples_are_refused(samples, match):
     with pytest.raises(ValueError, match=match):
         fit_gld(samples)
 
 
-def test_refuses_fractions_that_are_censored():
+def test_censored_fractions_are_refused():
     with pytest.raises(ValueError, match=r"samples\[3\] is 0.5; expected a whole number"):
         fit_gld([1, 2, 3, 0.5, 4, 5, 6, 7, 8], censored=True)
 
 
-def test_a_search_that_does_not_settle_says_so(monkeypatch):
-    monkeypatch.setattr("jaxcell.patrol.law.fit._MAX_STEPS", 1)
+def test_a_search_that_does_not_settle_raises():
     samples = draw(LAWS[1], 500)
     with pytest.raises(RuntimeError, match="fit_gld: the residual stayed above the tolerance"):
-        fit_gld(samples)
-    assert fit_gld(samples, throw=False).certificate.outcome is Outcome.STALLED
+        fit_gld(samples, steps=1)
+    assert fit_gld(samples, steps=1, throw=False).certificate.outcome is Outcome.STALLED

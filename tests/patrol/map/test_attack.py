@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.map.attack import (
-    boundary,
-    capture_probabilities,
-    contested,
-    outside,
-    weakest,
-)
+from jaxcell.patrol.map.attack import Attack, boundary, contested, outside
 from jaxcell.patrol.map.attacked_cell import vulnerability
+from jaxcell.patrol.map.capture import Capture, capture_probabilities
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
 from jaxcell.patrol.map.regions import angular_regions, base_station
@@ -56,15 +51,16 @@ def brute(policies, view, steps):
     return np.array(caught)
 
 
-def test_of_cells_that_are_alike_but_for_rounding_the_first_is_weakest():
+def test_the_first_of_equal_cells_up_to_rounding_is_the_weakest():
     caught = np.array([[0.1, 0.3, 0.5, 0.3 - 1e-12], [0.1, 0.3, 0.2, 0.4]])
-    assert weakest(caught, np.array([1, 2, 3])).tolist() == [1, 2]
+    capture = Capture(Attack([1, 2]), caught, np.array([1, 2, 3]))
+    assert capture.weakest.tolist() == [1, 2]
 
 
 def test_every_cell_equals_the_joint_chain_of_the_robots():
     graph, visible, policies = small()
     times = [1, 2, 5, 11]
-    found = capture_probabilities(graph, visible, policies, times)
+    found = capture_probabilities(graph, visible, policies, Attack(times))
     assert found.shape == (4, 7)
     for cell in range(7):
         expected = brute(policies, visible[cell], max(times))[times]
@@ -75,10 +71,12 @@ def test_every_cell_equals_the_joint_chain_of_the_robots():
 
 def test_one_cell_three_ways():
     graph, visible, policies = small()
-    everywhere = capture_probabilities(graph, visible, policies, TIMES)
+    everywhere = capture_probabilities(graph, visible, policies, Attack(TIMES))
     target = int(everywhere[0].argmin())
     runs = 5000
-    found = vulnerability(jax.random.key(1), graph, visible, policies, target, TIMES, runs=runs)
+    found = vulnerability(
+        jax.random.key(1), graph, visible, policies, target, Attack(TIMES), runs=runs
+    )
     np.testing.assert_allclose(found.exact, everywhere[:, target], atol=1e-12)
     error = np.sqrt(found.exact * (1 - found.exact) / runs)
     assert (np.abs(found.simulated - found.exact) <= 4 * error + 1e-12).all()
@@ -116,17 +114,20 @@ def test_robots_of_regions_begin_in_theirs():
         np.testing.assert_array_equal(start, (regions.region == k) & ~visible[target])
     # A robot whose region has no cell in view never comes; the others are as without it.
     alone = [
-        capture_probabilities(graph, visible, [policy], [50])[0, target] for policy in policies
+        capture_probabilities(graph, visible, [policy], Attack(50))[0, target]
+        for policy in policies
     ]
-    together = capture_probabilities(graph, visible, policies, [50])[0, target]
+    together = capture_probabilities(graph, visible, policies, Attack(50))[0, target]
     assert together == pytest.approx(1 - np.prod(1 - np.array(alone)))
 
 
 def test_a_robot_that_sees_the_target_from_everywhere_has_come_already():
     graph, _, policies = small()
     everything = np.ones((7, 7), bool)
-    assert (capture_probabilities(graph, everything, policies, [1]) == 1).all()
-    found = vulnerability(jax.random.key(0), graph, everything, policies, 3, [1, 4], runs=100)
+    assert (capture_probabilities(graph, everything, policies, Attack(1)) == 1).all()
+    found = vulnerability(
+        jax.random.key(0), graph, everything, policies, 3, Attack([1, 4]), runs=100
+    )
     assert found.law[0] == 1
     assert (found.exact == 1).all()
     assert (found.simulated == 1).all()
@@ -136,11 +137,22 @@ def test_a_robot_that_sees_the_target_from_everywhere_has_come_already():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("arguments", "message"),
     [
-        ({"attack_times": [0]}, "at least 1 step, got 0"),
-        ({"attack_times": []}, "whole numbers"),
-        ({"attack_times": np.array([2.5])}, "whole numbers"),
+        ((0,), "times: expected at least 1 step, got 0"),
+        (([],), "times: expected whole numbers of steps"),
+        ((2.5,), "times: expected whole numbers of steps, got 2.5"),
+        ((3, "best"), "start: expected one of uniform, stationary, worst, got 'best'"),
+    ],
+)
+def test_wrong_attacks_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Attack(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
         ({"target": 7}, "cell 7 does not exist"),
         ({"target": -1}, "cell -1 does not exist"),
         ({"policies": []}, "got none"),
@@ -148,23 +160,25 @@ def test_a_robot_that_sees_the_target_from_everywhere_has_come_already():
         ({"graph": Graph([(0, 1)]), "visible": np.ones((2, 2), bool)}, "robot 0 is for 7 cells"),
     ],
 )
-def test_refusals(change, said):
+def test_policies_targets_and_sights_of_another_graph_are_refused(change, message):
     graph, visible, policies = small()
-    given = {"graph": graph, "visible": visible, "policies": policies, "attack_times": [3]}
-    with pytest.raises(ValueError, match=said):
+    given = {"graph": graph, "visible": visible, "policies": policies, "attack": Attack(3)}
+    with pytest.raises(ValueError, match=message):
         vulnerability(jax.random.key(0), **{**given, "target": 3, **change})
     if "target" not in change:
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             capture_probabilities(**{**given, **change})
 
 
-def test_many_targets_are_gone_through_in_chunks(depot, monkeypatch):
-    graph, visible, policies = depot
-    whole = capture_probabilities(graph, visible, policies, [20])
-    monkeypatch.setattr("jaxcell.patrol.map.attack._TARGETS", 100)
-    np.testing.assert_allclose(
-        capture_probabilities(graph, visible, policies, [20]), whole, atol=1e-14
-    )
+def test_capture_of_more_targets_than_are_computed_at_once():
+    cells = 600
+    graph = Graph([(i, i + 1) for i in range(cells - 1)])
+    visible = np.abs(np.subtract.outer(np.arange(cells), np.arange(cells))) <= 1
+    (policy,) = distributed_policies(graph, visible, 1, 0.0)
+    caught = capture_probabilities(graph, visible, [policy], Attack(20))[0]
+    for target in (0, 300, 511, 512, 599):
+        late = each_start(policy, visible[target], 20)
+        assert caught[target] == pytest.approx(1 - late.sum() / (~visible[target]).sum(), abs=1e-9)
 
 
 def each_start(policy, view, steps):
@@ -174,9 +188,9 @@ def each_start(policy, view, steps):
 
 
 @pytest.mark.parametrize("start", ["stationary", "worst"])
-def test_robots_may_begin_as_in_the_long_run_or_where_the_adversary_likes(start):
+def test_robots_may_begin_in_the_long_run_or_at_their_worst_cells(start):
     graph, visible, policies = small()
-    found = capture_probabilities(graph, visible, policies, [3], start)[0]
+    found = capture_probabilities(graph, visible, policies, Attack(3, start))[0]
     for target, caught in enumerate(found):
         missed = 1.0
         for policy in policies:
@@ -191,15 +205,10 @@ def test_robots_may_begin_as_in_the_long_run_or_where_the_adversary_likes(start)
         assert caught == pytest.approx(1 - missed, abs=1e-9)
     weakest = int(found.argmin())
     attack = vulnerability(
-        jax.random.key(0), graph, visible, policies, weakest, [3], start=start, runs=4000
+        jax.random.key(0), graph, visible, policies, weakest, Attack(3, start), runs=4000
     )
     assert attack.exact[0] == pytest.approx(found[weakest], abs=1e-9)
     assert abs(attack.simulated[0] - found[weakest]) < 0.04
-
-
-def test_an_unknown_start_is_refused():
-    with pytest.raises(ValueError, match=r"start: expected one of uniform, .*, got 'best'"):
-        capture_probabilities(*small(), [3], "best")
 
 
 def corridor():
@@ -209,7 +218,7 @@ def corridor():
     return graph, visible
 
 
-def test_where_luck_decides():
+def test_cells_that_are_always_or_never_seen_are_not_contested():
     graph, visible = corridor()
     policies = distributed_policies(graph, visible, 1)
     assert contested(visible, policies).tolist() == list(range(9))

@@ -61,7 +61,7 @@ def test_one_cell_that_sees_all_is_not_emphasised():
     np.testing.assert_array_equal(policy.weights, minimum_commute(graph).weights)
 
 
-def test_cells_that_nobody_sees_are_named():
+def test_cells_that_no_cell_sees_are_uncovered():
     visible = VISIBLE.copy()
     visible[:, [3, 17]] = False
     (policy,) = distributed_policies(ROOM, visible, 1)
@@ -102,13 +102,13 @@ def test_centralized_policies():
 
 
 @pytest.mark.parametrize("robots", [0, CELLS.positions + 1])
-def test_refuses_robots(robots):
+def test_a_wrong_number_of_robots_is_refused(robots):
     message = f"robots: expected 1 to {CELLS.positions}, the number of cells, got {robots}"
     with pytest.raises(ValueError, match=message):
         distributed_policies(ROOM, VISIBLE, robots)
 
 
-def test_refuses_what_is_of_another_graph():
+def test_sights_and_regions_of_another_graph_are_refused():
     graph = Graph([[0, 1], [1, 2]])
     message = r"visible: expected an array \[3, 3\]"
     with pytest.raises(ValueError, match=message):

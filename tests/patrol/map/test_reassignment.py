@@ -41,7 +41,7 @@ def test_silence_limits_go_past_one_chunk():
     assert silence_limit(POLICIES[0], 1e-80) > 2 * 256
 
 
-def test_the_way_back_counts():
+def test_the_return_to_the_contact_counts():
     # Between two cells a robot is always there in a step, and back in two.
     graph = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
     view = np.array([True, True, False])
@@ -74,7 +74,7 @@ def test_reassign(lost):
     assert kept(found.robot) == max(map(kept, itertools.permutations(left)))
 
 
-def test_refuses():
+def test_wrong_robots_and_policies_are_refused():
     with pytest.raises(ValueError, match="lost: robot 4 does not exist; robots are 0 to 3"):
         reassign(GRAPH, VISIBLE, REGIONS, POLICIES, 4)
     with pytest.raises(ValueError, match="policies: expected 4, one per region, got 3"):

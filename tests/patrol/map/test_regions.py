@@ -71,8 +71,8 @@ def check_partition(graph, regions):
         assert regions.view[cells].any()
 
 
-@given(st.integers(0, 10_000), st.floats(0.0, 0.35), st.integers(1, 5), st.booleans())
-def test_regions_of_random_rooms(seed, share, robots, balanced):
+@given(st.integers(0, 10_000), st.floats(0.0, 0.35), st.integers(1, 5))
+def test_regions_of_random_rooms(seed, share, robots):
     random = np.random.default_rng(seed)
     blocked = random.random((11, 12)) < share
     picture = "\n".join("".join("#" if b else "." for b in row) for row in blocked)
@@ -86,7 +86,7 @@ def test_regions_of_random_rooms(seed, share, robots, balanced):
     view = np.array([steps[z] <= 4 for z in range(graph.vertices)])
     assume(not view.all())
     try:
-        regions = angular_regions(graph, base, view, robots, "balanced" if balanced else "equal")
+        regions = angular_regions(graph, base, view, robots)
     except ValueError as error:
         assert str(error).startswith(("regions: ", "robots: "))
         return
@@ -94,18 +94,17 @@ def test_regions_of_random_rooms(seed, share, robots, balanced):
 
 
 @pytest.mark.parametrize("robots", [1, 2, 3, 4, 6])
-@pytest.mark.parametrize("sectors", ["equal", "balanced"])
-def test_regions_of_the_harbour(robots, sectors):
+def test_regions_of_the_harbour(robots):
     graph, visible = harbour()
     base = base_station(graph, visible)
-    regions = angular_regions(graph, base, visible[base], robots, sectors)
+    regions = angular_regions(graph, base, visible[base], robots)
     check_partition(graph, regions)
     outside = ~visible[base]
     # Here the repair needs no way through the view.
     patrolled = set(np.flatnonzero(outside).tolist()) | rim(graph, base, visible[base])
     assert set(np.flatnonzero(regions.region >= 0).tolist()) == patrolled
     counts = np.bincount(regions.region[outside])
-    assert counts.max() - counts.min() < (12 if sectors == "balanced" else 60)
+    assert counts.max() - counts.min() < 60
 
 
 def test_equal_sectors_open_counter_clockwise():
@@ -118,20 +117,6 @@ def test_equal_sectors_open_counter_clockwise():
     quadrant = np.select([(x > 0) & (y >= 0), (x <= 0) & (y > 0), (x < 0) & (y <= 0)], [0, 1, 2], 3)
     patrolled = np.abs(away).max(axis=1) >= 2
     assert regions.region.tolist() == np.where(patrolled, quadrant, -1).tolist()
-
-
-def test_balanced_sectors_share_what_is_out_of_view():
-    # Most cells lie to the East.
-    graph, _ = drawn("\n".join(["." * 30] * 19))
-    base = 9 * 30 + 9
-    view = np.abs(graph.xy - graph.xy[base]).max(axis=1) <= 4
-    counts = {}
-    for sectors in ("equal", "balanced"):
-        regions = angular_regions(graph, base, view, 3, sectors)
-        check_partition(graph, regions)
-        counts[sectors] = np.bincount(regions.region[~view])
-    assert np.ptp(counts["balanced"]) <= 20
-    assert np.ptp(counts["equal"]) > 60
 
 
 def test_a_piece_goes_to_the_region_that_it_touches():
@@ -226,16 +211,15 @@ SOME = np.array([True, True, False, False])
         ((LINE, 0, SOME, 0), "robots: expected 1 to 2, .* got 0"),
         ((LINE, 0, SOME, 3), "robots: expected 1 to 2, .* got 3"),
         ((LINE, 0, SOME, 2), "regions: region 1 of 2 has no cell to patrol"),
-        ((LINE, 0, SOME, 2, "alike"), "sectors: expected 'equal' or 'balanced', got 'alike'"),
         ((Graph(LINE.edges), 0, SOME, 1), "graph: expected positions"),
     ],
 )
-def test_refuses_regions(arguments, message):
+def test_wrong_arguments_of_regions_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         angular_regions(*arguments)
 
 
-def test_refuses_a_region_that_cannot_report():
+def test_a_region_that_cannot_report_is_refused():
     # The lower sector is behind the upper one: no cell of it is in view.
     graph, marks = drawn(
         """
@@ -265,6 +249,6 @@ def test_refuses_a_region_that_cannot_report():
         ),
     ],
 )
-def test_refuses_base_stations(graph, visible, central, message):
+def test_wrong_arguments_of_base_stations_are_refused(graph, visible, central, message):
     with pytest.raises(ValueError, match=message):
         base_station(graph, visible, central)

@@ -13,7 +13,7 @@ WALK = random_walk(GRAPH, [1, 2, 1, 1, 3, 1]).to_scipy().toarray()
 CHARGER, EVERY = 2, 5
 
 
-def test_against_a_run():
+def test_shares_and_intervals_are_those_of_a_run():
     found = charged(GRAPH, WALK[None], CHARGER, EVERY)
     random, here, since = np.random.default_rng(0), CHARGER, 0
     visits, intervals = np.zeros(5), np.zeros(EVERY)
@@ -65,13 +65,13 @@ def test_two_robots_are_independent():
     np.testing.assert_allclose(two.interval, one.interval)
 
 
-def test_much_energy_changes_nothing():
+def test_a_long_interval_does_not_change_the_shares():
     found = charged(GRAPH, WALK[None], CHARGER, 200)
     share = np.linalg.matrix_power((WALK + np.eye(5)) / 2, 2000)[0]
     np.testing.assert_allclose(found.share, share, atol=1e-6)
 
 
-def test_a_walk_that_never_comes_there_is_led_back():
+def test_a_walk_that_never_visits_the_charger_is_led_back():
     to_and_fro = np.zeros((5, 5))
     to_and_fro[[0, 1, 2, 3, 4], [1, 0, 1, 4, 3]] = 1
     found = charged(GRAPH, to_and_fro[None], CHARGER, 4)

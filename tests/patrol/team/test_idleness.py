@@ -38,7 +38,7 @@ def test_robots_on_a_tour_are_equally_far_apart():
     assert found.patrol == ["walk", "tour", "random", "reactive"]
     tour = [getattr(found, name)[1] for name in ("mean", "worst", "longest")]
     assert tour == pytest.approx([4, 4, 4])
-    # Nobody does better than that, and who does not look does worse.
+    # No patrol does better than that, and random robots do worse.
     assert found.mean.min() >= 4 - 1e-9
     assert found.worst[2] > 4
     times = np.where(np.arange(12) < 6, 1, 3)
@@ -46,7 +46,7 @@ def test_robots_on_a_tour_are_equally_far_apart():
     assert slow.mean[1] == pytest.approx(times.sum() / 3, rel=1e-3)
 
 
-def test_one_who_goes_where_nobody_was_walks_round_a_ring():
+def test_a_reactive_robot_walks_round_a_ring():
     graph = Graph(np.array(nx.cycle_graph(9).edges), 9)
     found = simulate_idleness(graph, walk_on(graph, np.ones(9))[None], attack_time=[5] * 9)
     assert found.longest[3] == found.mean[3] == 9
@@ -54,7 +54,7 @@ def test_one_who_goes_where_nobody_was_walks_round_a_ring():
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_vertices_that_a_walk_leaves_out_wait_for_ever():
+def test_idleness_of_vertices_that_a_walk_leaves_out_is_infinite():
     graph = Graph([[0, 1], [1, 2]])
     to_and_fro = np.array([[[0.0, 1, 0], [1, 0, 0], [0, 1, 0]]])
     found = simulate_idleness(graph, to_and_fro, attack_time=2)

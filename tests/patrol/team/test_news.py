@@ -12,7 +12,7 @@ BASE, STEPS = 1, 60_000
 
 
 def positions(matrix, delays, random):
-    """Where a robot is at each unit of time; -1 on the way."""
+    """The vertex of a robot at each unit of time; -1 between vertices."""
     place, here = np.full(STEPS, -1), 0
     total, time = matrix.cumsum(axis=1), 0
     while time < STEPS:
@@ -55,14 +55,14 @@ def test_two_robots_against_a_run_of_them(times):
     assert found.mean_since_passed == pytest.approx(2 * aged[:, 4].mean(), rel=0.04)
     for age in (0, 2, 5, 9):
         law = (aged <= age).mean(axis=0)
-        np.testing.assert_allclose(found.told[age], law[:4], atol=0.015)
+        np.testing.assert_allclose(found.known[age], law[:4], atol=0.015)
         assert found.passed[age] == pytest.approx(law[4], abs=0.015)
     assert found.checks()["news_newer_than_the_robot"][0] <= 1e-12
     late = np.quantile(2 * aged[:, :4], 0.95, axis=0)
     np.testing.assert_allclose(found.late_age, late, atol=4)
 
 
-def test_who_never_passes_tells_nothing():
+def test_news_of_a_vertex_that_is_never_visited_are_infinitely_old():
     to_and_fro = np.array([[0.0, 1, 0], [1, 0, 0], [0, 1, 0]])
     graph = Graph([[0, 1], [1, 2]])
     found = age_of_news(graph, to_and_fro[None], 0)

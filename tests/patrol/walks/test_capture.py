@@ -1,10 +1,10 @@
 import itertools
 
 import jax
-import networkx as nx
 import numpy as np
 import pytest
 import scipy.optimize
+from graphs import grid
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Graph
@@ -22,7 +22,7 @@ from jaxcell.patrol.walks.optimal.sequential_lp import maximize_least_capture
 
 
 PATH = Graph([[i, i + 1] for i in range(8)])
-GRID = Graph(np.array(nx.convert_node_labels_to_integers(nx.grid_2d_graph(3, 3)).edges))
+GRID = grid(3, 3)
 # Of one shape, for which programs are compiled once.
 KITE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
 STAR = Graph([[0, 1], [0, 2], [0, 3]])
@@ -163,12 +163,12 @@ def test_the_soft_minimum_is_nearly_the_least():
         ({"attack_time": 9, "starts": 0}, "starts: expected at least 1, got 0"),
     ],
 )
-def test_refusals(arguments, message):
+def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         maximin_capture(KITE, **arguments)
 
 
-def test_matrices_that_are_refused():
+def test_wrong_matrices_are_refused():
     with pytest.raises(ValueError, match=r"matrix: expected \[4, 4\], got \[2, 2\]"):
         walk_capture_probabilities(KITE, np.eye(2), 3)
     with pytest.raises(ValueError, match="rows of numbers of at least 0 that sum to 1"):
@@ -179,10 +179,10 @@ def test_matrices_that_are_refused():
 
 def test_gradients_and_programs_find_more_on_a_grid_than_either():
     # Gradients alone lead to 0.1812, descent and programs to 0.1564.
-    grid = Graph(np.array(nx.convert_node_labels_to_integers(nx.grid_2d_graph(4, 4)).edges))
-    found = maximin_capture(grid, 8, starts=1)
+    graph = grid(4, 4)
+    found = maximin_capture(graph, 8, starts=1)
     assert found.value > 0.1819
-    exact = walk_capture_probabilities(grid, found.matrices[0], 8)
+    exact = walk_capture_probabilities(graph, found.matrices[0], 8)
     assert found.value == pytest.approx(exact.min(), abs=1e-9)
 
 

@@ -96,7 +96,7 @@ def test_no_walk_of_a_fine_grid_of_all_captures_more():
     [
         # To the other end and back, which walks that are led back never learn.
         (nx.path_graph(8), 14, 14, 1.0, 0.1),
-        # One of three leaves, twice within the attack; the program is that of the kite.
+        # A leaf out of three, twice within the attack; the program is that of the kite.
         (nx.star_graph(3), EVERY, ATTACK, 5 / 9, 5 / 9),
     ],
 )
@@ -112,7 +112,7 @@ def test_known_optima(graph, every, attack, optimum, led_back):
 def test_two_robots_capture_no_less_than_when_they_are_led_back():
     star = Graph(np.array(nx.star_graph(3).edges))
     found = charged_capture(star, np.repeat(walk_on(star), 2, axis=0), 0, 2, 2, starts=2)
-    # One that goes to a leaf in three captures a third there; two may share the leaves.
+    # A robot that goes to each leaf equally often captures a third there; two may share them.
     assert found.led_back == pytest.approx(1 - (2 / 3) ** 2)
     assert found.least_capture >= found.led_back
     assert found.chance.shape == (2, 2, 4, 4)

@@ -1,9 +1,8 @@
-import itertools
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from graphs import connected_graphs
 from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
@@ -14,15 +13,6 @@ from jaxcell.patrol.walks.optimal.sinkhorn import scale_to_stationary
 
 PATH = Graph([[0, 1], [1, 2], [2, 3]])
 SQUARE = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
-
-
-@st.composite
-def connected_graphs(draw, most=6):
-    n = draw(st.integers(2, most))
-    tree = [(draw(st.integers(0, i - 1)), i) for i in range(1, n)]
-    others = sorted(set(itertools.combinations(range(n), 2)) - set(tree))
-    more = draw(st.lists(st.sampled_from(others), unique=True, max_size=6)) if others else []
-    return Graph(np.array(tree + more), n)
 
 
 def all_moves(graph, stay):
@@ -40,7 +30,7 @@ def most_flow(moves, share, move):
     return None if found.status == 2 else -found.fun
 
 
-@given(connected_graphs(), st.booleans(), st.integers(0, 1000))
+@given(connected_graphs(6), st.booleans(), st.integers(0, 1000))
 def test_moves_are_those_that_the_distribution_allows(graph, stay, seed):
     # Small whole numbers, so that many sums are just reached.
     share = np.random.default_rng(seed).integers(1, 4, graph.vertices).astype(float)
@@ -66,7 +56,7 @@ def test_moves_are_those_that_the_distribution_allows(graph, stay, seed):
     assert allowed == set(zip(among.tails.tolist(), among.heads.tolist(), strict=True))
 
 
-@given(connected_graphs(), st.integers(0, 1000), st.sampled_from(["free", "given", "reversible"]))
+@given(connected_graphs(6), st.integers(0, 1000), st.sampled_from(["free", "given", "reversible"]))
 def test_starts_are_inside(graph, seed, kind):
     share = np.random.default_rng(seed).dirichlet(np.full(graph.vertices, 3.0))
     among = ChainPolytope.on(
@@ -97,7 +87,7 @@ def test_scaling_keeps_the_weights_up_to_rows_and_columns():
     np.testing.assert_allclose(ratio, np.repeat(ratio[:, :1], 6, axis=1), atol=1e-9)
 
 
-@given(connected_graphs(), st.integers(0, 1000), st.sampled_from(["free", "given", "reversible"]))
+@given(connected_graphs(6), st.integers(0, 1000), st.sampled_from(["free", "given", "reversible"]))
 def test_gap_is_that_of_the_best_corner(graph, seed, kind):
     random = np.random.default_rng(seed)
     share = random.dirichlet(np.full(graph.vertices, 3.0))
@@ -170,6 +160,6 @@ def test_starts_differ_and_the_first_is_not_random():
         ),
     ],
 )
-def test_refusals(graph, arguments, message):
+def test_chains_that_do_not_exist_are_refused(graph, arguments, message):
     with pytest.raises(ValueError, match=message):
         ChainPolytope.on(graph, **arguments)

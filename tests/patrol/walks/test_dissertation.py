@@ -1,14 +1,13 @@
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from graphs import SMALL, TABLE_4_2
 
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
 from jaxcell.optimize import minimum_commute, payoffs, stackelberg
 from jaxcell.patrol import Graph, random_walk
-from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.perimeter import (
     Movement,
     Perimeter,
@@ -17,9 +16,6 @@ from jaxcell.patrol.perimeter import (
     mean_hitting_times,
 )
 from jaxcell.patrol.walks.game import strategy_game
-
-
-EIGHT = Path(__file__).parents[3] / "data" / "graphs" / "eight.json"
 
 
 @pytest.mark.parametrize(
@@ -56,25 +52,10 @@ def test_walkers_and_guards():
     assert mean[Movement.DNCP] < walkers < mean[Movement.DCP] < mean[Movement.BMP]
 
 
-TABLE_4_2 = """
-1 5 2 7 6 8 3 4
-2 8 3 4 7 1 5 6
-3 4 2 7 8 1 5 6
-4 3 8 2 1 7 5 6
-5 6 7 1 2 8 3 4
-6 5 7 3 1 8 2 4
-7 8 2 3 6 5 4 1
-8 4 2 7 3 1 6 5
-7 2 5 3 8 1 4 6
-8 2 5 1 7 4 6 3
-"""
-
-
 def test_the_game_of_the_small_graph():
     # Alam 2018, Tables 4.2 and 4.3: strategies 7 and 9 keep the adversary at vertex 7, where both
     # pay most.
-    orders = np.array(TABLE_4_2.split(), int).reshape(-1, 8) - 1
-    leader, follower = map(np.asarray, payoffs(orders))
+    leader, follower = map(np.asarray, payoffs(TABLE_4_2))
     found = stackelberg(leader, follower)
     assert found.value == pytest.approx(8, abs=1e-9)
     assert int(found.answer[0]) == 6
@@ -84,7 +65,7 @@ def test_the_game_of_the_small_graph():
     assert follower[8].argmax() != 6
     # Where vertices are equally close, the orders of our walks are others than those of the table,
     # and no mixture of them keeps the adversary where both pay most.
-    game = strategy_game(load_graph(EIGHT)[0], (1, 4, 7))
+    game = strategy_game(SMALL, (1, 4, 7))
     share, attacked = np.asarray(game.share), int(np.argmax(game.share @ game.adversary_payoff))
     alone = game.patroller_payoff[np.arange(len(share)), game.adversary_payoff.argmax(axis=1)]
     assert alone.max() <= game.alone < game.value < 8

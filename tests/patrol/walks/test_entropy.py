@@ -111,9 +111,9 @@ def test_gradient_of_the_return_time_entropy_against_differences():
     assert (gradient * direction).sum() == pytest.approx(numeric, rel=1e-7)
 
 
-def test_the_most_entropy_there_can_be():
-    # Of laws with the mean 1 / pi_i, the geometric one has most entropy, and a patroller that draws
-    # each vertex anew from pi has it at all of them.
+def test_independent_draws_have_the_most_return_time_entropy():
+    # Of laws with the mean 1 / pi_i, the geometric law has most entropy, and a patroller that draws
+    # each vertex independently from pi has it at all of them.
     graph = Graph(np.array(nx.complete_graph(3).edges))
     share = np.array([0.25, 0.35, 0.4])
     found = maximum_return_time_entropy(graph, share, stay=True, horizon=80, starts=2)
@@ -143,7 +143,7 @@ def test_no_chain_of_another_solver_is_better():
             assert found.value >= -other.fun - 1e-6
 
 
-def test_refusals():
+def test_no_horizon_and_a_graph_in_parts_are_refused():
     with pytest.raises(ValueError, match="horizon: expected a whole number of at least 1, got 0"):
         maximum_return_time_entropy(TRIANGLE, horizon=0)
     with pytest.raises(ValueError, match="cannot be reached"):

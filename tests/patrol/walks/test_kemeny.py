@@ -2,17 +2,12 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.optimize
+from graphs import graph_of
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.markov import kemeny_constant
-from jaxcell.optimize import Graph
 from jaxcell.patrol.walks.optimal.kemeny import minimum_kemeny
 from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
-
-
-def graph_of(network):
-    network = nx.convert_node_labels_to_integers(network)
-    return Graph(np.array(network.edges), network.number_of_nodes())
 
 
 def kemeny(matrix):
@@ -87,7 +82,7 @@ def test_no_chain_of_another_solver_is_better():
     assert found.value < minimum_kemeny(graph, share, stay=True, reversible=True).value - 0.1
 
 
-def test_refusals():
+def test_no_starts_and_a_gap_that_stays_are_refused():
     with pytest.raises(ValueError, match="starts: expected at least 1, got 0"):
         minimum_kemeny(graph_of(GRID), starts=0)
     with pytest.raises(RuntimeError, match=r"minimum_kemeny: the residual stayed above"):

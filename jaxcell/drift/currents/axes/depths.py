@@ -22,7 +22,7 @@ class Layers:
     s_levels: SLevels | None
     "The levels, if they follow the sea bed and each depth is interpolated."
     asked: bool
-    "Whether depths were chosen by the caller."
+    "True if the caller chose the depths."
     note: str = ""
     "The origin of the depths, in words; may be empty."
 

@@ -29,7 +29,7 @@ class Axes:
 
     @property
     def staggered(self) -> bool:
-        """Whether the velocity is on the sides of the cells of a C-grid."""
+        """True if the velocity is on the sides of the cells of a C-grid."""
         return self.rho != (self.y, self.x)
 
     @property
@@ -49,24 +49,24 @@ class Axes:
 def find_axes(file: OceanFile, name: str) -> Axes:
     """Find the dimensions of a velocity by their names and attributes."""
     _check_structured(file, name)
-    found: dict[Kind, str] = {}
+    dims: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():
         kind = axis_kind(file.dataset, str(dim))
-        if kind is not None and kind not in found:
-            found[kind] = str(dim)
+        if kind is not None and kind not in dims:
+            dims[kind] = str(dim)
         elif size > 1:
-            why = "it is unknown" if kind is None else f"{found[kind]} is {kind} already"
+            why = "it is unknown" if kind is None else f"{dims[kind]} is {kind} already"
             raise file.error(
                 name, f"dimension {dim} of length {size}: expected time, depth, y or x; {why}"
             )
     for kind in ("y", "x"):
-        if kind not in found:
-            dims = ", ".join(map(str, file.dataset[name].dims)) or "none"
-            raise file.error(name, f"expected a dimension for {kind}, got the dimensions {dims}")
-    y, x = found["y"], found["x"]
+        if kind not in dims:
+            listed = ", ".join(map(str, file.dataset[name].dims)) or "none"
+            raise file.error(name, f"expected a dimension for {kind}, got the dimensions {listed}")
+    y, x = dims["y"], dims["x"]
     rho = STAGGERED.get(y, y), STAGGERED.get(x, x)
     lon, lat = _position(file, name, "lon", rho), _position(file, name, "lat", rho)
-    axes = Axes(found.get("time"), found.get("depth"), y, x, lon, lat)
+    axes = Axes(dims.get("time"), dims.get("depth"), y, x, lon, lat)
     _check_lengths(file, axes)
     return axes
 

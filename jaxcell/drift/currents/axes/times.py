@@ -40,7 +40,7 @@ class RecordTimes:
     """In another calendar than the common one: the beginning of the year of the first record, from
     which the days of the records are counted."""
     dated: bool = True
-    "Whether they have a date; otherwise they are counted from 1970-01-01."
+    "True if they have a date; otherwise they are counted from 1970-01-01."
     note: str = ""
     "Peculiarities, in words; may be empty."
 
@@ -194,8 +194,7 @@ def _moment(file: OceanFile, moment: Any, start: cftime.datetime | None) -> np.d
             wanted = np.datetime64(moment)
     except (TypeError, ValueError) as error:
         raise file.error(
-            "time",
-            f"expected an index or a date such as 2016-02-02T12:00, got {moment!r}",
+            "time", f"expected an index or a date such as 2016-02-02T12:00, got {moment!r}"
         ) from error
     wanted = _in_nanoseconds(wanted)
     if np.isnat(wanted):

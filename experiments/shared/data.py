@@ -1,0 +1,6 @@
+from pathlib import Path
+
+
+DATA = Path(__file__).parents[2] / "data"
+MAPS = DATA / "maps"
+GRAPHS = DATA / "graphs"

@@ -1,0 +1,53 @@
+"""The output of commands: JSON, and files that appear whole or not at all."""
+
+import dataclasses
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from ..base.paths import replacing
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Printing:
+    """The option of commands that print a result."""
+
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+
+
+def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
+    """Refuse a place where results cannot be written, before they are computed.
+
+    **Arguments:**
+
+    - `out`: the place.
+    - `folder`: whether the place is for a folder, or for a file.
+    - `option`: the name of the place in the message.
+
+    **Raises:** `IsADirectoryError`, `NotADirectoryError` or `PermissionError`.
+    """
+    wanted = out.absolute()
+    if not folder:
+        if wanted.is_dir():
+            raise IsADirectoryError(f"{option}{out}: expected a file, and this is a directory")
+        wanted = wanted.parent
+    place = next(place for place in (wanted, *wanted.parents) if os.path.lexists(place))
+    if not place.is_dir():
+        raise NotADirectoryError(f"{option}{out}: {place} is no directory")
+    try:
+        # Beside missing permissions, a disk may be full, or mounted read-only.
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise PermissionError(f"{option}{out}: {place} cannot be written to") from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, which appears whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

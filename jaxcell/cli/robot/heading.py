@@ -1,0 +1,34 @@
+"""The option `--heading` of the commands of robots."""
+
+import math
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from ...robot.tasks.task import Task
+
+
+def direction_at(heading: float, directions: int) -> int:
+    """Return the direction of the option `--heading`, which is in degrees.
+
+    **Raises:** `ValueError` if the heading is between two directions.
+    """
+    turn = heading * directions / 360
+    if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
+        raise ValueError(
+            f"--heading {heading:g}: expected a multiple of the {360 / directions:g} degrees "
+            "between the directions"
+        )
+    return round(turn) % directions
+
+
+def check_heading(task: "Task") -> None:
+    """Refuse a task whose robot needs its heading, if no heading is known.
+
+    **Raises:** `ValueError`.
+    """
+    if task.needs_heading:
+        raise ValueError(
+            f"--heading: expected the heading of the robot at the start in degrees, because the "
+            f"steps of {task.path} differ between directions"
+        )

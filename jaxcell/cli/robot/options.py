@@ -1,0 +1,92 @@
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ...study.parameters import AtLeastOne, Degrees, Limit, Only
+from ..output import Printing
+
+
+_EMULATED = Only(simulate=True)
+_EMULATED_WITHOUT_PHYSICS = Only(simulate=True, physics=False)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RobotOptions(Printing):
+    """The options of a run on a robot."""
+
+    file: tyro.conf.Positional[Path]
+    """Task to run: the filter.jxf, policy.jxf or belief.jxb of `jaxcell localize --out`, the
+    anywhere.json of `jaxcell localize` or `navigate` with --anywhere --out, the summary.json of
+    `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
+    patrol map --out`."""
+    robot: int | None = None
+    """Number of this robot in its team or patrol, by default 0. Each robot runs in a process of its
+    own."""
+    port: str | None = None
+    """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
+    ros: Annotated[Literal["create3", "base"] | None, Only(port=False)] = None
+    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 by its actions, or any base by cmd_vel,
+    odom and bumper. The cells where the robot may be are published as candidates and
+    candidate_squares."""
+    remap: Annotated[tuple[str, ...], Only(ros=True)] = ()
+    """Rules that rename topics of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
+    simulate: Annotated[Path | None, Only(port=False, ros=False)] = None
+    """Map in which to emulate a robot; it may differ from the map of the task."""
+    start: str | None = None
+    """Start of an emulated robot, or of a robot on patrol: "x,y,heading" in m and degrees, or a
+    cell number; by default the start of the task, or a random cell."""
+    heading: Annotated[Degrees | None, Only(resume=False)] = None
+    """Heading of the robot at the start in degrees; by default the heading of the plan, team or
+    patrol. A filter, a policy and a belief need it only if the steps of the task differ between
+    directions, for instance because they are longer along a diagonal."""
+    steps: Annotated[Literal["encoder", "clock"], Only(ros=False)] = "encoder"
+    """Source of distances: the encoders of the wheels, or the time at a known speed (clock)."""
+    tolerance: float | None = None
+    """Error at the end of a step in metres that needs no correction; by default 4 mm, or less for
+    steps below 1 m."""
+    turn_tolerance: float = 0.4
+    """Error at the end of a turn in degrees that needs no correction."""
+    give: Annotated[float | None, _EMULATED_WITHOUT_PHYSICS] = None
+    """Travel of the bumper of the emulated robot before it feels a wall, in metres; by default 0.02
+    times the square of the cell, at most 0.02 and at least 0.0005."""
+    noise: Annotated[float, _EMULATED_WITHOUT_PHYSICS] = 0.0
+    """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
+    veer in radians per metre."""
+    physics: Annotated[bool, _EMULATED] = False
+    """Let a physics engine move the emulated robot, a Create 2 of its true size among the walls of
+    the map. A bump then turns the robot, and its wheels may slip."""
+    friction: Annotated[float | None, Limit(gt=0), Only(physics=True)] = None
+    """Coefficient of friction between the wheels and the floor; by default 0.8."""
+    speed: Annotated[float | None, Limit(gt=0, le=0.5), Only(ros=False, steps="encoder")] = None
+    """Speed of the robot on straight runs in m/s, up to 0.5; by default 0.2."""
+    speedup: Annotated[float, _EMULATED] = 10.0
+    """Largest speed of the emulation, in seconds of the robot per second."""
+    seed: int = 0
+    """Seed of the random start, of the noise, and of the draws of a patrol."""
+    limit: AtLeastOne = 10_000
+    """Number of observations after which the run ends without an answer."""
+    until: Literal["known", "cycle"] = "known"
+    """End of the run of a filter: one configuration is left or a knowledge cycle is reached
+    (known), or a knowledge cycle is reached (cycle)."""
+    visits: AtLeastOne = 100
+    """Number of cells to visit on a patrol."""
+    bumps: AtLeastOne = 20
+    """Number of bumps at free cells of the map after which a patrol ends without an answer."""
+    intruder: Annotated[str | None, _EMULATED] = None
+    """Place of an intruder whom an emulated robot on patrol reports, "x,y" in metres."""
+    camera: Annotated[str | None, Only(intruder=False)] = None
+    """Camera with which a robot on patrol looks for the cross marker: its number, or a folder of
+    pictures."""
+    calibration: Annotated[Path | None, Only(steps="encoder")] = None
+    """File of `jaxcell robot calibrate`; by default, for a robot on a serial line, calibration.json
+    in ~/.config/jaxcell if it exists."""
+    resume: Path | None = None
+    """Log run.jsonl of a stopped run of this task, to continue it. The robot must stand where its
+    last step ended, in the heading of its next step; an emulated robot stands at --start."""
+    out: Path | None = None
+    """Folder for the log, which must not exist yet, the recording and summary.json."""
+    live: str | None = None
+    """Viewer that shows the recording during the run: "here" (without a display a page for a
+    browser, until Ctrl-C), or the address of a viewer, such as rerun+http://laptop:9876/proxy."""

@@ -1,0 +1,179 @@
+"""The command of a study: its parameters are the options, its result is the output."""
+
+import dataclasses
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import tyro
+
+from ..base.memory import gigabytes
+from ..base.optional_modules import has_module, missing_module
+from ..study import Study
+from ..study.study import Say, silent
+from .output import Printing, write_text
+from .startup import starting
+from .terminal import note, note_results, noting_warnings, progress, say, status, stdout_on_stderr
+
+
+if TYPE_CHECKING:
+    from ..base.quantities import Result
+
+
+# Bytes of memory above which the estimate is printed.
+_MUCH = 1e9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Run:
+    """Run a study of your own; `jaxcell run FILE.py:CLASS --help` shows its options."""
+
+    example: ClassVar[str] = "my_study.py:MyStudy --help"
+
+    study: tyro.conf.Positional[str]
+    """The class, FILE.py:CLASS or MODULE:CLASS, which derives from jaxcell.study.Study."""
+
+    def run(self) -> int:
+        raise ValueError(f"{self.study}: expected FILE.py:CLASS or MODULE:CLASS")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StudyCommand(Printing):
+    """The options that the commands of all studies have, and the run of such a command."""
+
+    study: ClassVar[type[Study]]
+    command: ClassVar[str]
+
+    out: Path | None = None
+    """Folder for the results: NetCDF, a Rerun recording, summary.json."""
+    verify: bool = False
+    """Compute small parts of the result again by another method; exit with 1 if they differ."""
+
+    @property
+    def question(self) -> Study:
+        """The study with the options as parameters."""
+        return self.study(
+            **{field.name: getattr(self, field.name) for field in dataclasses.fields(self.study)}
+        )
+
+    def answer(self, say: Say = silent) -> tuple["Result", dict[str, Any]]:
+        """Return the result, and the object that `--json` prints."""
+        from .. import record
+
+        question, began = self.question, time.perf_counter()
+        result = question.run(say)
+        say("summing up")
+        numbers = record.summary(result)
+        seconds = round(time.perf_counter() - began, 3)
+        begin = {"command": f"jaxcell {self.command}", **question.spec(result)}
+        return result, {**begin, **numbers, "seconds": seconds}
+
+    def write(self, result: "Result", summary: dict[str, Any], out: Path) -> None:
+        """Write the files of a result to a folder."""
+        from .. import record
+
+        question = self.question
+        spec = question.spec(result)
+        out.mkdir(parents=True, exist_ok=True)
+        if question.at_once(result):
+            record.save_dataset(record.dataset(result, spec=spec), out / f"{question.name}.nc")
+            if has_module("rerun"):
+                record.save_recording(result, out / f"{question.name}.rrd", spec=spec)
+        question.write(result, out)
+        _write_summary(summary, out)
+
+    def run(self) -> int:
+        question = self.question
+        question.check_files()
+        try:
+            with status(f"reading for {self.command}"):
+                needed = question.memory(written=self.out is not None)
+                if needed > _MUCH:
+                    note(f"{self.command} needs about {gigabytes(needed)} of memory")
+            with starting():
+                from .. import record  # noqa: F401
+            with stdout_on_stderr(), progress(self.command) as show, noting_warnings() as noted:
+                result, summary = self.answer(show)
+        except RuntimeError as error:
+            note(f"jaxcell {self.command}: {error}")
+            return 1
+        if self.out is not None:
+            with status(f"writing {self.out}"):
+                self.write(result, summary, self.out)
+        verified = _verified(question, result) if self.verify else None
+        if verified is not None:
+            summary["verified"] = verified
+            if self.out is not None:
+                _write_summary(summary, self.out)
+        self._print(question, result, summary)
+        for remark in result.remarks:
+            if remark not in noted:
+                note(remark)
+        agrees = verified is None or _report(self.command, verified, quiet=self.json)
+        return 0 if agrees and result.answered else 1
+
+    def _print(self, question: Study, result: "Result", summary: dict[str, Any]) -> None:
+        drawn = question.at_once(result)
+        if self.json:
+            say(json.dumps(summary))
+        else:
+            from .tables import show
+
+            show(result, question.headline(question.spec(result)), summary["seconds"])
+            if self.out is not None and drawn:
+                note_results(self.out)
+            elif self.out is not None:
+                note(f"Results are in {self.out}, without a recording of so many cells.")
+        if self.out is not None and drawn and not has_module("rerun"):
+            note(f"No recording is written: {missing_module('rerun')}")
+
+
+def command_of(study: type[Study], words: str = "") -> Any:
+    """Make the command of a study.
+
+    **Arguments:**
+
+    - `study`: its class.
+    - `words`: the words after `jaxcell`; by default those that the study names.
+    """
+    own = {
+        "__doc__": study.__doc__,
+        # The study checks its parameters itself, after all options have been read.
+        "__post_init__": lambda _: None,
+        "study": study,
+        "command": words or study.command,
+    }
+    return dataclasses.make_dataclass(
+        study.__name__, [], bases=(StudyCommand, study), namespace=own, frozen=True, kw_only=True
+    )
+
+
+def _write_summary(summary: dict[str, Any], out: Path) -> None:
+    write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+
+
+def _verified(question: Study, result: "Result") -> dict[str, Any]:
+    """Compute parts of a result again, and return the comparisons as JSON."""
+    began = time.perf_counter()
+    with status("computing parts again by another method"):
+        comparisons = question.verify(result)
+    return {
+        "agrees": all(comparison.agrees for comparison in comparisons),
+        "count": sum(comparison.count for comparison in comparisons),
+        "seconds": round(time.perf_counter() - began, 3),
+        "comparisons": [comparison.as_json() for comparison in comparisons],
+    }
+
+
+def _report(name: str, verified: dict[str, Any], quiet: bool) -> bool:
+    """Print the outcome of a verification on standard error; return whether all numbers agree."""
+    for comparison in verified["comparisons"]:
+        if not comparison["agrees"]:
+            note(f"jaxcell {name}: --verify: {comparison['what']}: {comparison['where']}")
+    if verified["agrees"] and not quiet:
+        note(
+            f"Verified: {verified['count']:,} numbers agree with another method, in "
+            f"{verified['seconds']:g} s."
+        )
+    return bool(verified["agrees"])

@@ -1,0 +1,98 @@
+import math
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..walls import Boundary, draw_places, run_to_wall
+from .anywhere import AnywhereSettings, SetFollower
+from .run_log import LoggedRun
+
+
+# Turns toward the wall that are compared, in radians.
+_TURNS = np.radians(np.arange(-2.0, 8.01, 0.25))
+# A window begins where the robot is known to within this, and has this many runs.
+_EXTENT, _RUNS = 1.5, 3
+# Places that are drawn from a set, and those of them that explain the runs of a window best.
+_DRAWN, _BEST = 1000, 10
+# Runs that are off by more are those to another wall, in metres.
+_FAR = 0.5
+
+
+def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int = 0) -> float:
+    """Estimate by how much a bump turns a robot, from the log of a robot that started anywhere.
+
+    Where the sets are small, places and headings are drawn from them, and each drives on to the
+    next walls with each possible turn by bumps. The turn is chosen whose best places explain the
+    lengths of the logged runs with the least squared error.
+
+    **Arguments:**
+
+    - `run`: the log of a run of these settings.
+    - `settings`: the settings of that run.
+    - `seed`: of the draws.
+
+    **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
+    [`jaxcell.space.Slip`][].
+
+    **Raises:** `ValueError` if the sets of the run never become small.
+    """
+    follower, filter = SetFollower(settings), settings.filter
+    lengths, turns, states = [], [], []
+    for length, turn in follower.follow(run):
+        lengths.append(math.inf if length is None else length)
+        turns.append(turn or 0.0)
+        states.append(follower.state if follower.extent <= _EXTENT else None)
+    rng = np.random.default_rng(seed)
+    error, windows = np.zeros(_TURNS.size), 0
+    for first, state in enumerate(states[: -_RUNS or None]):
+        if state is not None and state.wall.size:
+            windows += 1
+            place, heading, _ = draw_places(filter, state, 1, _DRAWN, rng)
+            window = slice(first, first + _RUNS)
+            error += _error(
+                filter.boundary,
+                place,
+                heading,
+                turns[window],
+                lengths[first + 1 : first + 1 + _RUNS],
+                filter.errors.displacement / 2,
+            )
+    if not windows:
+        raise ValueError(
+            f"the run never knows its robot to within {_EXTENT:g} m, with {_RUNS} more runs after "
+            "that: expected a longer run"
+        )
+    return float(_TURNS[error.argmin()])
+
+
+def _error(
+    boundary: Boundary,
+    place: Float[np.ndarray, "places 2"],
+    heading: Float[np.ndarray, "places"],
+    turns: list[float],
+    lengths: list[float],
+    back: float,
+) -> Float[np.ndarray, "turns"]:
+    """Sum the squared errors of the runs from the best places, for each turn by bumps."""
+    by_bump = np.repeat(_TURNS, len(place))
+    place, heading = np.tile(place, (_TURNS.size, 1)), np.tile(heading, _TURNS.size)
+    wall = _wall_at(boundary, place)
+    error = np.zeros(by_bump.size)
+    for turn, length in zip(turns, lengths, strict=True):
+        into = -boundary.normal[wall]
+        incidence = np.arctan2(into[:, 1], into[:, 0]) - heading
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        heading = heading + by_bump * np.sin(2 * incidence) + turn
+        wall, arc, run = run_to_wall(boundary, place - back * ahead, heading)
+        place = boundary.point(wall, arc)
+        error += np.minimum((run - length) ** 2, _FAR**2)
+    best = np.sort(error.reshape(_TURNS.size, -1), axis=1)[:, :_BEST]
+    return best.mean(axis=1)
+
+
+def _wall_at(boundary: Boundary, place: Float[np.ndarray, "places 2"]) -> Int[np.ndarray, "places"]:
+    """Find the wall that each place is on."""
+    offset = place[:, None] - boundary.begin
+    along = (offset * boundary.tangent).sum(axis=2)
+    beyond = np.maximum(np.maximum(-along, along - boundary.length), 0.0)
+    return np.hypot((offset * boundary.normal).sum(axis=2), beyond).argmin(axis=1)

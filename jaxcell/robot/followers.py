@@ -1,0 +1,306 @@
+import abc
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal, TypeAlias
+
+from ..automata import Belief, Filter, Policy
+from ..automata.belief import NOWHERE, SMALL
+from .outcome import RunOutcome, observed
+from .run_log import LoggedRun, RunLog, finished
+from .walker import Walker
+
+
+Until: TypeAlias = Literal["known", "cycle"]
+"""The end of a run of a filter: one configuration left or a knowledge cycle, or only the cycle."""
+
+
+class Follower(abc.ABC):
+    """The cells where a robot may be, along a run from an unknown cell."""
+
+    kind: ClassVar[str]
+    observations: str
+    "What the robot sensed: 0 for a step, 1 for a bump."
+    colors: list[int]
+    "The colour after each observation; empty for a belief."
+    result: Literal["localized", "refuted"] | None
+    "The result of the run, or `None` while it goes on."
+
+    def __init__(self) -> None:
+        self.observations, self.colors, self.result = "", [], None
+
+    @abc.abstractmethod
+    def observe(self, observation: int) -> None:
+        """Take the next observation, 0 or 1."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the run cannot go on from here."""
+        return self.result is not None
+
+    @property
+    @abc.abstractmethod
+    def turn(self) -> int | None:
+        """The number of the angle to turn by now, or `None`."""
+
+    @property
+    @abc.abstractmethod
+    def cells(self) -> list[int]:
+        """The cells where the robot may be."""
+
+    @property
+    @abc.abstractmethod
+    def fields(self) -> dict[str, Any]:
+        """The fields of the last observation in the log."""
+
+    @property
+    def localized(self) -> str:
+        """The sentence that reports a localized robot."""
+        return f"localized to {self.places} after {len(self.observations)} observations"
+
+    @property
+    def refuted(self) -> str:
+        """The sentence that reports a contradiction."""
+        return (
+            f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
+            f"occur in the map of the {self.kind} after those before it: the map is another, or "
+            "the robot slipped"
+        )
+
+    @property
+    def places(self) -> str:
+        """The number of cells that are left, in words."""
+        count = len(self.cells)
+        return "1 configuration" if count == 1 else f"{count} configurations"
+
+    def outcome(self) -> RunOutcome:
+        """Make the outcome of the run so far."""
+        cells, colors = tuple(self.cells), tuple(self.colors)
+        if self.result == "localized":
+            reason = self.localized
+        elif self.result == "refuted":
+            reason, cells = observed(self.refuted, self.observations), ()
+        else:
+            count = len(self.observations)
+            reason = f"not localized after {count} observations; {self.places} left"
+        return RunOutcome(self.result or "unfinished", self.observations, reason, colors, cells)
+
+
+class FilterFollower(Follower):
+    """A localization filter along a run (Alam 2018, section 2.4).
+
+    An observation that cannot occur refutes the filter, also if it has no trap.
+    """
+
+    kind = "filter"
+
+    def __init__(self, filter: Filter, until: Until = "known") -> None:
+        """**Arguments:**
+
+        - `filter`: a filter of either kind.
+        - `until`: `"known"` ends the run when one configuration is left, or in a knowledge cycle;
+            `"cycle"` ends it only in a knowledge cycle.
+        """
+        super().__init__()
+        self._filter, self._state, self._until = filter, filter.start(), until
+
+    def observe(self, observation: int) -> None:
+        self.observations += str(observation)
+        if self._filter.transition[self._state.index, observation] < 0:
+            self.result = "refuted"
+            self.colors.append(0)
+            return
+        self._state = self._state.observe(observation)
+        self.colors.append(self._state.color)
+        if self._state.refuted:
+            self.result = "refuted"
+        elif self._state.localized or (self._until == "known" and self._state.uncertainty == 1):
+            self.result = "localized"
+
+    @property
+    def over(self) -> bool:
+        # A run until the cycle goes on from where one configuration is left.
+        return self.result == "refuted" or self._state.localized
+
+    @property
+    def turn(self) -> int | None:
+        return 0 if self.observations[-1] == "1" and self.result != "refuted" else None
+
+    @property
+    def cells(self) -> list[int]:
+        return self._state.cells.tolist()
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        refuted = self.result == "refuted"
+        return {
+            "color": self.colors[-1],
+            "state": None if refuted else self._state.index,
+            "uncertainty": 0 if refuted else self._state.uncertainty,
+        }
+
+
+class PolicyFollower(Follower):
+    """A localization policy along a run: it chooses the angle at each bump."""
+
+    kind = "policy"
+
+    def __init__(self, policy: Policy) -> None:
+        super().__init__()
+        self._state = policy.start()
+
+    def observe(self, observation: int) -> None:
+        self.observations += str(observation)
+        self._state = self._state.observe(observation)
+        self.colors.append(self._state.color)
+        if self._state.refuted:
+            self.result = "refuted"
+        elif self._state.localized:
+            self.result = "localized"
+
+    @property
+    def turn(self) -> int | None:
+        return self._state.turn
+
+    @property
+    def cells(self) -> list[int]:
+        return self._state.cells.tolist()
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        # It has a state only at a bump.
+        state = self._state
+        known = not state.refuted and not state.steps
+        return {
+            "color": state.color,
+            "state": state.index if known else None,
+            "uncertainty": state.uncertainty,
+        }
+
+
+class BeliefFollower(Follower):
+    """A belief along the run of a robot that slips.
+
+    The robot is localized when the credible set has at most four configurations. It is refuted when
+    it is nowhere on the map with a probability of 0.99.
+    """
+
+    kind = "belief"
+
+    def __init__(self, belief: Belief) -> None:
+        super().__init__()
+        self._belief, self._state = belief, belief.start()
+        self._estimate = belief.estimate(self._state)
+
+    def observe(self, observation: int) -> None:
+        self.observations += str(observation)
+        self._state = self._belief.observe(self._state, observation)
+        self._estimate = self._belief.estimate(self._state)
+        if self._estimate.nowhere > NOWHERE:
+            self.result = "refuted"
+        elif self._estimate.cells.size <= SMALL:
+            self.result = "localized"
+
+    @property
+    def turn(self) -> int | None:
+        return None if self.result == "refuted" else self._state.turn
+
+    @property
+    def cells(self) -> list[int]:
+        return self._estimate.cells.tolist()
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        cells = self._estimate.cells
+        return {
+            "credible": int(cells.size),
+            "nowhere": round(self._estimate.nowhere, 6),
+            "likeliest": int(cells[0]) if cells.size else None,
+        }
+
+    @property
+    def localized(self) -> str:
+        return (
+            f"localized after {len(self.observations)} observations to {self.places}, which hold "
+            f"the robot with probability {float(self._estimate.probability.sum()):.3g}"
+        )
+
+    @property
+    def refuted(self) -> str:
+        return (
+            f"the belief is nowhere on the map after {len(self.observations)} observations, with "
+            f"probability {self._estimate.nowhere:.3g}: the map is another, or the robot slips more"
+        )
+
+
+def run_follower(
+    walker: Walker,
+    follower: Follower,
+    bounces: Sequence[float],
+    *,
+    log: RunLog | None = None,
+    limit: int = 10_000,
+) -> RunOutcome:
+    """Let a robot bounce until a filter, a policy or a belief ends the run.
+
+    **Arguments:**
+
+    - `walker`: the robot, at the centre of an unknown cell.
+    - `follower`: the filter, policy or belief at its start.
+    - `bounces`: the angles that it chooses from, or the angle of the filter, in radians,
+        counter-clockwise.
+    - `log`: the log for each observation.
+    - `limit`: largest number of observations.
+
+    **Returns:** [`RunOutcome`][].
+
+    A point robot in a corridor of three cells, without a serial line, and a filter for robots that
+    go West in it and stay at the end:
+
+        >>> from jaxcell import examples, robot
+        >>> walker = examples.walker(x=2.5, direction=2)
+        >>> import numpy as np
+        >>> from jaxcell.automata import Filter, subset_construction
+        >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
+        >>> filter = Filter.of(subset_construction(image, bumped))
+        >>> outcome = robot.run_follower(walker, robot.FilterFollower(filter), [0.0])
+        >>> outcome.result, outcome.observations, outcome.cells
+        ('localized', '00', (0,))
+    """
+    while follower.result is None and len(follower.observations) < limit:
+        follower.observe(int(walker.step()))
+        if log is not None:
+            log.observation(walker, **follower.fields)
+        if follower.turn is not None:
+            walker.rotate(bounces[follower.turn])
+    return finished(follower.outcome(), log)
+
+
+def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
+    """Replay the observations of a logged run through the filter, policy or belief of the run.
+
+    **Returns:** [`RunOutcome`][], which is the outcome of the run if it was not cut off.
+
+    **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or
+    goes on after the end of the run: it is of another filter, policy or belief.
+
+    The log of a robot that bumped where no robot can:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata, robot
+        >>> free = automata.HiddenMap.of(np.eye(6), np.zeros((6, 6)), np.arange(6), np.ones(6) / 6)
+        >>> run = robot.LoggedRun({}, ({"event": "observation", "observation": 1},), True)
+        >>> robot.replay_follower(run, robot.BeliefFollower(automata.Belief(free))).result
+        'refuted'
+    """
+    colors, kind = run.colors, follower.kind
+    for i, observation in enumerate(run.observations):
+        if follower.over:
+            raise ValueError(
+                f"observation {i}: the {kind} has come to its end; the log is of another {kind}"
+            )
+        follower.observe(int(observation))
+        if i < len(colors) and colors[i] != follower.colors[i]:
+            raise ValueError(
+                f"observation {i}: the log has colour {colors[i]}, the {kind} "
+                f"{follower.colors[i]}; the log is of another {kind}"
+            )
+    return follower.outcome()

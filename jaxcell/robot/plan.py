@@ -1,0 +1,71 @@
+from collections.abc import Sequence
+
+from .outcome import RunOutcome, observed
+from .run_log import RunLog, finished
+from .walker import Walker
+
+
+def run_plan(
+    walker: Walker, actions: Sequence[float | int], *, log: RunLog | None = None
+) -> RunOutcome:
+    """Let a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
+
+    **Arguments:**
+
+    - `walker`: the robot, at the centre of the plan's first cell, in its direction.
+    - `actions`: 0 for a step forward, else the angle to turn by at a bump, in radians,
+        counter-clockwise; as `jaxcell.bounce.Plan.actions`.
+    - `log`: where to write each observation as it comes.
+
+    **Returns:** [`RunOutcome`][]: `"refuted"` at the first step that meets a wall where none can
+    be, or none where one must be.
+
+    A point robot in a corridor of three cells, without a serial line; it goes to the end and turns:
+
+        >>> import math
+        >>> from jaxcell import examples, robot
+        >>> walker = examples.walker()
+        >>> outcome = robot.run_plan(walker, [0.0, 0.0, math.pi / 2])
+        >>> outcome.result, outcome.observations
+        ('arrived', '001')
+    """
+    for index, action in enumerate(actions):
+        bumped = walker.step()
+        if log is not None:
+            log.observation(walker, action=index)
+        if bumped != (action != 0):
+            break
+        if bumped:
+            walker.rotate(action)
+    return finished(plan_outcome(actions, walker.observations), log)
+
+
+def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcome:
+    """Make the outcome of a plan so far from the observations of the robot.
+
+    **Arguments:**
+
+    - `actions`: as for [`run_plan`][].
+    - `observations`: 0 for a step and 1 for a bump, one for each action that was tried.
+
+    **Returns:** [`RunOutcome`][].
+
+    The second step met a wall where none can be:
+
+        >>> from jaxcell import robot
+        >>> robot.plan_outcome([0.0, 0.0], "01").result
+        'refuted'
+    """
+    for index, (action, observation) in enumerate(zip(actions, observations, strict=False)):
+        if (observation == "1") != (action != 0):
+            slip = (
+                "the robot bumped where the plan has free space"
+                if observation == "1"
+                else "the robot met no wall where the plan has one"
+            )
+            reason = observed(f"action {index} of {len(actions)}: {slip}", observations)
+            return RunOutcome("refuted", observations, reason)
+    if len(observations) < len(actions):
+        reason = f"{len(observations)} of {len(actions)} actions are done"
+        return RunOutcome("unfinished", observations, reason)
+    return RunOutcome("arrived", observations, f"all {len(actions)} actions are done")

@@ -1,0 +1,211 @@
+"""The parameters of a study: what their annotations say, and the checks that follow from it.
+
+A parameter names its unit, its limits, and the other parameters without which it has no effect:
+
+    >>> import dataclasses
+    >>> from typing import Annotated
+    >>> from jaxcell.study import Limit, Only
+    >>> from jaxcell.study.parameters import check
+    >>> @dataclasses.dataclass(frozen=True, kw_only=True)
+    ... class Throw:
+    ...     stones: Annotated[int, Limit(ge=1)] = 1
+    ...     wind: bool = False
+    ...     gust: Annotated[float, Limit(ge=0, le=30), Only(wind=True)] = 0.0
+    >>> check(Throw(wind=True, gust=40.0))
+    Traceback (most recent call last):
+    ValueError: gust: expected 0 to 30, got 40
+    >>> check(Throw(gust=3.0))
+    Traceback (most recent call last):
+    ValueError: gust: it has an effect only with `wind`
+"""
+
+import dataclasses
+import functools
+import math
+from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
+
+
+Kind = TypeVar("Kind")
+
+
+@dataclasses.dataclass(frozen=True)
+class Unit:
+    """The unit of a parameter; its name in a specification ends in the suffix."""
+
+    suffix: str
+    word: str
+    "The unit as errors write it."
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Limit:
+    """The bounds of a parameter. Numbers beyond them, and numbers that are not finite, are refused.
+
+    >>> from jaxcell.study import Limit
+    >>> str(Limit(ge=1)), str(Limit(gt=0, le=1)), str(Limit(ge=2, le=1000))
+    ('at least 1', 'more than 0 and at most 1', '2 to 1,000')
+    """
+
+    ge: int | float | None = None
+    gt: int | float | None = None
+    le: int | float | None = None
+    lt: int | float | None = None
+
+    def __str__(self) -> str:
+        if self.ge is not None and self.le is not None:
+            return f"{_number(self.ge)} to {_number(self.le)}"
+        words = {"at least": self.ge, "more than": self.gt, "at most": self.le}
+        words["less than"] = self.lt
+        return " and ".join(f"{name} {_number(at)}" for name, at in words.items() if at is not None)
+
+    def check(self, parameter: str, value: int | float | None, after: str = "") -> None:
+        """Refuse a number that is beyond the bounds.
+
+        **Arguments:**
+
+        - `parameter`: its name, with which the error begins.
+        - `value`: the number, or `None`, which is never refused.
+        - `after`: words that the error has after the bounds, such as a unit.
+
+        **Raises:** `ValueError`.
+        """
+        if value is None:
+            return
+        holds = math.isfinite(value)
+        holds = holds and (self.ge is None or value >= self.ge)
+        holds = holds and (self.gt is None or value > self.gt)
+        holds = holds and (self.le is None or value <= self.le)
+        holds = holds and (self.lt is None or value < self.lt)
+        if not holds:
+            raise ValueError(f"{parameter}: expected {self}{after}, got {value:g}")
+
+
+def _number(value: int | float) -> str:
+    return f"{value:,}" if isinstance(value, int) else f"{value:g}"
+
+
+class Only:
+    """A condition on other parameters without which a parameter has no effect, and is refused.
+
+    `Only(strategy="capture", base=False)` holds with that strategy and without a base. `True`
+    stands for any value but the default, `False` for the default, and a tuple for several values.
+    Several conditions on one parameter are alternatives.
+    """
+
+    def __init__(self, **values: Any) -> None:
+        self.values = values
+
+    def holds(self, options: Any) -> bool:
+        """Return whether the parameters of a study, or the options of a command, meet this."""
+        default = {field.name: field.default for field in dataclasses.fields(options)}
+        return all(
+            (getattr(options, name) != default[name]) is wanted
+            if isinstance(wanted, bool)
+            else getattr(options, name) in (wanted if isinstance(wanted, tuple) else (wanted,))
+            for name, wanted in self.values.items()
+        )
+
+    def __str__(self) -> str:
+        chosen = {name: wanted for name, wanted in self.values.items() if wanted is not False}
+        absent = [f"`{name}`" for name, wanted in self.values.items() if wanted is False]
+        parts = [
+            f"with `{name}`" if wanted is True else f"with `{name}` {listed(wanted)}"
+            for name, wanted in chosen.items()
+        ]
+        if absent:
+            parts.append(f"without {listed(tuple(absent))}")
+        return " and ".join(parts)
+
+
+class Needed(Only):
+    """An `Only` for a parameter that is needed where the condition holds."""
+
+
+def listed(values: Any) -> str:
+    """Write several values as `a, b or c`."""
+    texts = [str(value) for value in (values if isinstance(values, tuple) else (values,))]
+    return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
+
+
+AtLeastOne: TypeAlias = Annotated[int, Limit(ge=1)]
+WholeNumber: TypeAlias = Annotated[int, Limit(ge=0)]
+Share: TypeAlias = Annotated[float, Limit(ge=0, le=1)]
+Days: TypeAlias = Annotated[float, Unit("d", "days")]
+Degrees: TypeAlias = Annotated[float, Unit("deg", "degrees")]
+Metres: TypeAlias = Annotated[float, Unit("m", "m")]
+Seconds: TypeAlias = Annotated[float, Unit("s", "s")]
+Length: TypeAlias = Annotated[Metres, Limit(gt=0)]
+Duration: TypeAlias = Annotated[Seconds, Limit(gt=0)]
+
+
+def parameters(options: type) -> dict[str, Any]:
+    """Return the parameters of a study, or the options of a command, with their annotations."""
+    hints = get_type_hints(options, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(options)}
+
+
+def within(annotation: Any, kind: type[Kind]) -> Kind | None:
+    """Return the first note of a kind in an annotation, also inside tuples and unions."""
+    notes = (note for note in getattr(annotation, "__metadata__", ()) if isinstance(note, kind))
+    inner = (within(part, kind) for part in getattr(annotation, "__args__", ()))
+    return next((note for note in (*notes, *inner) if note is not None), None)
+
+
+@functools.cache
+def conditions(options: Any) -> dict[str, list[Only]]:
+    """Return the parameters that have an effect only under a condition, with the alternatives."""
+    notes = {
+        name: [note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Only)]
+        for name, hint in parameters(options).items()
+    }
+    return {name: alternatives for name, alternatives in notes.items() if alternatives}
+
+
+def without_effect(options: Any) -> list[str]:
+    """Return the parameters that have no effect, because of the values of other ones."""
+    kind: Any = type(options)
+    return [
+        name
+        for name, alternatives in conditions(kind).items()
+        if not any(condition.holds(options) for condition in alternatives)
+    ]
+
+
+@functools.cache
+def _limits(options: Any) -> dict[str, tuple[Limit, str]]:
+    found = {}
+    for name, hint in parameters(options).items():
+        unit = within(hint, Unit)
+        if (limit := within(hint, Limit)) is not None:
+            found[name] = limit, "" if unit is None else f" {unit.word}"
+    return found
+
+
+def check(options: Any) -> None:
+    """Refuse parameters beyond their limits, without an effect, or missing.
+
+    **Raises:** `ValueError` that begins with the name of the parameter.
+    """
+    kind: Any = type(options)
+    for name, (limit, unit) in _limits(kind).items():
+        value = getattr(options, name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if not isinstance(number, str):
+                limit.check(name, number, unit)
+    default = {field.name: field.default for field in dataclasses.fields(options)}
+    for name in default:
+        if default[name] is dataclasses.MISSING and getattr(options, name) == ():
+            raise ValueError(f"{name}: expected at least one value, got none")
+    one_of = getattr(options, "one_of", ())
+    if one_of and all(getattr(options, name) == default[name] for name in one_of):
+        raise ValueError(f"expected one of {listed(tuple(f'`{name}`' for name in one_of))}")
+    idle = without_effect(options)
+    for name, alternatives in conditions(kind).items():
+        given = getattr(options, name) != default[name]
+        if name in idle and given:
+            raise ValueError(
+                f"{name}: it has an effect only {', or '.join(map(str, alternatives))}"
+            )
+        for condition in alternatives:
+            if isinstance(condition, Needed) and condition.holds(options) and not given:
+                raise ValueError(f"{name}: it is needed {condition}")

@@ -1,0 +1,244 @@
+"""Commands refuse bad input in one line that names the option or the file, with status 2.
+
+Limits of single options, and options without effect, are tested for all studies at once in
+`tests/study/test_every_study.py`.
+"""
+
+import re
+import shlex
+
+import pytest
+
+from jaxcell.cli import main
+
+
+FILES = {
+    "apart.adjlist": "a b\nc d\n",
+    "apart.txt": "; cell 1\n...#...\n...#...\n",
+    "constraints.json": '{"constraints": [{"edges": [["a", "c"]], "most": 0.1}]}',
+    "number.py": "System = 3",
+    "numbers.txt": "a 1\nb 1\n",
+    "path.adjlist": "a b\nb c\n",
+}
+# A command, and its error after the name of the command, in which three dots stand for any text.
+REFUSALS = """
+cover @lab_a --bounces 45 --error 20 --reliability 0.8 --directions 8
+    --error: 20 deg is not a whole number of the 8 directions, ...; --directions 72 would do
+cover @lab_a --bounces 45 45 --error 45 --reliability 0.8 --directions 8
+    --bounces: 45 deg comes twice, as angles 1 and 0
+cover @lab_a --bounces 45 --error 180 --reliability 0.8 --directions 8
+    --error: +-180 deg are 9 turns, more than the 8 directions...
+cover @lab_a --bounces 45 --error 0 --reliability 0.8
+    --reliability: 0.8 leaves a chance of an error...
+cover @lab_a --bounces 45 --error 45 --reliability 0.8 --target none.png
+    --target none.png: there is no such file; expected 'uniform', an image, or FILE.nc:VARIABLE
+groups @lab_a --bounce 50
+    --bounce: 50 deg is not a whole number of the 8 directions, ...; --directions 36 would do
+groups @lab_a --bounce 12.3456789
+    --bounce: 12.3457 deg is not a whole number of the 8 directions, which are 45 deg apart
+groups @lab_a --bounce
+    --bounce: expected at least one value, got none
+groups @lab_a --bounce 45 --step 0.2
+    --step: expected at least one cell, 1 m, got 0.2 m
+groups @lab_a --bounce 45 --cell 50
+    --cell: no cell of side 50 m has its centre in the free space
+groups @lab_a --bounce 45 --robot-radius 9
+    --robot-radius: a robot of radius 9 m fits nowhere in the map
+groups @lab_z --bounce 45
+    @lab_z: not among the bundled data of jaxcell; did you mean ...
+groups @random --bounce 45
+    ...random.json: format: expected an object with "format": "jaxcell-map"
+localize @lab_a
+    expected one of --bounce or --bounces
+localize @lab_a --bounce 45 --bounces 45
+    --bounces: it has an effect only without --bounce
+localize @lab_a --bounce nan
+    --bounce: nan deg is not a whole number of the 8 directions, which are 45 deg apart
+localize @lab_a --bounce 45 --start 2,2,0
+    --start '2,2,0': the point (2, 2) lies in an obstacle or too near a wall
+localize @lab_a --bounce 45 --start 99,2,0
+    --start '99,2,0': the point (99, 2) is off the map
+localize @lab_a --bounce 45 --start 1,2
+    --start '1,2': expected "x,y,heading" in metres and degrees, or a cell number
+localize @lab_a --bounce 45 --start 0.5,0.5,10
+    --start '0.5,0.5,10': expected a heading that is one of the 8 directions, a multiple of 45 ...
+localize @lab_a --bounce 45 --start 152
+    --start '152': cell 152 does not exist; cells are 0 to 151
+localize @lab_a --bounces 45 405
+    --bounces: 45 and 405 deg are the same turn; give it once
+localize @lab_a --bounces 45 405 --slip 0.02
+    --bounces: 45 and 405 deg are the same turn; give it once
+localize @lab_a --bounce 45 --anywhere --errors speed=1
+    --errors 'speed=1': expected one of run, distance, late, displacement, turn, heading, with =
+localize @lab_a --bounce 45 --anywhere --errors run=x
+    --errors 'x': expected a number after =
+localize @lab_a --bounce 45 --anywhere --errors run=2
+    --errors: run: expected a share below 1, ...
+localize @lab_a --bounce 45 --anywhere --start 2,2,0
+    --start '2,2,0': (2 m, 2 m) is not in the free space
+navigate @lab_a --bounces 90 --goal 3
+    --start: expected the start of the robot, or --anywhere
+navigate @lab_a --bounces 90 --start 0 --goal 999
+    --goal '999': cell 999 does not exist; cells are 0 to 151
+navigate @lab_a --bounces 360 --start 0 --goal 3
+    --bounces: 360 deg leaves the robot at its wall...
+navigate @lab_a --bounces 90 --start 0 --goal 3 --change 0.5
+    --change: expected at least what keeping the angle costs...
+navigate @lab_a --bounces 90 --anywhere --goal 3
+    --goal '3': expected "x,y" in metres, for robots that start anywhere
+navigate @lab_a --bounces 90 --anywhere --goal 2,2
+    --goal: no wall lies within 1 m of (2 m, 2 m) ...
+team @lab_a --robots 20 --bounces 135
+    --robots 20: expected from 1 to 19, one for each position
+team @lab_a --robots 2 --bounces 135 90 45
+    --bounces: got 3 angles for 2 robots; expected one for all or one for each
+team @lab_a --robots 3 --starts 0 1 --bounces 135
+    --robots 3: --starts names 2; give one of the two
+team @lab_a --starts 0 0 --bounces 135
+    --starts: robots 0 and 1 are both at position 0, in cells 0 and 0; one can be there
+drift @gyres --depths 0 --start here
+    --start 'here': expected "lon,lat" in degrees
+drift @gyres --depths 0 --start 5,6
+    --start 5,6: place (5, 6) is off the grid...
+drift @gyres --depths 0 --goal=-118,33.5
+    --goal '-118,33.5': expected "lon,lat,depth" in degrees and metres
+drift @gyres --depths 0 --goal=-118,33.5,3
+    --goal -118,33.5,3: expected one of the depths 0 m, got 3
+drift @gyres --depths 0 --nearly-closed 600
+    --nearly-closed: expected at most 538, the cells of a layer, got 600
+drift @gyres --depths 0 --range 1
+    --range: expected 707.483 m or more, the distance to the corners of cell 0, got 1
+drift @gyres --depths 3
+    ...gyres.nc: depths: 3 m is not one of the levels 0, 5, 10 m
+drift @gyres --time 99
+    ...gyres.nc: time: record 99: the file has 0 to 23
+drift @gyres --bounds 0 0 1 1
+    ...gyres.nc: bounds: (0.0, 0.0, 1.0, 1.0): no cell is within them...
+drift @gyres --windage 0.03
+    ...gyres.nc: wind: the file has no wind for windage...
+drift @gyres --variables east v
+    ...gyres.nc: variables: 'east' is not in the file, which has h, u, v
+drift @lab_a
+    ...lab_a.json: cannot be read as NetCDF...
+drifters @drifters --after 100000
+    --after: expected more than 0 and at most 50000 days, 10,000 times the lag, got 100000
+drifters @drifters --cell 2 --nearly-closed 9999
+    --nearly-closed: expected at most 72, the number of cells, got 9999
+drifters @gyres
+    ...gyres.nc: lon: ...
+dynamics lorenz63
+    SYSTEM: expected FILE.py:NAME or one of duffing, pendulum, ..., got 'lorenz63'
+dynamics number.py:System
+    SYSTEM: number.py:System: expected a jaxcell.dynamics.System, got 3
+dynamics henon --params c=1
+    --params: expected NAME=NUMBER with a name among a, b, got 'c=1'
+dynamics henon --params a=1:2
+    --params: a: expected a number or FIRST:LAST:COUNT, got '1:2'
+dynamics henon --cells 0
+    --cells: axis 0 has 0, expected at least 1
+patrol graph @eight --strategy toward
+    --vertex: it is needed with --strategy toward
+patrol graph @eight --strategy capture
+    --attack-time: it is needed with --strategy capture and without --attack-times
+patrol graph @eight --strategy capture --attack-time 2
+    --attack-time: an attack of 2 steps ends before a patroller comes from vertex '4' to '5', ...
+patrol graph @eight --emphasis 2
+    --emphasis: expected two or more vertices, got one
+patrol graph @eight --emphasis 2 5 2
+    --emphasis: vertex '2' comes twice
+patrol graph @eight --base 9
+    --base: there is no vertex '9'; there are 1, 2, 3, 4, 5, 6, 7, 8
+patrol graph @eight --charger 2
+    --every: it is needed with --charger
+patrol graph @eight --charger 2 --every 2
+    --every: expected at least 4 steps, to the farthest vertex and back, got 2
+patrol graph @eight --robots 5 --division shared
+    --robots: expected 1 to 4 parts of 8 vertices, got 5
+patrol graph @eight --robots 2 --division shared --emphasis 1 2
+    --division: it has an effect only with --robots and without --vertex, --emphasis, ...
+patrol graph apart.adjlist
+    apart.adjlist: no walk leads from vertex 'a' to 'c'; expected a connected graph
+patrol graph path.adjlist --speed 1
+    --speed: edges of path.adjlist have no lengths, and its vertices no positions
+patrol graph path.adjlist --strategy capture --attack-times numbers.txt
+    numbers.txt: there is no number for vertex 'c'
+patrol graph path.adjlist --strategy kemeny --visits numbers.txt
+    numbers.txt: there is no number for vertex 'c'
+patrol graph path.adjlist --game --values numbers.txt
+    numbers.txt: there is no number for vertex 'c'
+patrol graph path.adjlist --constraints constraints.json
+    constraints.json: constraints[0].edges[0]: expected two vertices with an edge between them, ...
+patrol graph @lab_a
+    ...lab_a.json: nodes: expected a list, got None
+patrol map @lab_a --robots auto
+    --capture: it is needed with --robots auto
+patrol map @lab_a --robots 20
+    --robots: 20 robots are more than the 19 cells of ...lab_a.json
+patrol map @lab_a --target 2,2
+    --target '2,2': the point (2, 2) lies in an obstacle or too near a wall
+patrol map @lab_a --target x
+    --target 'x': expected "x,y" in metres
+patrol map @lab_a --range 0.3
+    --range: with 0.3 m no robot sees the whole of a cell that is not always watched...
+patrol map @lab_a --range 3 --base auto --base-range 0.4
+    --base: ... sees no other cell...
+patrol map @lab_a --range 3 --base auto --lost 5
+    --lost: there is no robot 5; robots are 0 to 1
+patrol map @lab_a --range 3 --robots 1 --base auto --lost 0
+    --lost: robot 0 is the only one; none would be left to patrol
+patrol map @lab_a --attack-times
+    --attack-times: expected at least one
+patrol map apart.txt
+    apart.txt: its cells are in 2 separate pieces; no way leads from (0.5, 0.5) to (4.5, 0.5)
+run nothing.py:Drop
+    nothing.py:Drop: there is no file nothing.py
+run json:dumps
+    json:dumps: expected a class that derives from jaxcell.study.Study, ...
+run stones
+    stones: expected FILE.py:CLASS or MODULE:CLASS
+robot run a.jxf
+    expected one of --port, --ros or --simulate
+robot run a.jxf --simulate @lab_a --remap a:=b
+    --remap: it has an effect only with --ros
+robot run a.jxf --simulate @lab_a --physics --noise 0.1
+    --noise: it has an effect only with --simulate and without --physics
+robot run a.jxf --simulate @lab_a --speed 0.7
+    --speed: expected more than 0 and at most 0.5, got 0.7
+robot sketch
+    expected one of FILE or --bounce
+robot sketch --bounce 90
+    --step: it is needed with --bounce
+robot sketch --bounce 90 --step 0.2 --heading 0
+    --heading: it has an effect only with FILE
+robot sketch --bounce 90 --step 0.2 --out a.txt
+    --out a.txt: expected a name that ends in .ino
+robot check --port nowhere
+    nowhere: ...
+sweep @rooms --anyway
+    --anyway: it has an effect only with --resume
+sweep @rooms --netcdf --shard 1/2
+    --netcdf: it has an effect only without --shard
+sweep @rooms --engine ray
+    ...expected local, processes, dask...
+sweep view @rooms --out a.nc
+    --out a.nc: expected the name of a recording, FILE.rrd
+export a.jxf a.exe
+    a.exe: expected a suffix among .dot, .jff, .json, .h
+"""
+GROUPS = {"patrol", "robot"}
+ROWS = REFUSALS.strip().splitlines()
+PAIRS = [(line, error.strip()) for line, error in zip(ROWS[::2], ROWS[1::2], strict=True)]
+
+
+@pytest.mark.parametrize(("line", "expected"), PAIRS, ids=ROWS[::2])
+def test_bad_input_is_refused_in_one_line(line, expected, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    assert main(shlex.split(line)) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (error,) = printed.err.splitlines()
+    wanted = re.escape(expected).replace(re.escape("..."), ".*")
+    name = " ".join(line.split()[: 1 + (line.split()[0] in GROUPS)])
+    assert re.fullmatch(rf"jaxcell {name}(?: \S+)?: {wanted}", error), error

@@ -1,0 +1,139 @@
+"""Drift maps, against an oracle that maps cell by cell, and by hand."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from oracles.drifter import SINK, Drifter
+from seas import double_gyre, sea, seas
+
+from jaxcell import examples
+from jaxcell.base import memory
+from jaxcell.drift import METHODS, DriftStep, Flow, Water, drift_map, drift_maps, open_currents
+
+
+GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
+SPREADS, EDGES = ("turned", "all", "sampled"), ("uniform", "exit")
+
+
+def check_rows(currents, cells, duration, **rules):
+    """Rows of the map are those of the oracle."""
+    water, flow = Water.of(currents), Flow.of(currents).mean()
+    chain = drift_map(water, flow, DriftStep(duration, **rules))
+    oracle = Drifter(currents, water, 0, duration, **rules)
+    P, leaving = chain.to_scipy(), np.asarray(chain.leaving)
+    for z in cells(water).tolist():
+        expected = oracle.images(z)
+        left = expected.pop(SINK, 0.0)
+        row = np.zeros(water.cells)
+        row[list(expected)] = list(expected.values())
+        np.testing.assert_allclose(P[[z]].toarray()[0], row, atol=1e-9)
+        assert leaving[z] == pytest.approx(left, abs=1e-9)
+
+
+@given(seas(), st.sampled_from(SPREADS), st.sampled_from(EDGES), st.data())
+def test_the_map_of_a_random_sea_is_that_of_single_cells(currents, spread, edge, data):
+    rho, samples = data.draw(st.sampled_from([0.0, 0.3, 0.8, 1.0])), data.draw(st.integers(1, 3))
+    rules = {"rho": rho, "spread": spread, "edge": edge, "samples": samples}
+    check_rows(currents, lambda water: np.arange(water.cells), 1.0, **rules)
+
+
+def jet():
+    """A sea around the Earth, with an island."""
+    lon, lat = np.meshgrid(np.arange(0.0, 360, 10), np.arange(-15.0, 20, 10))
+    east = np.random.default_rng(0).uniform(0.2, 1, lon.shape)
+    wet = np.ones(lon.shape, bool)
+    wet[1, 3] = False
+    plane = sea(east, 0.2 * east, wet, dx=1.1e6, dy=1.1e6)
+    return plane.assign_coords(lon=(("y", "x"), lon), lat=(("y", "x"), lat))
+
+
+@pytest.mark.parametrize("edge", EDGES)
+@pytest.mark.parametrize("spread", SPREADS)
+@pytest.mark.parametrize("globe", [False, True])
+def test_the_map_of_a_large_sea_is_that_of_single_cells(globe, spread, edge):
+    currents = jet() if globe else open_currents(GYRES).isel(layer=slice(2, 3))
+    assert Water.of(currents).wraps == globe
+    random = np.random.default_rng(0)
+    rules = {"rho": 0.7, "spread": spread, "edge": edge}
+    check_rows(
+        currents,
+        lambda water: random.choice(water.cells, 60, replace=False),
+        1.5e6 if globe else 3400.0,
+        **rules,
+    )
+
+
+def test_a_turned_current_reaches_three_cells():
+    currents = sea(np.full((5, 5), 2.0), np.zeros((5, 5)), dx=1.0, dy=1.0)
+    chain = drift_map(Water.of(currents), Flow.of(currents), DriftStep(1.0, rho=0.6, edge="exit"))
+    # From the middle: two to the East, or sqrt(2) to the East and as far to either side.
+    row = chain.to_scipy().toarray()[12]
+    reached = {int(cell): round(row[cell], 12) for cell in np.flatnonzero(row)}
+    assert reached == {14: 0.6, 8: 0.2, 18: 0.2}
+
+
+def test_a_period_is_the_product_of_its_records():
+    random = np.random.default_rng(3)
+    east, north = random.normal(size=(2, 3, 6, 7))
+    currents = sea(east, north, random.random((6, 7)) < 0.9, dx=1800.0, dy=1800.0)
+    water, flow = Water.of(currents), Flow.of(currents)
+    for edge in EDGES:
+        step = DriftStep(3600.0, edge=edge)
+        tide = drift_maps(water, flow.repeated(), step)
+        product = np.eye(water.cells)
+        for record in range(3):
+            steady = Flow.of(currents, record=record)
+            product = product @ drift_map(water, steady, step).to_scipy().toarray()
+        for value in np.eye(water.cells)[::5]:
+            np.testing.assert_allclose(tide.push(value, 3), value @ product, atol=1e-12)
+            np.testing.assert_allclose(tide.pull(value, 3), product @ value, atol=1e-12)
+
+
+def test_a_tide_brings_a_drifter_back():
+    # Two cells to the East in one half of the day, and back in the other.
+    east = np.array([2.0, -2.0])[:, None, None] * np.ones((2, 5, 9))
+    currents = sea(east, 0 * east, dx=1.0, dy=1.0, hours=1 / 3600)
+    water, flow = Water.of(currents), Flow.of(currents)
+    tide = drift_maps(water, flow.repeated(), DriftStep(1.0, rho=1.0))
+    matrix = np.stack([tide.push(value, 2) for value in np.eye(water.cells)])
+    inner = np.flatnonzero((water.column > 0) & (water.column < 6) & ~water.boundary)
+    np.testing.assert_array_equal(matrix[inner], np.eye(water.cells)[inner])
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ({"rho": 1.1}, "rho: expected a probability from 0 to 1, got 1.1"),
+        ({"rho": math.nan}, "rho: expected"),
+        ({"spread": "some"}, "spread: expected 'turned', 'all' or 'sampled', got 'some'"),
+        ({"samples": 0}, "samples: expected 1 or more, got 0"),
+        ({"substeps": 0}, "substeps: expected 1 or more, got 0"),
+        ({"edge": "wall"}, "edge: expected 'uniform' or 'exit', got 'wall'"),
+        ({"method": "leap"}, "method: expected 'euler' or 'rk4', got 'leap'"),
+        ({"duration": 0.0}, "duration: expected a number of seconds other than 0, got 0"),
+        ({"duration": math.nan}, "duration: expected .*, got nan"),
+    ],
+)
+def test_steps_out_of_range_are_refused(rules, message):
+    with pytest.raises(ValueError, match=message):
+        DriftStep(**rules)
+
+
+def test_a_duration_that_does_not_fit_the_period_is_refused():
+    east = np.ones((3, 4, 8))
+    several = Flow.of(sea(east, east)).repeated()
+    message = "multiple of the period, 10800 s, such as 3600 s, got 4000 s"
+    with pytest.raises(ValueError, match=message):
+        drift_maps(Water.of(double_gyre(4, 8)), several, DriftStep(4000))
+
+
+def test_a_map_of_ten_million_cells_is_refused_with_the_memory_it_needs(monkeypatch):
+    water, flow = examples.gyres()
+    monkeypatch.setattr(memory, "free", lambda: 4_000_000_000)
+    monkeypatch.setattr(Water, "cells", 10_000_000)
+    needs = "drift map of 10,000,000 cells of water needs about 9.0 GB of memory, and 4.0 GB"
+    with pytest.raises(MemoryError, match=needs):
+        drift_map(water, flow, METHODS["drifters"])

@@ -1,0 +1,63 @@
+"""Graphs that the tests of weights, walks and patrols share."""
+
+import itertools
+
+import networkx as nx
+import numpy as np
+from hypothesis import strategies as st
+
+from jaxcell.optimize import Graph
+
+
+def graph_of(network):
+    network = nx.convert_node_labels_to_integers(network)
+    return Graph(np.array(network.edges), network.number_of_nodes())
+
+
+def grid(rows, columns):
+    return graph_of(nx.grid_2d_graph(rows, columns))
+
+
+@st.composite
+def connected_graphs(draw, most=9):
+    n = draw(st.integers(2, most))
+    tree = [(draw(st.integers(0, i - 1)), i) for i in range(1, n)]
+    others = sorted(set(itertools.combinations(range(n), 2)) - set(tree))
+    more = draw(st.lists(st.sampled_from(others), unique=True, max_size=12)) if others else []
+    return Graph(np.array(tree + more), n)
+
+
+def incidence(graph):
+    """A matrix with 1 at the first end of each edge, and -1 at the second."""
+    matrix = np.zeros((graph.vertices, len(graph.edges)))
+    matrix[graph.edges[:, 0], np.arange(len(graph.edges))] = 1
+    matrix[graph.edges[:, 1], np.arange(len(graph.edges))] = -1
+    return matrix
+
+
+# The small example of Boyd, "Convex optimization of graph Laplacian eigenvalues" (2006). Its
+# vertices 3 and 8 have the same neighbours.
+SMALL = Graph(
+    np.array([[1, 2, 3, 1, 2, 2, 6, 5, 7, 8, 6, 7, 2], [2, 3, 4, 5, 8, 4, 5, 7, 3, 4, 7, 8, 7]]).T
+    - 1,
+    xy=[[1, 3], [2, 2.5], [3, 3], [3, 2], [1, 2], [1, 1], [2, 1.5], [3, 1]],
+)
+# Alam 2018, Table 4.2: its vertices from the closest to the furthest, for the strategies toward
+# each vertex, for all vertices, and for vertices 2, 5 and 8.
+TABLE_4_2 = (
+    np.array(
+        [
+            [1, 5, 2, 7, 6, 8, 3, 4],
+            [2, 8, 3, 4, 7, 1, 5, 6],
+            [3, 4, 2, 7, 8, 1, 5, 6],
+            [4, 3, 8, 2, 1, 7, 5, 6],
+            [5, 6, 7, 1, 2, 8, 3, 4],
+            [6, 5, 7, 3, 1, 8, 2, 4],
+            [7, 8, 2, 3, 6, 5, 4, 1],
+            [8, 4, 2, 7, 3, 1, 6, 5],
+            [7, 2, 5, 3, 8, 1, 4, 6],
+            [8, 2, 5, 1, 7, 4, 6, 3],
+        ]
+    )
+    - 1
+)

@@ -1,0 +1,167 @@
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol.map.attack import Attack
+from jaxcell.patrol.map.capture import capture_probabilities
+from jaxcell.patrol.map.capture_search import capture_frontier, capture_policies, entropy_rate
+from jaxcell.patrol.map.graph import cell_graph
+from jaxcell.patrol.map.policies import distributed_policies
+from jaxcell.space import CellSpace, Workspace, visible_cells
+
+
+MAPS = Path(__file__).parents[3] / "data" / "maps"
+STEPS = 4
+
+
+def corridor():
+    """Five places on a line, each of which sees its neighbours."""
+    graph = Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+    visible = np.abs(np.subtract.outer(np.arange(5), np.arange(5))) <= 1
+    return graph, visible
+
+
+def least_capture(matrix, visible, start):
+    """The least probability of capture of one robot over the targets, by powers of matrices."""
+    least = 1.0
+    for view in visible:
+        stop = np.where(view, 0, matrix) * ~view[:, None]
+        late = np.linalg.matrix_power(stop, STEPS).sum(axis=1)
+        if start == "worst":
+            least = min(least, 1 - late[~view].max())
+            continue
+        share = np.ones(len(matrix))
+        if start == "stationary":
+            lazy = np.linalg.matrix_power((matrix + np.eye(len(matrix))) / 2, 4096)
+            share = lazy.mean(axis=0)
+        share = share * ~view
+        if not share.any():
+            # It has the target in view wherever it is.
+            continue
+        least = min(least, 1 - share @ late / share.sum())
+    return least
+
+
+@pytest.mark.parametrize("start", ["uniform", "stationary", "worst"])
+def test_no_walk_on_a_fine_grid_captures_more(start):
+    graph, visible = corridor()
+    found = capture_policies(graph, visible, 1, Attack(STEPS, start), starts=2)
+    (policy,) = found.policies
+    matrix = policy.chain.to_scipy().toarray()
+    assert found.value == pytest.approx(least_capture(matrix, visible, start), abs=1e-6)
+    best = 0.0
+    for chances in itertools.product(np.linspace(0, 1, 15), repeat=3):
+        walk = np.zeros((5, 5))
+        walk[0, 1] = walk[4, 3] = 1
+        for place, right in enumerate(chances, 1):
+            walk[place, place + 1], walk[place, place - 1] = right, 1 - right
+        best = max(best, least_capture(walk, visible, start))
+    assert found.value > best - 1e-3
+    (commuting,) = distributed_policies(graph, visible, 1, 0.0)
+    assert found.value > 1.05 * least_capture(commuting.chain.to_scipy().toarray(), visible, start)
+
+
+@pytest.fixture(scope="module")
+def lab():
+    cells = CellSpace.of(Workspace.load(MAPS / "lab_b.json"), 1.0, 1)
+    graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
+    return graph, visible, capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
+
+
+def simulate(policy, starts, view, steps, random):
+    """A mask of the starts from which a robot comes into view in time."""
+    here, seen = starts.copy(), view[starts].copy()
+    up_to = np.cumsum(np.asarray(policy.chain.probability), axis=0)
+    image = np.asarray(policy.chain.image)
+    for _ in range(steps):
+        drawn = random.random(here.size) * up_to[-1, here]
+        here = image[(up_to[:, here] <= drawn).sum(axis=0), here]
+        seen |= view[here]
+    return seen
+
+
+def test_simulated_walks_are_caught_as_often_as_the_law_says(lab):
+    _, visible, found = lab
+    random, runs = np.random.default_rng(0), 40_000
+    least = []
+    for view in visible:
+        out = np.flatnonzero(~view)
+        caught = np.zeros(runs, bool)
+        for policy in found.policies:
+            caught |= simulate(policy, random.choice(out, runs), view, 6, random)
+        least.append(caught.mean())
+    assert min(least) == pytest.approx(found.value, abs=4 * 0.5 / np.sqrt(runs))
+
+
+def test_every_step_keeps_the_floor_of_randomness(lab):
+    graph, visible, found = lab
+    for policy in found.policies:
+        matrix = policy.chain.to_scipy().toarray()
+        tail, head = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
+        degree = np.bincount(tail)
+        assert (matrix[tail, head] >= 0.3 / degree[tail] - 1e-12).all()
+        np.testing.assert_allclose(matrix.sum(axis=1), 1, atol=1e-12)
+        share = policy.share_of_time(graph)
+        np.testing.assert_allclose(share @ matrix, share, atol=1e-12)
+    plain = distributed_policies(graph, visible, 2, 0.0)
+    before = capture_probabilities(graph, visible, plain, Attack(6)).min()
+    assert found.value > 1.2 * before
+
+
+def test_the_same_seed_finds_the_same(lab):
+    graph, visible, found = lab
+    again = capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
+    assert again.value == found.value
+
+
+def test_capture_falls_along_the_frontier_and_entropy_rises():
+    graph, visible = corridor()
+    found = capture_frontier(graph, visible, 1, Attack(STEPS), [0.5, 0.0, 0.9])
+    assert found.floor.tolist() == [0.0, 0.5, 0.9]
+    assert (np.diff(found.least_capture) < 0).all()
+    # A corridor has no more entropy than log 2 at each of its three inner places.
+    assert 0 <= found.entropy.min() < found.entropy.max() < np.log(2)
+    uniform = capture_policies(graph, visible, 1, Attack(STEPS), randomness=0.9999, starts=1)
+    (policy,) = uniform.policies
+    assert entropy_rate(graph, policy) == pytest.approx(0.75 * np.log(2), abs=1e-3)
+
+
+def test_a_gradient_of_the_weakest_targets_leads_as_far_as_that_of_all(lab, monkeypatch):
+    graph, visible, found = lab
+    monkeypatch.setattr("jaxcell.patrol.walks.optimal.ascent._ACTIVE", 12)
+    some = capture_policies(graph, visible, 2, Attack(6), randomness=0.3, starts=1)
+    assert some.value == pytest.approx(found.value, rel=0.01)
+
+
+def test_the_best_of_several_starts_is_improved(lab):
+    graph, visible, _ = lab
+    one, several = (
+        capture_policies(graph, visible, 2, Attack(6), starts=starts) for starts in (1, 3)
+    )
+    assert several.tried.argmax() > 0
+    assert several.value > 1.03 * one.value
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"robots": 0}, "robots: expected 1 to 5, the number of cells, got 0"),
+        ({"randomness": 1.0}, "randomness: expected 0 or more and less than 1, got 1.0"),
+        ({"starts": 0}, "starts: expected at least 1, got 0"),
+    ],
+)
+def test_wrong_searches_are_refused(change, message):
+    graph, visible = corridor()
+    with pytest.raises(ValueError, match=message):
+        capture_policies(graph, visible, **{"robots": 1, "attack": Attack(4), **change})
+    with pytest.raises(ValueError, match="floors: expected at least one, got none"):
+        capture_frontier(graph, visible, 1, Attack(4), [])
+
+
+def test_nothing_is_searched_if_all_cells_are_always_seen():
+    graph, visible = corridor()
+    found = capture_policies(graph, np.ones_like(visible), 1, Attack(1))
+    assert (found.value, found.iterations) == (1.0, 0)
