@@ -8,7 +8,7 @@ import shapely
 
 from ...base.quantities import Quantity, Result
 from ...space import Box, CellSpace
-from ..canvas.palette import FREE, GOAL, OBSTACLE, PLAIN, START, robot_color
+from ..canvas.palette import FREE, GOAL, PLAIN, START, robot_color
 from .colors import Drawn, color_of
 
 
@@ -95,9 +95,10 @@ def _squares(ax: "Axes", cells: CellSpace, values: np.ndarray, style: dict[str, 
 
 def _walls(ax: "Axes", cells: CellSpace) -> None:
     """Draw the walls of a room, and name its axes."""
+    ink = ax.spines["left"].get_edgecolor()
     if cells.workspace is not None:
         for ring in shapely.get_rings(shapely.get_parts(cells.workspace.environment)):
-            ax.plot(*shapely.get_coordinates(ring).T, color=color_of(OBSTACLE), linewidth=1.5)
+            ax.plot(*shapely.get_coordinates(ring).T, color=ink, linewidth=1.5)
     ax.set_aspect("equal")
     ax.set_xlabel("x (m)")
     ax.set_ylabel("y (m)")

@@ -28,8 +28,9 @@ def html(result: Result) -> str:
     **Returns:** its remarks, the tables that a command prints, the dimensions of its arrays, and a
     picture, if it has an array and matplotlib is installed.
     """
+    title = result.title or type(result).__name__
     body = [f"<p>{escape(remark)}</p>" for remark in result.remarks]
-    body += [_table(*table) for table in tables(result, result.title or type(result).__name__)]
+    body += [_table(*table) for table in tables(result, title)] or [_table(title)]
     arrays = [
         (f"{name} ({', '.join(about.dims)})", f"{about.meaning} [{about.units or '1'}]")
         for name, about in quantities(type(result)).items()
@@ -42,10 +43,13 @@ def html(result: Result) -> str:
 
 
 def _table(
-    title: str, heads: Sequence[str], lines: Sequence[Sequence[str]], rows: int = _ROWS
+    title: str,
+    heads: Sequence[str] = (),
+    lines: Sequence[Sequence[str]] = (),
+    rows: int = _ROWS,
 ) -> str:
     """Write a table; of many rows the first ones."""
-    head = "" if heads[0] == "quantity" and len(heads) == 2 else _row("th", heads)
+    head = "" if heads == ("quantity", "value") else _row("th", heads)
     body = "".join(_row("td", line) for line in lines[:rows])
     if len(lines) > rows:
         body += _row("td", [f"and {len(lines) - rows:,} more"])

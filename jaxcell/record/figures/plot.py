@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base.optional_modules import import_module
-from ...base.quantities import Quantity, Result, quantities
+from ...base.quantities import Quantity, Result, parts, quantities
 from ..canvas.palette import robot_color
 from . import ground
 from .colors import Drawn, color_of
@@ -57,10 +57,11 @@ def plot(
     name = name or picture(result)
     if name is None:
         raise ValueError(f"{type(result).__name__} has no array to draw; its numbers are in print")
-    about = quantities(type(result)).get(name)
-    value = None if about is None else getattr(result, name)
-    if about is None or value is None or not about.dims:
-        names = ", ".join(_drawable(result))
+    drawable = _drawable(result)
+    owner, own_name, about = drawable.get(name, (result, "", None))
+    value = getattr(owner, own_name, None)
+    if about is None or value is None:
+        names = ", ".join(drawable)
         raise ValueError(f"{name}: this is no array of the result; expected one of {names}")
     array, dims = np.asarray(value), list(about.dims)
     base = ground.of(result, about)
@@ -68,7 +69,7 @@ def plot(
     chosen = []
     for dim in [dim for dim in dims if dim not in kept or dim in options]:
         entry = options.pop(dim, -1 if dim in _PROCESSES else 0)
-        labels, _ = _coordinate(result, dim, array.shape[dims.index(dim)])
+        labels, _ = _coordinate(owner, dim, array.shape[dims.index(dim)])
         chosen += [f"{dim.replace('_', ' ')} {_text(labels[entry])}"]
         array = array.take(entry, dims.index(dim))
         dims.remove(dim)
@@ -78,7 +79,7 @@ def plot(
     if base and tuple(dims) == base.dims:
         base.draw(ax, drawn, options)
     elif len(dims) == 1 or min(array.shape) <= _LINES:
-        _draw_curves(ax, result, drawn, options)
+        _draw_curves(ax, owner, drawn, options)
     else:
         _draw_image(ax, drawn, options)
     ax.set_title(", ".join([about.meaning, *chosen]), wrap=True)
@@ -88,24 +89,31 @@ def plot(
 def picture(result: Result) -> str | None:
     """Name the quantity that is drawn by default, if the result has an array."""
     drawable = _drawable(result)
-    maps = (name for name, about in drawable.items() if ground.of(result, about))
+    maps = (name for name, (_, _, about) in drawable.items() if ground.of(result, about))
     return result.picture if result.picture in drawable else next(maps, next(iter(drawable), None))
 
 
-def _drawable(result: Result) -> dict[str, Quantity]:
-    """The arrays of numbers of a result."""
-    return {
-        name: about
+def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
+    """Find the arrays of numbers of a result and of its parts, by their names in a dataset.
+
+    **Returns:** for each the result or part that has it, its own name, and its description.
+    """
+    found = {
+        prefix + name: (result, name, about)
         for name, about in quantities(type(result)).items()
         if about.dims and about.kind not in ("coordinate", "text")
     }
+    for name, part in parts(result).items():
+        if isinstance(part, Result):
+            found |= _drawable(part, f"{prefix}{name}_")
+    return found
 
 
 def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
     """Draw a row as a curve or bars, and few rows as lines with a legend."""
     rows, dim = np.atleast_2d(drawn.values), drawn.dims[-1]
     dims = drawn.dims
-    if len(dims) == 2 and rows.shape[1] <= _LINES < rows.shape[0]:
+    if len(dims) == 2 and rows.shape[0] > rows.shape[1]:
         rows, dim, dims = rows.T, dims[0], dims[::-1]
     x, label = _coordinate(result, dim, rows.shape[1])
     words = isinstance(x[0], str) if x else False
