@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from jaxcell.base.quantities import Result, quantity
-from jaxcell.cli.tables import show
-from jaxcell.cli.terminal import table
+from jaxcell.cli.terminal import show, table
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ A study of `STUDIES` is tested with the example of its page of help, or with sma
 import contextlib
 import dataclasses
 import functools
+import html
 import io
 import json
 import re
@@ -16,6 +17,7 @@ from typing import Literal, NamedTuple, get_args, get_origin
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import pyplot
 from rerun.chunk import RrdReader
 
 from jaxcell.base.bundled import found
@@ -25,8 +27,9 @@ from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS
 from jaxcell.cli.help import as_options, option, parsed
 from jaxcell.cli.study_command import command_of
-from jaxcell.cli.tables import show
+from jaxcell.cli.terminal import show
 from jaxcell.record import dataset, summary
+from jaxcell.record.figures.plot import picture
 from jaxcell.study import STUDIES, Limit, Only, Study
 from jaxcell.study.parameters import Unit, conditions, parameters, within, without_effect
 from jaxcell.sweep.study_task import study_task
@@ -284,3 +287,15 @@ def test_alternatives_hold_one_by_one():
     assert (
         str(Only(a=True, b=("y", "z"), c=False)) == "with `a` and with `b` y or z and without `c`"
     )
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_result_shows_itself_in_a_notebook(case, name):
+    result = case(name).result
+    text = result._repr_html_()
+    assert html.escape(result.title) in text
+    # A summary of costs has no array.
+    assert (picture(result) is None) == ("<img" not in text)
+    if picture(result) is not None:
+        assert result.plot().get_title()
+        pyplot.close("all")

@@ -38,6 +38,7 @@ class PatrolledMap(Result):
     """
 
     title: ClassVar[str] = "Patrol of a map with limited visibility"
+    picture: ClassVar[str] = "captures_probability"
     tables: ClassVar[Mapping[str, str]] = {
         "robot": "policies",
         "share": "shares",
