@@ -18,7 +18,6 @@ ROOT = Path(__file__).parents[1]
 UNFINISHED = [
     "optimize",
     "cli",
-    "dynamics",
     "experiments",
     "pages",
     "record",
