@@ -18,7 +18,7 @@ from jaxcell.bounce import (
 from jaxcell.bounce.headings import Headings
 from jaxcell.bounce.wall_tables import Walls
 from jaxcell.mapping import periodic_groups
-from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
+from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Motion, Workspace
 from jaxcell.space.steps import Steps
 
 
@@ -91,23 +91,22 @@ def test_swept_moves_are_endpoint_moves():
 
 
 @pytest.mark.parametrize(
-    ("cells", "collision", "length"),
+    ("cells", "motion"),
     [
-        (CellSpace.of(CURVED, 0.4, 24), "swept", 1.6),
-        (CellSpace.of(CURVED, 0.4, 24), "endpoint", 1.0),
-        (CellSpace.of_grid(np.eye(7) == 0, 24), "swept", 1.0),
-        (CellSpace.of_grid(np.eye(7) == 0, 24), "endpoint", 1.6),
+        (CellSpace.of(CURVED, 0.4, 24), Motion(0.64)),
+        (CellSpace.of(CURVED, 0.4, 24), ENDPOINT),
+        (CellSpace.of_grid(np.eye(7) == 0, 24), CELL_BY_CELL),
+        (CellSpace.of_grid(np.eye(7) == 0, 24), Motion(1.6, "endpoint")),
     ],
 )
-def test_both_routes_to_the_groups_agree(cells, collision, length):
-    options = {"motion": Motion(length * cells.cell, collision)}
+def test_both_routes_to_the_groups_agree(cells, motion):
     angles = 2 * np.pi * np.arange(24) / 24
-    batch = bounce_groups(cells, angles, **options)
-    images = bounce_map(cells, angles, **options).image
+    batch = bounce_groups(cells, angles, motion=motion)
+    images = bounce_map(cells, angles, motion=motion).image
     plain = jax.device_get(jax.jit(jax.vmap(periodic_groups))(images))
     for name in ("group", "step", "period", "count"):
         np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name), err_msg=name)
-    summary = vars(group_summary(cells, angles, **options))
+    summary = vars(group_summary(cells, angles, motion=motion))
     summary = {name: np.asarray(value) for name, value in summary.items()}
     counts = plain.count.tolist()
     for i in range(24):
