@@ -163,9 +163,14 @@ class SetFollower:
 
         **Raises:** `ValueError` if a length or an angle is not a number.
         """
+        turn = 0.0
         for number, event in enumerate(run.events):
             if event["event"] != "observation":
                 continue
+            if turn is None:
+                raise ValueError(
+                    f"event {number}: expected no more, since the bump before has no turn"
+                )
             length, turn = event.get("run"), event.get("turn")
             if length is not None and not (isinstance(length, float | int) and length >= 0):
                 raise ValueError(

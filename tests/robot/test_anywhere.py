@@ -49,6 +49,21 @@ def test_a_robot_comes_home_from_anywhere_and_a_replay_agrees(task, seed, tmp_pa
     assert robot.replay_anywhere(robot.read_log(path), task.settings) == outcome
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("run", "far", "event 0: run: expected a length in metres, got 'far'"),
+        ("turn", "left", "event 0: turn: expected radians, got 'left'"),
+        ("turn", None, "event 1: expected no more, since the bump before has no turn"),
+    ],
+)
+def test_a_damaged_log_is_refused(task, field, value, message):
+    events = [{"event": "observation", "observation": 1, "run": 1.0, "turn": 0.0} for _ in range(2)]
+    events[0][field] = value
+    with pytest.raises(ValueError, match=message):
+        robot.replay_anywhere(robot.LoggedRun({}, tuple(events), True), task.settings)
+
+
 def test_another_map_is_refuted(task):
     elsewhere = space.Workspace([(0, 0), (9, 0), (9, 7), (0, 7)])
     walker = robot.Walker(SimulatedCreate(Body(elsewhere, (4.0, 3.0, 1.0))), 1.0)

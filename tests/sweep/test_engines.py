@@ -152,8 +152,8 @@ def test_a_job_that_hangs_is_ended():
 @pytest.mark.usefixtures("forked")
 def test_a_job_that_hangs_takes_no_other_with_it():
     take, _ = jobs_of(3, hang=1)
-    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 2.0)(take)}
-    assert outcomes[1] == Failed("TimeoutError: it was not done after 2 s")
+    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 5.0)(take)}
+    assert outcomes[1] == Failed("TimeoutError: it was not done after 5 s")
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
 
 

@@ -217,7 +217,7 @@ def test_altered_patrols_of_a_map_do_not_agree():
         target=0,
         view=visible[0],
         boundary=visible[0],
-        attack_times=times,
+        attack_time=times,
         exact=capture[:, 0],
         simulated=capture[:, 0] + 2 * np.sqrt(capture[:, 0] * (1 - capture[:, 0]) / runs),
         fitted=np.full(2, np.nan),
