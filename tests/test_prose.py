@@ -23,12 +23,10 @@ UNFINISHED = [
     "experiments",
     "pages",
     "record",
-    "robot",
     "space",
     "study",
     "tests",
     "verify",
-    "walls",
 ]
 # A text begins with its verb or its noun, not with a clause that stands for a noun.
 _CLAUSE = re.compile(
