@@ -21,10 +21,8 @@ UNFINISHED = [
     "experiments",
     "pages",
     "record",
-    "robot",
     "study",
     "tests",
-    "walls",
 ]
 # A text begins with its verb or its noun, not with a clause that stands for a noun.
 _CLAUSE = re.compile(
