@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from hypothesis import given, strategies as st
+from random_rooms import grids
 
 from jaxcell.bounce import bounce_groups, bounce_map, coverage_policy, noisy_bounce_map
 from jaxcell.bounce.coverage import coverage_target
@@ -13,8 +14,7 @@ from jaxcell.mapping.classes import persistent_groups
 from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Workspace
 
 
-# Of one number of free squares, because each number of cells is compiled once.
-GRIDS = st.permutations([True] * 9 + [False] * 3).map(lambda free: np.array(free).reshape(3, 4))
+GRIDS = grids(9, (3, 4))
 DEGREE = math.pi / 180
 MAPS = Path(__file__).parents[2] / "data" / "maps"
 

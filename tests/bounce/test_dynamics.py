@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from random_rooms import grids
 
 from jaxcell.bounce import (
     bounce_groups,
@@ -22,15 +23,9 @@ from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Motion, Workspace
 from jaxcell.space.steps import Steps
 
 
-def grids(free):
-    """Grids of 5 x 6 squares. Each number of free squares is compiled once."""
-    squares = st.permutations([True] * free + [False] * (30 - free))
-    return squares.map(lambda one: np.reshape(one, (5, 6)))
-
-
-GRIDS = st.sampled_from([1, 21]).flatmap(grids)
+GRIDS = grids(1, (5, 6)) | grids(21, (5, 6))
 DIRECTIONS = st.sampled_from([(1, 4), (21, 8), (21, 24)]).flatmap(
-    lambda sizes: st.tuples(grids(sizes[0]), st.just(sizes[1]))
+    lambda sizes: st.tuples(grids(sizes[0], (5, 6)), st.just(sizes[1]))
 )
 CURVED = Workspace(
     [

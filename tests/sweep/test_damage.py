@@ -40,6 +40,7 @@ def bits(path):
 
 def assert_whole_again(out, sound):
     assert tree(out) == tree(sound)
+    assert sweep_status(out).complete
     assert (out / "spec.toml").read_bytes() == (sound / "spec.toml").read_bytes()
     with open_sweep(out) as found, open_sweep(sound) as expected:
         xr.testing.assert_identical(found.load(), expected.load())
