@@ -53,6 +53,7 @@ docs: .venv/.dev
 
 pictures: .venv/.dev
 	$(BIN)/python data/pictures/make_figures.py
+	$(BIN)/python data/pictures/make_plots.py
 	$(BIN)/python data/pictures/make_pictures.py
 
 .venv/bin/python:

@@ -9,6 +9,12 @@ from hypothesis import strategies as st
 from jaxcell.space import Workspace
 
 
+def grids(free, shape):
+    """Grids of a shape with a number of free squares, on which compiled programs depend."""
+    squares = [True] * free + [False] * (math.prod(shape) - free)
+    return st.permutations(squares).map(lambda drawn: np.reshape(drawn, shape))
+
+
 @st.composite
 def slanted_obstacles(draw, number):
     """Up to four convex polygons with coordinates of the given strategy, which may overlap."""

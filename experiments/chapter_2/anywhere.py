@@ -271,7 +271,7 @@ def any_heading(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_anywhere"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/anywhere"))
     parser.add_argument("--maps", nargs="+", default=list(ANGLES), choices=list(ANGLES))
     parser.add_argument("--runs", type=int, default=10_000, help="robots of known heading")
     parser.add_argument("--few", type=int, default=200, help="robots of any heading")

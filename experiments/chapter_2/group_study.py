@@ -194,7 +194,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=5, help="placements of each environment")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_group_study"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/group_study"))
     options = parser.parse_args()
     if options.runs < 2:
         parser.error(f"--runs: expected at least 2, got {options.runs}")

@@ -184,7 +184,7 @@ def draw(cases: list[Case], path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_lab_filters"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/lab_filters"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
 

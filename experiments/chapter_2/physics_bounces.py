@@ -225,7 +225,7 @@ def draw(found: xr.Dataset, path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_physics_bounces"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/physics_bounces"))
     parser.add_argument("--bounces", type=int, default=8000)
     parser.add_argument("--phases", type=int, default=20, help="bounces of each measurement")
     parser.add_argument("--processes", type=int, default=os.cpu_count())

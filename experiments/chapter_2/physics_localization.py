@@ -214,7 +214,7 @@ def row(name: str, estimator: str, runs: list[Run]) -> dict[str, Any]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_physics_localization"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/physics_localization"))
     parser.add_argument("--maps", nargs="+", default=["lab_a", "lab_b", "complex", "cafe", "depot"])
     parser.add_argument("--runs", type=int, default=200, help="runs of each map and estimator")
     parser.add_argument("--turn", type=int, default=8, help="runs of each in a turn")

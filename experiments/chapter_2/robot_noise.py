@@ -198,7 +198,7 @@ def draw(results: xr.Dataset, path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_robot_noise"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/robot_noise"))
     parser.add_argument("--starts", type=int, default=40, help="runs of each map and noise")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()

@@ -220,7 +220,7 @@ class Combinatorial:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_slip"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/slip"))
     parser.add_argument("--maps", nargs="+", default=NAMES)
     parser.add_argument("--errors", nargs="+", type=float, default=ERRORS)
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, default=ESTIMATORS)

@@ -123,7 +123,7 @@ def localize(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_slip_policies"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/slip_policies"))
     parser.add_argument("--maps", nargs="+", default=["lab_a", "lab_b", "complex"])
     parser.add_argument("--errors", nargs="+", type=float, default=[0.02])
     parser.add_argument("--bounces", nargs="+", type=float, default=[45.0, 135.0])

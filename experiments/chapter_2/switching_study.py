@@ -126,7 +126,7 @@ def main() -> None:
     parser.add_argument("--rooms", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, default=Path("runs/ch2_switching_study"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/switching_study"))
     options = parser.parse_args()
     if options.rooms < 1:
         parser.error(f"--rooms: expected at least 1, got {options.rooms}")

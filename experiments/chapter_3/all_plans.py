@@ -326,7 +326,7 @@ def _draw_plan(axes, cells: CellSpace, found: Plan) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch3_all_plans"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_3/all_plans"))
     parser.add_argument("--search", action="store_true", help="list maps like the lab, and stop")
     options = parser.parse_args()
     configure_jax()

@@ -384,7 +384,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=300_000, help="steps of each robot")
     parser.add_argument("--robots", type=int, default=32)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/ch3_coverage"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_3/coverage_policies"))
     options = parser.parse_args()
     if options.steps < 1000:
         parser.error(f"--steps: expected at least 1000, got {options.steps}")

@@ -361,7 +361,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=20, help="starts of each team")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/ch3_team_coverage"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_3/team_coverage"))
     options = parser.parse_args()
     if options.runs < 2:
         parser.error(f"--runs: expected at least 2, got {options.runs}")

@@ -355,7 +355,7 @@ def draw_graphs(path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch4_decentralized"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_4/decentralized"))
     parser.add_argument("--runs", type=int, default=20_000, help="runs of a method")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()

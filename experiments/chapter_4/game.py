@@ -235,7 +235,7 @@ def draw(graph: Graph, rows: list[Row], path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch4_game"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_4/game"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
 

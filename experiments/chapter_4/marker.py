@@ -245,7 +245,7 @@ def main() -> int:
     parser.add_argument("--clutter", type=int, default=3000, help="frames of clutter alone")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2, help="processes")
-    parser.add_argument("--out", type=Path, default=Path("runs/ch4_marker"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_4/marker"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
 

@@ -279,7 +279,7 @@ def draw(results: Results, out: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/ch4_visibility"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_4/visibility"))
     parser.add_argument("--runs", type=int, default=5000, help="simulated runs of a target")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()

@@ -124,7 +124,7 @@ def reassignments(site: Site) -> tuple[Rows, list[Reassignment]]:
         left = [policy for robot, policy in enumerate(site.policies) if robot != lost]
         new = reassign(site.graph, site.visible, site.regions, site.policies, lost, share=SHARE)
         rows.append(row(f"without robot {lost + 1}", left))
-        rows.append(row("  shared out", new.policies, new.after))
+        rows.append(row("  shared out", new.policies, new.silence_limit))
         made.append(new)
     return rows, made
 

@@ -319,7 +319,7 @@ def arguments() -> argparse.Namespace:
     place = numbers(2, "LON,LAT")
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path, nargs="?", default=GYRES, help="NetCDF with currents")
-    parser.add_argument("--out", type=Path, default=Path("runs/ch5_drifters"))
+    parser.add_argument("--out", type=Path, default=Path("runs/chapter_5/drifters"))
     parser.add_argument("--hours", type=float, nargs="+", default=[1.0, 12.0, 24.0])
     parser.add_argument("--depths", type=float, nargs="+", help="metres; up to three by default")
     parser.add_argument("--step", type=float, help="hours; by default the time to cross a cell")

@@ -33,8 +33,8 @@ def bundled(name: str) -> Path:
         True
     """
     names = bundled_names()
-    if (found := names.get(name.removeprefix("@"))) is not None:
-        return found
+    if (path := names.get(name.removeprefix("@"))) is not None:
+        return path
     if (path := _folder() / name).is_file():
         return path
     near = difflib.get_close_matches(name.removeprefix("@"), names, 1)

@@ -51,10 +51,10 @@ def check_connected(
 
     **Raises:** `ValueError` that names vertices of two parts.
     """
-    found = vertices_apart(vertices, edges)
-    if found is None:
+    parts = vertices_apart(vertices, edges)
+    if parts is None:
         return
-    apart, other = found
+    apart, other = parts
     listed = ", ".join(map(str, apart[:_MAX_LISTED])) + ", ..." * (apart.size > _MAX_LISTED)
     raise ValueError(
         f"{expected} {'vertex' if apart.size == 1 else 'vertices'} {listed} "

@@ -161,19 +161,19 @@ class Fields:
         import numpy as np
 
         try:
-            found = np.array(self.get(name))
+            array = np.array(self.get(name))
         except ValueError:
             # A ragged list.
-            found = np.empty((), object)
-        lengths = "x".join(map(str, found.shape))
+            array = np.empty((), object)
+        lengths = "x".join(map(str, array.shape))
         matches = re.fullmatch("x".join(r"\d+" if n < 0 else str(n) for n in shape), lengths)
-        if not matches or found.dtype.kind not in "iuf"[: 2 if whole else 3]:
+        if not matches or array.dtype.kind not in "iuf"[: 2 if whole else 3]:
             sizes = " x ".join("any" if n < 0 else str(n) for n in shape)
             raise self.refused(name, f"{'whole ' * whole}numbers, {sizes} of them")
         most = 2**31 - 1 if whole else MAX_NUMBER
-        if not (np.abs(found.astype(float)) <= most).all():
+        if not (np.abs(array.astype(float)) <= most).all():
             raise self.refused(name, f"finite numbers of at most {most:g}")
-        return found.astype(np.int32 if whole else float)
+        return array.astype(np.int32 if whole else float)
 
     def parts(self, name: str) -> "list[Fields]":
         """Get the fields of each object of a list."""

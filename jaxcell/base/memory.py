@@ -89,8 +89,8 @@ def read_size(text: str, name: str) -> int:
         >>> read_size("2.5G", "memory")
         2500000000
     """
-    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)B?\s*", text, re.IGNORECASE)
-    count = int(float(found[1]) * 1000 ** " KMGT".index(found[2].upper() or " ")) if found else 0
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)B?\s*", text, re.IGNORECASE)
+    count = int(float(match[1]) * 1000 ** " KMGT".index(match[2].upper() or " ")) if match else 0
     if not count:
         raise ValueError(f"{name}: expected a size such as 8G or 500M, got {text!r}")
     return count
@@ -139,7 +139,7 @@ def _control_groups() -> Iterator[tuple[int, str]]:
 @functools.cache
 def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
     """The control groups with a limit: folder, limit, file of used bytes, field of cached bytes."""
-    found = []
+    groups_with_limit = []
     for line in _lines(proc / "self" / "cgroup"):
         _, controllers, path = line.split(":", 2)
         if not controllers:
@@ -154,8 +154,8 @@ def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
         for folder in {root, *(one for one in (here, *here.parents) if root in one.parents)}:
             most = _number(folder / limit)
             if most is not None and most <= _NO_LIMIT:
-                found.append((folder, most, used, cache))
-    return found
+                groups_with_limit.append((folder, most, used, cache))
+    return groups_with_limit
 
 
 def _addresses() -> Iterator[tuple[int, str]]:

@@ -9,6 +9,7 @@ from types import ModuleType
 _NEEDS = {
     "cv2": "finding crosses needs OpenCV; install it with: pip install 'jaxcell[vision]'",
     "irobot_create_msgs": "a Create 3 needs ros-$ROS_DISTRO-irobot-create-msgs, by apt",
+    "matplotlib": "plots need matplotlib; install it with: pip install 'jaxcell[plot]'",
     "mujoco": "the physics engine needs MuJoCo; install it with: pip install 'jaxcell[physics]'",
     "rclpy": "ROS 2 is not here; where it is: source /opt/ros/$ROS_DISTRO/setup.bash",
     "rerun": "recordings need Rerun; install it with: pip install 'jaxcell[view]'",

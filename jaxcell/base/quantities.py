@@ -27,7 +27,9 @@ Two robots that share a corridor:
 import dataclasses
 import enum
 import functools
+import importlib
 from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any, ClassVar, Literal, TypeAlias
 
 
@@ -151,6 +153,38 @@ class Result:
     tables: ClassVar[Mapping[str, str]] = {}
     """Dimensions whose quantities make a table, and the names of these tables in the summary: the
     column of a quantity `deployment_lon` in a table `deployment` is `lon`."""
+    picture: ClassVar[str] = ""
+    "The quantity that `plot` draws by default, where it is not the first with a map."
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        # A dataclass would otherwise print all its arrays.
+        cls.__repr__ = Result.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """List the numbers that are known without computing any, and the names of arrays."""
+        from .formatting import format_value
+
+        described = quantities(type(self))
+        known = {
+            name: _stored(vars(self)[name])
+            for name in described
+            if vars(self).get(name) is not None
+        }
+        lines = [f"<{type(self).__name__}: {self.title or 'a part of a result'}>"]
+        for name, value in known.items():
+            if is_single(described[name]):
+                lines.append(f"    {name}: {format_value(value, described[name])}")
+        arrays = [name for name, about in described.items() if about.dims and name in known]
+        return "\n".join([*lines, *([f"    arrays: {', '.join(arrays)}"] if arrays else [])])
+
+    def _repr_html_(self) -> str:
+        """Describe the result in a notebook."""
+        return str(_figures("html").html(self))
+
+    def plot(self, name: str | None = None, *, ax: Any = None, **options: Any) -> Any:
+        """Draw a quantity with matplotlib, as [`jaxcell.record.plot`][] does."""
+        return _figures("plot").plot(self, name, ax=ax, **options)
 
     @property
     def answered(self) -> bool:
@@ -170,6 +204,11 @@ class Result:
     def checks(self) -> "Checks":
         """Relations between quantities that hold, in addition to the checks of their kinds."""
         return {}
+
+
+def _figures(module: str) -> ModuleType:
+    """Import a module that draws results, which is on a higher floor, when it is needed."""
+    return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 
 # Sums of 10^6 probabilities are accurate to 1e-10, and so are the solves that give them.
@@ -200,8 +239,8 @@ def quantities(result: type) -> dict[str, Quantity]:
         for name, value in vars(kind).items()
         if isinstance(value, derived)
     }
-    found = fields | methods
-    return dict(sorted(found.items(), key=lambda item: item[1].kind != "coordinate"))
+    described = fields | methods
+    return dict(sorted(described.items(), key=lambda item: item[1].kind != "coordinate"))
 
 
 def values(
@@ -217,13 +256,17 @@ def values(
     - `result`: the result.
     - `wanted`: selects quantities; the values of others are not computed.
     """
-    found = {}
+    named_values = {}
     for name, one in quantities(type(result)).items():
         value = getattr(result, name) if wanted(one) else None
         if value is not None:
-            named = value.name.lower() if isinstance(value, enum.Enum) else value
-            found[name] = one, unsigned(named)
-    return found
+            named_values[name] = one, _stored(value)
+    return named_values
+
+
+def _stored(value: Any) -> Any:
+    """Replace a member of an enumeration by its name, and take the sign off zeros."""
+    return unsigned(value.name.lower() if isinstance(value, enum.Enum) else value)
 
 
 def unsigned(value: Any) -> Any:
@@ -272,10 +315,10 @@ def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
 
     Labels in radians are left out: programs need them, and people have degrees beside them.
     """
-    found: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
+    tables: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
     for name, (about, value) in summarized(result).items():
         dim = about.dims[0] if about.dims else ""
         label = about.kind == "coordinate" and about.units == "rad"
-        if dim in found and (len(about.dims) == 1) != about.listed and not label:
-            found[dim][name] = (about, value)
-    return found
+        if dim in tables and (len(about.dims) == 1) != about.listed and not label:
+            tables[dim][name] = (about, value)
+    return tables

@@ -17,6 +17,7 @@ class Anywhere(Result):
     """Simulated robots that start anywhere, with the sets of their filter."""
 
     title: ClassVar[str] = "Localization of robots that start anywhere"
+    picture: ClassVar[str] = "median_extent"
     tables: ClassVar[Mapping[str, str]] = {"bump": "bumps"}
 
     cells: CellSpace

@@ -29,6 +29,7 @@ class CoveragePolicy(Result):
     """The shares of time of bouncing angles with which a robot covers a room as wanted."""
 
     title: ClassVar[str] = "Coverage by a mixture of bouncing policies"
+    picture: ClassVar[str] = "mixture"
     tables: ClassVar[Mapping[str, str]] = {"bounce": "policies"}
 
     cells: CellSpace

@@ -34,6 +34,7 @@ class TeamTrajectory(Result):
     """A joint trajectory of several robots that covers a map, or the part that it could reach."""
 
     title: ClassVar[str] = "Joint trajectory of bouncing robots for coverage"
+    picture: ClassVar[str] = "first_visit"
     tables: ClassVar[Mapping[str, str]] = {"robot": "robots"}
 
     cells: CellSpace

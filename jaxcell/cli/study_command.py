@@ -14,7 +14,16 @@ from ..study import Study
 from ..study.study import Say, silent
 from .output import Printing, write_text
 from .startup import starting
-from .terminal import note, note_results, noting_warnings, progress, say, status, stdout_on_stderr
+from .terminal import (
+    note,
+    note_results,
+    noting_warnings,
+    progress,
+    say,
+    show,
+    status,
+    stdout_on_stderr,
+)
 
 
 if TYPE_CHECKING:
@@ -118,8 +127,6 @@ class StudyCommand(Printing):
         if self.json:
             say(json.dumps(summary))
         else:
-            from .tables import show
-
             show(result, question.headline(question.spec(result)), summary["seconds"])
             if self.out is not None and drawn:
                 note_results(self.out)

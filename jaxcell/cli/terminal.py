@@ -10,13 +10,17 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from rich.console import Console
 from rich.table import Table
 
 from ..base.optional_modules import has_module
 from .encoding import encodable
+
+
+if TYPE_CHECKING:
+    from ..base.quantities import Result
 
 
 # Seconds until the first line of progress, and between lines, if the output is no terminal.
@@ -135,6 +139,16 @@ def noting_warnings() -> Iterator[list[str]]:
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = cast(Any, show)
         yield noted
+
+
+def show(result: "Result", heading: str, seconds: float | None = None) -> None:
+    """Print the tables of a result under a heading, with the seconds that it took."""
+    from ..record.data.tables import tables
+
+    for each in tables(result, heading, seconds):
+        table(*each)
+    if result.brief:
+        say("The rest is in the files of --out, and in --json.")
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

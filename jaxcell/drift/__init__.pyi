@@ -60,6 +60,7 @@ from .validation.diagnosis import (
 )
 from .validation.distance import (
     Distance as Distance,
+    Sampling as Sampling,
     distances as distances,
     nearest_step as nearest_step,
 )

@@ -87,7 +87,11 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     time = np.ldexp(np.round(digits, 7), power)
     transient = np.flatnonzero(group < 0)
     order = transient[np.lexsort((transient, -time[transient], part[transient]))]
-    within = _within(behaviour.chain.to_scipy(), parts)
+    # Edges between states of one part cost nothing.
+    edges = behaviour.chain.to_scipy().tocoo()
+    kept = (parts[edges.row] == parts[edges.col]) & (parts[edges.row] >= 0)
+    places = edges.row[kept], edges.col[kept]
+    within = scipy.sparse.coo_array((np.zeros(places[0].size), places), shape=edges.shape)
     same = parts.reshape(-1, part.size) == part
     taken, left, first = np.zeros(0, np.int64), np.arange(order.size), np.zeros(0, np.int64)
     while left.size:
@@ -105,16 +109,6 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     )
     number = np.asarray(begins.transient.group)
     return Deployment(cells.astype(np.int32), group[cells], number[cells], gained.astype(np.int32))
-
-
-def _within(
-    matrix: scipy.sparse.csr_array, part: Int[np.ndarray, "states"]
-) -> scipy.sparse.coo_array:
-    """Select the edges between states of one part, with the cost 0."""
-    edges = matrix.tocoo()
-    kept = (part[edges.row] == part[edges.col]) & (part[edges.row] >= 0)
-    places = (edges.row[kept], edges.col[kept])
-    return scipy.sparse.coo_array((np.zeros(places[0].size), places), shape=matrix.shape)
 
 
 def _first_ancestor(

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import os
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -139,8 +139,11 @@ def read_regions(
     try:
         features = decode_json(read_text(Path(path)), "a GeoJSON file")["features"]
         named = [
-            (_name(feature, k), shapely.geometry.shape(feature["geometry"]))
-            for k, feature in enumerate(features)
+            (
+                str((feature.get("properties") or {}).get("name", number)),
+                shapely.geometry.shape(feature["geometry"]),
+            )
+            for number, feature in enumerate(features)
         ]
     except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
         raise ValueError(
@@ -159,10 +162,6 @@ def read_regions(
     if not names or len(set(names)) < len(names):
         raise ValueError(f"{path}: features: expected one or more, of different names, got {names}")
     return np.array(names), np.stack(inside)
-
-
-def _name(feature: dict[str, Any], number: int) -> str:
-    return str((feature.get("properties") or {}).get("name", number))
 
 
 def _leaving_times(

@@ -129,6 +129,16 @@ def reaching(
     - `matrix`: the transition matrix, without explicit zeros.
     - `target`: the set.
     """
+    return next_cells(matrix, target) >= 0
+
+
+def next_cells(
+    matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
+) -> Int[np.ndarray, "cells"]:
+    """Return the next cell of a shortest path from each cell to a set.
+
+    It is the number of cells in the set itself, and negative without a path.
+    """
     cells = target.size
     goals = np.flatnonzero(target)
     source = np.repeat(np.arange(cells), np.diff(matrix.indptr))
@@ -138,9 +148,7 @@ def reaching(
     backwards = scipy.sparse.csr_array(
         (np.ones(tail.size), (tail, head)), shape=(cells + 1, cells + 1)
     )
-    reached = np.zeros(cells + 1, bool)
-    reached[csgraph.breadth_first_order(backwards, cells, return_predecessors=False)] = True
-    return reached[:-1]
+    return csgraph.breadth_first_order(backwards, cells)[1][:-1]
 
 
 def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:

@@ -154,6 +154,8 @@ def value_iteration(
     - `max_sweeps`: number of sweeps after which the iteration ends.
     - `throw`: raise if the answer is not accurate enough.
 
+    **Returns:** the values, the policy and the certificate.
+
     **Raises:** `ValueError` for a discount or tolerance out of range; `RuntimeError` if rounding or
     `max_sweeps` ends the iteration before the tolerance is met.
 
@@ -185,6 +187,8 @@ def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
 
     - `model`: the decision model.
     - `policy`: the action that is taken in each cell.
+
+    **Returns:** the chain, with the action of each cell.
 
     **Raises:** `ValueError` for an action that does not exist or is not allowed.
 

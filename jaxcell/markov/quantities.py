@@ -130,6 +130,8 @@ def entropy_rate(chain: Chain) -> float:
 
     - `chain`: an irreducible chain, of any size.
 
+    **Returns:** the entropy.
+
     **Raises:** `ValueError` if the chain is not irreducible.
 
     A random walk on a line of three cells, which has a choice every second step:
@@ -156,6 +158,8 @@ def slem(chain: Chain) -> float:
 
     - `chain`: an irreducible chain. All eigenvalues are computed, which takes about 0.4 s for 750
         cells; the time grows with the cube of the number of cells.
+
+    **Returns:** the modulus, from 0 to 1.
 
     **Raises:** `ValueError` as [`hitting_matrix`][].
 

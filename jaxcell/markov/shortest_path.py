@@ -6,11 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
-from scipy.sparse import csgraph
 
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
-from ..mapping.classes import reaching
+from ..mapping.classes import next_cells, reaching
 from ..mapping.generalized import leaving_rows
 from .conditional import ALMOST_SURE, conditioned
 from .decision import DecisionModel
@@ -61,6 +60,8 @@ def stochastic_shortest_path(
     - `model`: the decision model; its actions in the goal do not matter.
     - `goal`: a cell, a list of cells, or a mask over the cells.
     - `throw`: raise if the answer is not accurate enough.
+
+    **Returns:** the policy, with the probability and the expected time of arrival.
 
     **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
     1000 rounds or a solve stalls.
@@ -157,15 +158,7 @@ class _Moves:
         target: Bool[np.ndarray, "cells"],
     ) -> Int[np.ndarray, "cells"]:
         """Change a policy to usable actions that may come nearer to a target, in steps."""
-        # Search backwards from one more node that leads to the whole target.
-        graph = self.joint(usable).tocoo()
-        goals = np.flatnonzero(target)
-        tail = np.concatenate([graph.col, np.full(goals.size, self.cells)])
-        head = np.concatenate([graph.row, goals])
-        backwards = scipy.sparse.csr_array(
-            (np.ones(tail.size), (tail, head)), shape=(self.cells + 1, self.cells + 1)
-        )
-        _, after = csgraph.breadth_first_order(backwards, self.cells)
+        after = next_cells(self.joint(usable), target)
         row, column = self.steps
         action, cell = np.divmod(row, self.cells)
         leads = usable.ravel()[row] & ~target[cell] & (after[cell] == column)

@@ -71,6 +71,8 @@ def simulate_arrival(
     - `runs`: number of runs.
     - `horizon`: number of steps after which a run is given up.
 
+    **Returns:** the time of arrival of each run.
+
     **Raises:** `ValueError` for fewer than two runs, a horizon out of range, and as
     [`jaxcell.markov.first_arrival`][].
 

@@ -207,7 +207,7 @@ def _sides(edges: int, constraints: Sequence[Linear]) -> _Sides:
     return _Sides(*map(np.array, zip(*rows, strict=True)))
 
 
-def _independent(rows: Float[np.ndarray, "rows edges"]) -> Int[np.ndarray, "some"]:
+def _independent(rows: Float[np.ndarray, "rows edges"]) -> Int[np.ndarray, "independent"]:
     """Choose rows that are linearly independent, the first row among them."""
     first = rows[0] / np.linalg.norm(rows[0])
     rest = (rows - np.outer(rows @ first, first))[1:]

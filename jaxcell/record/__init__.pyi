@@ -2,7 +2,8 @@ from .bounce.cells_by_direction import save_cells as save_cells
 from .data.dataset import dataset as dataset, save_dataset as save_dataset
 from .data.summary import summary as summary
 from .drift.deployment_files import save_deployment as save_deployment
-from .recordings import save_recording as save_recording
+from .figures.plot import plot as plot
+from .recordings import save_recording as save_recording, show as show
 from .robot.recording import RobotRecording as RobotRecording
 from .robot.track import RecordedRobot as RecordedRobot
 from .sweep.overview import log_sweep as log_sweep

@@ -2,10 +2,10 @@
 
 import importlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from ..base.optional_modules import import_module
+from ..base.optional_modules import has_module, import_module
 from ..base.quantities import Result
 
 
@@ -65,9 +65,38 @@ def save_recording(
     import_module("rerun")
     from .canvas.stream import recording
 
+    log, kind = _log_of(result)
+    with recording(path, kind) as stream:
+        log(stream, result, spec or {})
+
+
+def show(result: Result, *, spec: Mapping[str, Any] | None = None) -> Any:
+    """Show a result in a notebook: its recording in Rerun's viewer, or else its plot.
+
+    **Arguments:**
+
+    - `result`: what a study gave.
+    - `spec`: what was asked for, shown in the text.
+
+    **Returns:** a viewer where `rerun-sdk[notebook]` is installed, otherwise the axes of the plot.
+    """
+    if not has_module("rerun_notebook"):
+        return result.plot()
+    from rerun.notebook import Viewer
+
+    from .canvas.stream import new_stream
+
+    log, kind = _log_of(result)
+    stream = new_stream(kind)
+    viewer = Viewer(recording=stream, width="auto")
+    log(stream, result, spec or {})
+    return viewer
+
+
+def _log_of(result: Result) -> tuple[Callable[..., None], str]:
+    """Find the function that logs a result, and the kind of its recording."""
     names = (kind.__name__ for kind in type(result).__mro__)
     family = next((_FAMILIES[name] for name in names if name in _FAMILIES), "default:log_result")
     module, _, function = family.partition(":")
     log = getattr(importlib.import_module(f".{module}", __package__), function)
-    with recording(path, function.removeprefix("log_")) as stream:
-        log(stream, result, spec or {})
+    return log, function.removeprefix("log_")

@@ -163,7 +163,7 @@ class SetFollower:
 
         **Raises:** `ValueError` if a length or an angle is not a number.
         """
-        turn: Any = 0.0
+        turn: float | None = 0.0
         for number, event in enumerate(run.events):
             if event["event"] != "observation":
                 continue

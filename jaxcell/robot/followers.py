@@ -277,6 +277,11 @@ def run_follower(
 def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     """Replay the observations of a logged run through the filter, policy or belief of the run.
 
+    **Arguments:**
+
+    - `run`: the logged run.
+    - `follower`: the filter, policy or belief, at its start.
+
     **Returns:** [`RunOutcome`][], which is the outcome of the run if it was not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or

@@ -63,7 +63,7 @@ def member_actions(
 
     - `path`, `bumped`: `cell` and `bumped` of a [`jaxcell.bounce.TeamTrajectory`][].
     - `steps`: the position where a step leads from each, itself at a wall, of
-        [`jaxcell.space.free_steps`][] for the step and the collision of the trajectory.
+        [`jaxcell.space.free_steps`][] for the motion of the trajectory.
 
     **Returns:** for each robot its actions in the order of the trajectory, one character each: `0`
     a step; `1` a step that meets a wall, after which the robot turns by its bouncing angle; `2` a

@@ -155,7 +155,7 @@ def check(
     - `need`: estimates the bytes of the study on a cell space.
     - `doing`: the name of the study.
     - `step`: length of a step in metres, the largest side of a cell, or `None`.
-    - `also`: an alternative that would fit, as the begin of a sentence.
+    - `also`: an alternative that would fit, the beginning of a sentence.
 
     **Returns:** the bytes.
 

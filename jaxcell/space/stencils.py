@@ -46,6 +46,8 @@ def stencil(directions: int, motion: Motion, grid: tuple[int, int]) -> Stencil:
     - `motion`: how a robot moves; the side of a square is 1 m.
     - `grid`: number of rows and of columns.
 
+    **Returns:** [`Stencil`][].
+
     Steps of one square in 360 directions make 16 ways; North leads one row up:
 
         >>> from jaxcell.space import Motion, stencil

@@ -235,7 +235,7 @@ class PatrolMap(CellStudy):
         patrolled = {
             "policies": made[tried[best]],
             "chosen_share": tried[best],
-            "shares": np.array(tried),
+            "share": np.array(tried),
             "share_capture": np.array(least),
         }
         return patrolled, least[best]

@@ -61,8 +61,8 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     out = pathlib.Path(folder, "out")
         ...     _ = sweep.run_sweep(examples.angles(), out)
-        ...     found = sweep.sweep_status(out)
-        >>> found.task, found.dimensions, found.complete, found.running
+        ...     status = sweep.sweep_status(out)
+        >>> status.task, status.dimensions, status.complete, status.running
         ('groups', {'bounce': 2}, True, None)
     """
     folder = Path(out)

@@ -73,15 +73,15 @@ def run_sweep(
         >>> from jaxcell import examples, sweep
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     out = pathlib.Path(folder, "out")
-        ...     found = sweep.run_sweep(examples.angles(), out)
-        >>> found.complete, found.members, found.done
+        ...     status = sweep.run_sweep(examples.angles(), out)
+        >>> status.complete, status.members, status.done
         (True, 2, 1)
     """
     folder = Path(out)
     start = engine_named(engine, workers, timeout) if isinstance(engine, str) else engine
     if max_failures is not None and max_failures < 0:
         raise ValueError(f"max_failures: expected 0 or more, got {max_failures}")
-    found = prepared(spec)
+    checked = prepared(spec)
     wide = jax_is_wide()
     made = made_with(spec, wide)
     folder.mkdir(parents=True, exist_ok=True)
@@ -93,9 +93,9 @@ def run_sweep(
         numbers = np.flatnonzero(store.states != DONE)
         if chunks is not None:
             numbers = np.intersect1d(numbers, [*chunks])
-        asked = spec.chunk_count if chunks is None else len(chunks)
-        count = Count(asked, asked - numbers.size)
-        work = Halving(spec, (_job(store, found, int(number), wide) for number in numbers))
+        wanted = spec.chunk_count if chunks is None else len(chunks)
+        count = Count(wanted, wanted - numbers.size)
+        work = Halving(spec, (_job(store, checked, int(number), wide) for number in numbers))
         with (
             written_down(folder) as write_down,
             contextlib.closing(start(work.take)) as outcomes,

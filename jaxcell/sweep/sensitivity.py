@@ -68,8 +68,8 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
         ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
         ...     _ = path.write_text("\\n".join(lines))
         ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
-        ...     found = sweep.sobol_indices(out)
-        >>> found[0].variable, found[0].parameter
+        ...     indices = sweep.sobol_indices(out)
+        >>> indices[0].variable, indices[0].parameter
         ('count', 'bounce')
     """
     with SweepStore(Path(out)) as store:
@@ -85,28 +85,34 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
                 f"{out}: Sobol indices need all members; {missing:,} of {spec.members:,} are not "
                 "done"
             )
-        found = [
+        variables = [
             values.load()
             for name, values in dataset.data_vars.items()
             if name != "status" and set(values.dims) == set(spec.dimensions)
         ]
-    return tuple(index for values in found for index in _of_variable(values, names, spec.seed))
+    return tuple(index for values in variables for index in _of_variable(values, names, spec.seed))
 
 
 def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterator[SobolIndex]:
     """Estimate the indices of a variable, at each place of a grid."""
     grid = [str(name) for name in values.dims if name != RANDOM_DIMENSION]
     for places in itertools.product(*(range(values.sizes[name]) for name in grid)):
-        there = values.isel(dict(zip(grid, places, strict=True)))
-        rows = there.values.astype(float).reshape(-1, len(names) + 2)
+        subset = values.isel(dict(zip(grid, places, strict=True)))
+        rows = subset.values.astype(float).reshape(-1, len(names) + 2)
         if not np.isfinite(rows).all():
             continue
-        found, low, high = _estimated(rows, seed)
-        at = {name: there[name].item() for name in grid}
+        estimates, low, high = _estimated(rows, seed)
+        at = {name: subset[name].item() for name in grid}
         for i, name in enumerate(names):
             first, total = ((float(low[k, i]), float(high[k, i])) for k in range(2))
             yield SobolIndex(
-                str(values.name), name, at, float(found[0, i]), first, float(found[1, i]), total
+                str(values.name),
+                name,
+                at,
+                float(estimates[0, i]),
+                first,
+                float(estimates[1, i]),
+                total,
             )
 
 
@@ -122,13 +128,15 @@ def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.
         # Two equal outputs, because SciPy does not accept one output of one parameter.
         values = {"f_A": [a] * 2, "f_B": [b] * 2, "f_AB": [[one] * 2 for one in mixed]}
         arrays = {name: np.array(some) for name, some in values.items()}
-        found = stats.sobol_indices(func=arrays, n=len(chosen))
-        return np.stack([one.reshape(2, -1)[0] for one in (found.first_order, found.total_order)])
+        estimates = stats.sobol_indices(func=arrays, n=len(chosen))
+        return np.stack(
+            [one.reshape(2, -1)[0] for one in (estimates.first_order, estimates.total_order)]
+        )
 
     whole = np.arange(len(rows))
     if len(rows) < 2:
-        found = indices(whole)
-        return found, found, found
+        estimates = indices(whole)
+        return estimates, estimates, estimates
     interval = stats.bootstrap(
         [whole],
         indices,

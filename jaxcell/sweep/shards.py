@@ -48,10 +48,10 @@ class Shard:
 
         **Raises:** `ValueError` for another text.
         """
-        found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
-        if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
+        if match is None or not 1 <= int(match[1]) <= int(match[2]):
             raise ValueError(f"shard: expected i/n with i from 1 to n, got {text!r}")
-        return cls(int(found[1]), int(found[2]))
+        return cls(int(match[1]), int(match[2]))
 
     def chunks(self, count: int) -> range:
         """The numbers of its chunks in a sweep of `count` chunks."""
@@ -98,8 +98,8 @@ def merge_sweep(
         ...         shard = sweep.Shard.read(text)
         ...         chunks = shard.chunks(spec.chunk_count)
         ...         _ = sweep.run_sweep(spec, shard.folder(out), chunks=chunks)
-        ...     found = sweep.merge_sweep(out)
-        >>> found.complete, found.done
+        ...     status = sweep.merge_sweep(out)
+        >>> status.complete, status.done
         (True, 2)
     """
     folder = Path(out)
@@ -158,8 +158,8 @@ def _shards(folder: Path) -> list[Shard]:
     **Raises:** `ValueError` if a shard is missing.
     """
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
-    found = [Shard.read(name) for name in names]
-    counts = sorted({shard.count for shard in found})
+    shards = [Shard.read(name) for name in names]
+    counts = sorted({shard.count for shard in shards})
     if not counts:
         raise ValueError(
             f"{folder}: there are no shards to merge; jaxcell sweep SPEC --shard I/N makes one"
@@ -170,13 +170,13 @@ def _shards(folder: Path) -> list[Shard]:
     missing = [
         f"{number}/{counts[0]}"
         for number in range(1, counts[0] + 1)
-        if Shard(number, counts[0]) not in found
+        if Shard(number, counts[0]) not in shards
     ]
     if missing:
         raise ValueError(f"{folder}: shards that are not there: {_listed(missing)}")
-    return sorted(found, key=lambda shard: shard.number)
+    return sorted(shards, key=lambda shard: shard.number)
 
 
-def _listed(some: Sequence[str]) -> str:
-    more = f", ... ({len(some)} in all)" * (len(some) > _MAX_LISTED)
-    return ", ".join(some[:_MAX_LISTED]) + more
+def _listed(names: Sequence[str]) -> str:
+    more = f", ... ({len(names)} in all)" * (len(names) > _MAX_LISTED)
+    return ", ".join(names[:_MAX_LISTED]) + more

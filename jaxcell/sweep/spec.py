@@ -241,24 +241,24 @@ class Spec:
         A field is described by both values, and a parameter by its numbers of values and by the
         values that are new or missing in the other specification.
         """
-        found = []
+        differences = []
         ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
         for field in dict.fromkeys(itertools.chain(ours, theirs)):
             there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
             if there != here:
                 pairs = enumerate(zip(there, here, strict=False))
                 place = next((i for i, (a, b) in pairs if a != b), 0)
-                found.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
+                differences.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
         there_by, here_by = (
             {parameter.name: parameter for parameter in spec.parameters} for spec in (self, other)
         )
         for name in dict.fromkeys(itertools.chain(there_by, here_by)):
             difference = parameter_difference(there_by.get(name), here_by.get(name))
             if difference is not None:
-                found.append(f"{name}: {difference}")
-        if not found and list(self.dimensions) != list(other.dimensions):
-            found.append(f"grid: in the order {', '.join(self.dimensions)} there")
-        return found
+                differences.append(f"{name}: {difference}")
+        if not differences and list(self.dimensions) != list(other.dimensions):
+            differences.append(f"grid: in the order {', '.join(self.dimensions)} there")
+        return differences
 
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
         """Find the places of the members of this specification in a smaller one.
@@ -273,18 +273,18 @@ class Spec:
             or names != {one.name: (one.dimension, one.values.dtype.kind) for one in old.parameters}
         ):
             return None
-        found = {}
+        places = {}
         for dimension in self.dimensions:
             there: dict[tuple[Any, ...], deque[int]] = {}
             for place, row in enumerate(old._rows(dimension)):
                 there.setdefault(row, deque()).append(place)
-            places = [
+            along = [
                 there[row].popleft() if there.get(row) else -1 for row in self._rows(dimension)
             ]
             if any(there.values()):
                 return None
-            found[dimension] = np.array(places)
-        return found
+            places[dimension] = np.array(along)
+        return places
 
     def _rest(self) -> dict[str, Any]:
         """The document without the parameters, with sorted fields."""

@@ -68,13 +68,13 @@ def study_task(
     for together in _together(study, members):
         for i, row in zip(together, _rows([members[i] for i in together]), strict=True):
             rows[i] = row
-    found = xr.Dataset()
+    dataset = xr.Dataset()
     # A number that a member lacks is NaN.
     for name, about in {name: row[name][0] for row in rows for name in row}.items():
         attributes = {"long_name": about.meaning, "units": about.units or "1"}
         column = [row[name][1] if name in row else np.nan for row in rows]
-        found[name] = ("member", np.array(column), attributes)
-    return found
+        dataset[name] = ("member", np.array(column), attributes)
+    return dataset
 
 
 def studies(
@@ -108,17 +108,22 @@ def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
     if batch is None:
         return [_numbers(one.run(), ()) for one in alike]
     several = tuple(value for one in alike for value in getattr(one, batch))
-    found = _numbers(dataclasses.replace(alike[0], **{batch: several}).run(), (batch,))
+    numbers = _numbers(dataclasses.replace(alike[0], **{batch: several}).run(), (batch,))
     return [
-        {name: (about, value[i] if about.dims else value) for name, (about, value) in found.items()}
+        {
+            name: (about, value[i] if about.dims else value)
+            for name, (about, value) in numbers.items()
+        }
         for i in range(len(alike))
     ]
 
 
 def _numbers(result: Result, dims: tuple[str, ...]) -> dict[str, tuple[Quantity, Any]]:
     """Select the quantities that are numbers, or numbers along a dimension."""
-    found = values(result, lambda one: one.dims in ((), dims) and one.kind != "coordinate")
-    arrays = {name: (about, np.asarray(value)) for name, (about, value) in found.items()}
+    described = values(
+        result, lambda about: about.dims in ((), dims) and about.kind != "coordinate"
+    )
+    arrays = {name: (about, np.asarray(value)) for name, (about, value) in described.items()}
     return {name: one for name, one in arrays.items() if one[1].dtype.kind in "biuf"}
 
 

@@ -13,15 +13,16 @@ from .failures import write_failures
 from .results import SweepStatus, sweep_status
 from .run import run_sweep
 from .spec import Spec
-from .storage.contents import JOURNAL, Contents
+from .storage.contents import Contents
 from .storage.damage import reading
 from .storage.digests import differences, made_with
 from .storage.export import digests_of_files, export, update_result
-from .storage.journal import Journal, Kind
+from .storage.journal import JOURNAL, Journal, Kind
 from .storage.lock import locked
 from .storage.opening import copy_spec, tidy, write_journal
 from .storage.records import Begun
 from .storage.store import DONE, SweepStore
+from .workers.engines import engine_named
 from .workers.progress import Progress
 from .workers.work import jax_is_wide
 
@@ -86,6 +87,7 @@ def verify_sweep(
         (('sweep.zarr/count/c/0',), 1, True)
     """
     folder = Path(out)
+    engine_named(engine, workers)  # Raises an error for an unknown engine.
     if not (folder / JOURNAL).is_file():
         SweepStore(folder)  # Raises an error that says what the folder has.
     with locked(folder / "lock"):

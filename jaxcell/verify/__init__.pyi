@@ -1,15 +1,14 @@
-from .bounce import (
-    compare_filter as compare_filter,
-    compare_groups as compare_groups,
-    compare_images as compare_images,
-)
+from .bounce import compare_groups as compare_groups, compare_images as compare_images
 from .comparison import Comparison as Comparison
 from .coverage import compare_coverage as compare_coverage
 from .drift import compare_drift as compare_drift
+from .localization import (
+    compare_filter as compare_filter,
+    compare_policy as compare_policy,
+    compare_slip as compare_slip,
+)
 from .navigation import compare_plan as compare_plan
 from .patrolled_map import compare_patrolled_map as compare_patrolled_map
-from .policy import compare_policy as compare_policy
-from .slipped import compare_slip as compare_slip
 from .team import compare_team as compare_team
 from .walk import (
     compare_commute as compare_commute,

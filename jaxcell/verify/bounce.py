@@ -5,14 +5,13 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csgraph
 
 from .. import bounce as bouncing
-from ..bounce import BounceGroups, LocalizationFilter
+from ..bounce import BounceGroups
 from ..mapping import SimpleMap
 from ..space import CELL_BY_CELL, CellSpace, Motion
 from .comparison import Comparison, sample
 
 
 _IMAGES = 200
-_STATES = 1000
 # Distance in cells. A step that stays farther from a wall, or crosses it by more, is a clear case.
 _NEAR = 1e-7
 
@@ -93,21 +92,21 @@ def compare_straight(
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 
 
-def compare_groups(found: BounceGroups) -> list[Comparison]:
+def compare_groups(groups: BounceGroups) -> list[Comparison]:
     """Compare periodic groups with the components of the graph of images, by scipy."""
     compared = []
-    for i, bounce in enumerate(found.bounce.tolist()):
-        mapped = bouncing.bounce_map(found.cells, bounce, motion=found.motion)
-        compared.append(compare_images(found.cells, mapped, bounce, motion=found.motion))
+    for i, bounce in enumerate(groups.bounce.tolist()):
+        mapped = bouncing.bounce_map(groups.cells, bounce, motion=groups.motion)
+        compared.append(compare_images(groups.cells, mapped, bounce, motion=groups.motion))
         by_group, away, around = _components(np.asarray(mapped.image))
         wrong = [
             f"cell {z}: its {name} is {ours[z]}, and {again[z]} by components"
             for name, again in (("group", by_group), ("step", away), ("period", around))
-            for ours in [getattr(found, name)[i].ravel()]
+            for ours in [getattr(groups, name)[i].ravel()]
             for z in np.flatnonzero(ours != again).tolist()
         ]
         what = "groups of cells, by components of the graph of images"
-        compared.append(Comparison.exact(what, wrong, 3 * found.cells.size))
+        compared.append(Comparison.exact(what, wrong, 3 * groups.cells.size))
         basin, periods = np.bincount(by_group), around[np.unique(by_group, return_index=True)[1]]
         numbers = {
             "count": basin.size,
@@ -117,7 +116,7 @@ def compare_groups(found: BounceGroups) -> list[Comparison]:
             "periodic_cells": periods.sum(),
             "largest_basin": basin.max(),
         }
-        ours, what = [getattr(found, name)[i] for name in numbers], "numbers of the groups"
+        ours, what = [getattr(groups, name)[i] for name in numbers], "numbers of the groups"
         compared.append(Comparison.close(f"{what}, by components", ours, [*numbers.values()], 0.0))
     return compared
 
@@ -139,47 +138,3 @@ def _components(
     period[basins] = length[periodic[first]]
     step = csgraph.dijkstra(graph.T.tocsr(), indices=periodic, min_only=True, unweighted=True)
     return number[basin], step, period[basin]
-
-
-def compare_filter(found: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
-    """Compare states of a filter with products of sparse matrices, and its knowledge cycles with
-    the closed strong components of its transitions.
-    """
-    filter, image = found.filter, np.asarray(simple_map.image)
-    states, size = len(filter.transition), image.size
-    shape, ones = (states, size), np.ones(filter.members.size, np.int32)
-    member = scipy.sparse.csr_array((ones, filter.members, filter.offsets), shape=shape)
-    some = sample(states, _STATES)
-    wrong = []
-    for observation in (0, 1):
-        senses = np.flatnonzero(np.asarray(simple_map.bumped) == observation)
-        entries = np.ones(senses.size, np.int32), (senses, image[senses])
-        follows = scipy.sparse.csr_array(entries, shape=(size, size))
-        after = filter.transition[some, observation]
-        ours = member[np.maximum(after, 0)].multiply((after >= 0)[:, None]) != 0
-        again = member[some] @ follows != 0
-        wrong += [
-            f"state {some[i]} and observation {observation}: the next state has other cells than "
-            "the images have"
-            for i in np.flatnonzero((ours != again).sum(axis=1)).tolist()
-        ]
-    what = "states of the filter, by products of sparse matrices"
-    compared = [Comparison.exact(what, wrong, 2 * some.size)]
-
-    # Observations that cannot occur on the map lead into the trap.
-    known = states - filter.open_world
-    source, target = np.repeat(np.arange(known), 2), filter.transition[:known].ravel()
-    within = (target >= 0) & (target < known)
-    source, target = source[within], target[within]
-    graph = scipy.sparse.csr_array((np.ones(source.size), (source, target)), shape=(known, known))
-    count, component = csgraph.connected_components(graph, connection="strong")
-    ends = np.ones(count, bool)
-    ends[component[source[component[source] != component[target]]]] = False
-    wrong = [
-        f"state {state} has colour {filter.color[state]}"
-        for state in np.flatnonzero((filter.color[:known] > 1) != ends[component]).tolist()
-    ]
-    if len(filter.cycles) != ends.sum():
-        wrong.append(f"{len(filter.cycles)} cycles, and {ends.sum()} components")
-    what = "knowledge cycles, by strong components that nothing leaves"
-    return [*compared, Comparison.exact(what, wrong, known + 1)]

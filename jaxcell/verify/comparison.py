@@ -49,7 +49,7 @@ class Comparison:
     def close(
         cls,
         what: str,
-        found: npt.ArrayLike,
+        reported: npt.ArrayLike,
         again: npt.ArrayLike,
         limit: float,
         *,
@@ -60,20 +60,20 @@ class Comparison:
         **Arguments:**
 
         - `what`: the compared quantity.
-        - `found`, `again`: the result, and the numbers of the other computation.
+        - `reported`, `again`: the result, and the numbers of the other computation.
         - `limit`: the tolerance.
         - `relative`: whether differences are divided by the numbers of `again`.
         """
-        found, again = (np.asarray(values, float).ravel() for values in (found, again))
+        reported, again = (np.asarray(values, float).ravel() for values in (reported, again))
         scale = np.abs(again) if relative else 1
         with np.errstate(invalid="ignore", divide="ignore"):
-            differ = np.where(found == again, 0.0, np.abs(found - again) / scale)
+            differ = np.where(reported == again, 0.0, np.abs(reported - again) / scale)
         differ = np.where(np.isnan(differ), np.inf, differ)
         worst = int(differ.argmax()) if differ.size else 0
         largest = float(differ[worst]) if differ.size else 0.0
         where = ""
         if not largest <= limit:
-            where = f"entry {worst}: {found[worst]!r}, and {again[worst]!r} by the other route"
+            where = f"entry {worst}: {reported[worst]!r}, and {again[worst]!r} by the other route"
         return cls(what, differ.size, largest, limit, where)
 
     @classmethod

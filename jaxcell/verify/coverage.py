@@ -43,11 +43,11 @@ def compare_coverage(
             ends.append(float(chance.mean()))
             shares.append(float(value[group == 0].sum()))
     what = "what a step changes of limiting distributions, by a sparse matrix of its own"
-    found = [images, Comparison.close(what, moved, np.zeros(len(moved)), _CLOSE)]
+    compared = [images, Comparison.close(what, moved, np.zeros(len(moved)), _CLOSE)]
     if ends:
         what = "the share of the first group, by a sparse direct solve"
-        found.append(Comparison.close(what, shares, ends, _CLOSE))
-    return [*found, _nearest(policy)]
+        compared.append(Comparison.close(what, shares, ends, _CLOSE))
+    return [*compared, _nearest(policy)]
 
 
 def _matrix(

@@ -20,9 +20,9 @@ _MAX_PROGRAM = 5000
 
 def compare_drift(drift: SeaLayers) -> list[Comparison]:
     """Compare groups by networkx, ends of drifters by solves, and voyages by linear programs."""
-    found = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
+    compared = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):
-        return found
+        return compared
     surface = drift.layers[0].behaviour.chain.to_scipy()
     cells = drift.deployment.cells
     steps = csgraph.dijkstra(surface, indices=cells, unweighted=True, min_only=True)
@@ -30,8 +30,8 @@ def compare_drift(drift: SeaLayers) -> list[Comparison]:
     steps = steps.reshape(-1, drift.layers[0].cells).min(axis=0)
     missed = [f"cell {z} is visited from none" for z in np.flatnonzero(np.isinf(steps))]
     what = "cells visited from the deployment, by scipy"
-    found.append(Comparison.exact(what, missed, steps.size))
-    return found if drift.surest is None else [*found, _compare_voyage(drift.surest)]
+    compared.append(Comparison.exact(what, missed, steps.size))
+    return compared if drift.surest is None else [*compared, _compare_voyage(drift.surest)]
 
 
 def _compare_layer(layer: LayerEnds) -> list[Comparison]:
@@ -39,26 +39,26 @@ def _compare_layer(layer: LayerEnds) -> list[Comparison]:
     # For a current that repeats itself, the cells at each phase.
     P, group = behaviour.chain.to_scipy(), np.asarray(behaviour.groups.group)
     transient = np.flatnonzero(group < 0)
-    found = [_compare_groups(P, group, f"persistent groups{at}, by networkx")]
+    compared = [_compare_groups(P, group, f"persistent groups{at}, by networkx")]
     when = f"times until drifters are in a group or gone{at}, by a direct solve"
     where = f"shares that end in the first group{at}, by a direct solve"
-    if not found[0].agrees:
+    if not compared[0].agrees:
         # If the transient cells are wrong, a solve may have no solution.
-        return found
+        return compared
     if not 0 < transient.size <= _MAX_TRANSIENT:
         why = f"{transient.size:,} transient cells; it is done for 1 to {_MAX_TRANSIENT:,}"
-        return [*found, Comparison.omitted(when, why)]
+        return [*compared, Comparison.omitted(when, why)]
     if behaviour.absorption.certificate.outcome is not Outcome.CONVERGED:
         # Drifters stay almost forever in some cells, where a solve that subtracts is far off.
-        return [*found, Comparison.omitted(when, "they are not certified")]
+        return [*compared, Comparison.omitted(when, "they are not certified")]
     times = solve_transient(P, transient, np.ones(transient.size))
     reported = np.asarray(behaviour.absorption.value)[transient]
-    found.append(Comparison.close(when, reported, times, 1e-6, relative=True))
+    compared.append(Comparison.close(when, reported, times, 1e-6, relative=True))
     if layer.ends is not None and behaviour.groups.count:
         chances = solve_transient(P, transient, P[transient] @ (group == 0).astype(float))
         reported = np.asarray(layer.ends.value)[0][transient]
-        found.append(Comparison.close(where, reported, chances, 1e-7))
-    return found
+        compared.append(Comparison.close(where, reported, chances, 1e-7))
+    return compared
 
 
 def _compare_groups(P: scipy.sparse.csr_array, group: np.ndarray, what: str) -> Comparison:

@@ -17,7 +17,7 @@ _DEVIATIONS = 8.0
 
 def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
     """Compare the patrol of a map with polygons of shapely, products of scipy, and networkx."""
-    attack, times = patrol.attack, patrol.attack.attack_times
+    attack, times = patrol.attack, patrol.attack.attack_time
     targets = sample(patrol.cells.positions, _TARGETS).tolist()
     caught = np.array([_caught(patrol, target) for target in targets])
     spread = np.maximum(attack.exact * (1 - attack.exact), 1 / attack.arrival.size)
@@ -47,7 +47,7 @@ def _compare_walks(patrol: PatrolledMap) -> Comparison:
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
     """Compute the probability that a robot has been in view of a cell by each attack time."""
-    view, times = patrol.visible[target], patrol.attack.attack_times
+    view, times = patrol.visible[target], patrol.attack.attack_time
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
         unseen = np.isin(np.arange(view.size), policy.cells) & ~view

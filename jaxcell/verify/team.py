@@ -33,9 +33,9 @@ def compare_team(
     for t in chosen:
         expected = _joint_step(team, straight, turns, team.cell[t])
         fields = team.cell[t + 1], team.bumped[t], team.collided[t], team.collisions[t]
-        found = tuple(field.tolist() for field in fields)
-        if found != expected:
-            wrong.append(f"step {t}: to cells {found[0]}, and {expected[0]} pair by pair")
+        ours = tuple(field.tolist() for field in fields)
+        if ours != expected:
+            wrong.append(f"step {t}: to cells {ours[0]}, and {expected[0]} pair by pair")
     return [
         images,
         Comparison.exact("steps of the robots, by shapely pair by pair", wrong, len(chosen)),

@@ -29,9 +29,9 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     for row, target in zip(again, targets.tolist(), strict=True):
         others = np.delete(np.arange(vertices), target)
         row[others] = solve_transient(chain, others, np.ones(vertices - 1))
-    found = patrol.hitting_time[:, targets].T
+    reported = patrol.hitting_time[:, targets].T
     entropy = share @ scipy.special.entr(P).sum(axis=1)
-    about = "hitting times of some vertices, by spsolve", found, again
+    about = "hitting times of some vertices, by spsolve", reported, again
     to_visited = patrol.hitting_time[np.ix_(visited, visited)] @ share[visited]
     kemeny = np.full(visited.size, patrol.kemeny_constant), to_visited
     what = "Kemeny constant, by the hitting times from each start"
@@ -58,8 +58,9 @@ def compare_commute(
     timed = patrol.timed
     times = None if timed is None else timed.duration
     least = conic.least_resistance(graph, rules, durations=times).least
-    found = [(patrol if timed is None else timed).mean_commute_time]
-    compared = [Comparison.close(what, found, [4 * least / (vertices - 1)], _TIME, relative=True)]
+    reported = [(patrol if timed is None else timed).mean_commute_time]
+    expected = [4 * least / (vertices - 1)]
+    compared = [Comparison.close(what, reported, expected, _TIME, relative=True)]
     if rules and timed is None:
         shares = patrol.weight
         beyond = [max(c.lower - (v := c.coefficients @ shares), v - c.upper, 0) for c in rules]

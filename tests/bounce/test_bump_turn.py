@@ -112,9 +112,3 @@ def run(cell: int, steps: int, rng: np.random.Generator) -> Iterator[tuple[int, 
         if bumped:
             walker.rotate(TURN)
         yield int(bumped), int(CELLS.index(*body.pose))
-
-
-@pytest.mark.parametrize("value", [2.0, math.nan])
-def test_a_turn_by_a_bump_that_is_no_angle_is_refused(value):
-    with pytest.raises(ValueError, match="slip: bump_turn: expected -1 to 1 radians"):
-        space.Slip(bump_turn=value)

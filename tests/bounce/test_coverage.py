@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import scipy.optimize
 from hypothesis import given, strategies as st
+from random_rooms import grids
 
 from jaxcell.bounce import bounce_groups, bounce_map, coverage_policy, noisy_bounce_map
 from jaxcell.bounce.coverage import coverage_target
 from jaxcell.mapping.classes import persistent_groups
-from jaxcell.space import CellSpace, Motion, Workspace
+from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Workspace
 
 
-# Always as many free squares, since each number of cells is compiled once.
-GRIDS = st.permutations([True] * 9 + [False] * 3).map(lambda free: np.array(free).reshape(3, 4))
+GRIDS = grids(9, (3, 4))
 DEGREE = math.pi / 180
 MAPS = Path(__file__).parents[2] / "data" / "maps"
 
@@ -52,21 +52,19 @@ def test_a_noisy_map_turns_by_all_angles_near_the_bouncing_angle(free, shift, bi
 def test_without_error_persistent_groups_are_the_periodic_groups(free, shift):
     cells = CellSpace.of_grid(free, 8)
     chain = noisy_bounce_map(cells, 45 * shift * DEGREE, 0.0, 1.0)
-    found = persistent_groups(chain)
+    policy = persistent_groups(chain)
     exact = bounce_groups(cells, 45 * shift * DEGREE)
-    assert found.count == int(exact.count)
+    assert policy.count == int(exact.count)
     periodic = np.asarray(exact.periodic)
-    np.testing.assert_array_equal(found.group, np.where(periodic, exact.group, -1))
+    np.testing.assert_array_equal(policy.group, np.where(periodic, exact.group, -1))
 
 
-def test_a_wall_of_any_shape_and_both_collision_rules():
+def test_noisy_maps_extend_bounce_maps_for_both_rules_of_collision():
     round_room = Workspace([(0, 0), (3, 0), (3.5, 1), (3, 2.2), (0, 2)], robot_radius=0.1)
     cells = CellSpace.of(round_room, 0.5, 12)
-    for collision in ("swept", "endpoint"):
-        chain = noisy_bounce_map(
-            cells, math.pi / 2, math.pi / 6, 0.5, motion=Motion(collision=collision)
-        )
-        exact = bounce_map(cells, math.pi / 2, motion=Motion(collision=collision))
+    for motion in (CELL_BY_CELL, ENDPOINT):
+        chain = noisy_bounce_map(cells, math.pi / 2, math.pi / 6, 0.5, motion=motion)
+        exact = bounce_map(cells, math.pi / 2, motion=motion)
         np.testing.assert_array_equal(np.asarray(chain.image)[0], exact.image)
         branches = (np.asarray(chain.probability) > 0).sum(axis=0)
         np.testing.assert_array_equal(branches, np.where(exact.bumped, 3, 1))
@@ -80,25 +78,21 @@ def time_average(matrix):
     return matrix.mean(axis=0)
 
 
-@pytest.mark.parametrize("collision", ["swept", "endpoint"])
-def test_the_whole_algorithm_against_dense_linear_algebra(collision):
+@pytest.mark.parametrize("motion", [CELL_BY_CELL, ENDPOINT])
+def test_policies_agree_with_dense_linear_algebra(motion):
     cells = room()
     bounces = np.radians([45, 90, 225])
     wanted = np.arange(1.0, cells.positions + 1)
-    found = coverage_policy(
-        cells, bounces, math.pi / 4, 0.7, wanted, motion=Motion(collision=collision)
-    )
+    policy = coverage_policy(cells, bounces, math.pi / 4, 0.7, wanted, motion=motion)
     columns = []
-    for bounce, got in zip(bounces, found.limiting, strict=True):
-        chain = noisy_bounce_map(
-            cells, float(bounce), math.pi / 4, 0.7, motion=Motion(collision=collision)
-        )
+    for bounce, got in zip(bounces, policy.limiting, strict=True):
+        chain = noisy_bounce_map(cells, float(bounce), math.pi / 4, 0.7, motion=motion)
         average = time_average(chain.to_scipy().toarray())
         np.testing.assert_allclose(got.value, average, atol=1e-12)
         columns.append(average.reshape(8, -1).sum(axis=0))
     A, b = np.stack(columns, axis=1), wanted / wanted.sum()
-    np.testing.assert_allclose(found.coverage, A.T, atol=1e-12)
-    np.testing.assert_allclose(found.target, b, rtol=1e-14)
+    np.testing.assert_allclose(policy.coverage, A.T, atol=1e-12)
+    np.testing.assert_allclose(policy.target, b, rtol=1e-14)
     least = scipy.optimize.minimize(
         lambda x: 1e3 * np.sum((A @ x - b) ** 2),
         np.full(3, 1 / 3),
@@ -106,10 +100,12 @@ def test_the_whole_algorithm_against_dense_linear_algebra(collision):
         constraints={"type": "eq", "fun": lambda x: x.sum() - 1},
         tol=1e-14,
     )
-    assert found.distance == pytest.approx(np.linalg.norm(A @ least.x - b), rel=1e-7)
-    np.testing.assert_allclose(found.alpha, least.x, atol=1e-4)
-    np.testing.assert_allclose(found.mixture, A @ np.asarray(found.alpha), rtol=1e-13)
-    assert found.total_variation == pytest.approx(np.abs(A @ np.asarray(found.alpha) - b).sum() / 2)
+    assert policy.distance == pytest.approx(np.linalg.norm(A @ least.x - b), rel=1e-7)
+    np.testing.assert_allclose(policy.alpha, least.x, atol=1e-4)
+    np.testing.assert_allclose(policy.mixture, A @ np.asarray(policy.alpha), rtol=1e-13)
+    assert policy.total_variation == pytest.approx(
+        np.abs(A @ np.asarray(policy.alpha) - b).sum() / 2
+    )
 
 
 def test_a_mirrored_room_has_mirrored_policies():
@@ -135,9 +131,9 @@ def test_a_target_that_a_policy_meets_gets_that_policy_alone():
     bounces = np.radians([45, 135, 270])
     alone = coverage_policy(cells, bounces[1:2], math.pi / 4, 0.7)
     assert alone.alpha.tolist() == [1]
-    found = coverage_policy(cells, bounces, math.pi / 4, 0.7, np.asarray(alone.mixture))
-    np.testing.assert_allclose(found.alpha, [0, 1, 0], atol=1e-9)
-    assert found.distance < 1e-12
+    policy = coverage_policy(cells, bounces, math.pi / 4, 0.7, np.asarray(alone.mixture))
+    np.testing.assert_allclose(policy.alpha, [0, 1, 0], atol=1e-9)
+    assert policy.distance < 1e-12
 
 
 def test_weights_of_groups_are_passed_on():
@@ -157,7 +153,7 @@ def test_weights_of_groups_are_passed_on():
     assert float(by_size.mixture[x < 1].sum()) == pytest.approx(share)
 
 
-def test_targets():
+def test_targets_of_all_kinds_are_normalised():
     cells = room()
     n = cells.positions
     x, y, _ = cells.centre(np.arange(n))
@@ -243,10 +239,10 @@ def test_the_stand_in_for_the_complex_room_is_as_its_readme_says():
     assert CellSpace.of(room, room.cell, room.directions).size == 1464
     cells = CellSpace.of(room, 1.0, 360)
     assert (cells.positions, cells.size) == (183, 65880)
-    found = coverage_policy(cells, np.radians([30, 75, 315]), 5 * DEGREE, 0.8)
-    assert [groups.count for groups in found.groups] == [1, 1, 1]
-    assert float(found.alpha.min()) > 0.1
-    for one in found.limiting:
+    policy = coverage_policy(cells, np.radians([30, 75, 315]), 5 * DEGREE, 0.8)
+    assert [groups.count for groups in policy.groups] == [1, 1, 1]
+    assert float(policy.alpha.min()) > 0.1
+    for one in policy.limiting:
         assert one.certificate.residual < 1e-10
         assert float(one.value.sum()) == pytest.approx(1, abs=1e-12)
 

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from random_rooms import grids
 
 from jaxcell.bounce import (
     bounce_groups,
@@ -18,19 +19,13 @@ from jaxcell.bounce import (
 from jaxcell.bounce.headings import Headings
 from jaxcell.bounce.wall_tables import Walls
 from jaxcell.mapping import periodic_groups
-from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
+from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Motion, Workspace
 from jaxcell.space.steps import Steps
 
 
-def grids(free):
-    """Grids of 5 x 6 squares. Each number of free squares is compiled once."""
-    squares = st.permutations([True] * free + [False] * (30 - free))
-    return squares.map(lambda one: np.reshape(one, (5, 6)))
-
-
-GRIDS = st.sampled_from([1, 21]).flatmap(grids)
+GRIDS = grids(1, (5, 6)) | grids(21, (5, 6))
 DIRECTIONS = st.sampled_from([(1, 4), (21, 8), (21, 24)]).flatmap(
-    lambda sizes: st.tuples(grids(sizes[0]), st.just(sizes[1]))
+    lambda sizes: st.tuples(grids(sizes[0], (5, 6)), st.just(sizes[1]))
 )
 CURVED = Workspace(
     [
@@ -91,23 +86,22 @@ def test_swept_moves_are_endpoint_moves():
 
 
 @pytest.mark.parametrize(
-    ("cells", "collision", "length"),
+    ("cells", "motion"),
     [
-        (CellSpace.of(CURVED, 0.4, 24), "swept", 1.6),
-        (CellSpace.of(CURVED, 0.4, 24), "endpoint", 1.0),
-        (CellSpace.of_grid(np.eye(7) == 0, 24), "swept", 1.0),
-        (CellSpace.of_grid(np.eye(7) == 0, 24), "endpoint", 1.6),
+        (CellSpace.of(CURVED, 0.4, 24), Motion(0.64)),
+        (CellSpace.of(CURVED, 0.4, 24), ENDPOINT),
+        (CellSpace.of_grid(np.eye(7) == 0, 24), CELL_BY_CELL),
+        (CellSpace.of_grid(np.eye(7) == 0, 24), Motion(1.6, "endpoint")),
     ],
 )
-def test_both_routes_to_the_groups_agree(cells, collision, length):
-    options = {"motion": Motion(length * cells.cell, collision)}
+def test_both_routes_to_the_groups_agree(cells, motion):
     angles = 2 * np.pi * np.arange(24) / 24
-    batch = bounce_groups(cells, angles, **options)
-    images = bounce_map(cells, angles, **options).image
+    batch = bounce_groups(cells, angles, motion=motion)
+    images = bounce_map(cells, angles, motion=motion).image
     plain = jax.device_get(jax.jit(jax.vmap(periodic_groups))(images))
     for name in ("group", "step", "period", "count"):
         np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name), err_msg=name)
-    summary = vars(group_summary(cells, angles, **options))
+    summary = vars(group_summary(cells, angles, motion=motion))
     summary = {name: np.asarray(value) for name, value in summary.items()}
     counts = plain.count.tolist()
     for i in range(24):

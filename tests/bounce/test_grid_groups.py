@@ -15,20 +15,20 @@ from jaxcell.bounce import (
     walls,
 )
 from jaxcell.mapping import periodic_groups
-from jaxcell.space import CellSpace, Motion, Workspace
+from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Motion, Workspace
 from jaxcell.space.steps import Steps
 
 
 # One shape, so that little is compiled.
 GRIDS = hnp.arrays(bool, (5, 6), elements=st.sampled_from([True, True, True, False])).filter(np.any)
-RULES = st.sampled_from(["swept", "endpoint"])
-# Few, since each is compiled.
-SETTINGS = st.sampled_from([(8, "swept", 1.0), (7, "endpoint", 1.0), (24, "swept", 1.7)])
+MOTIONS = [CELL_BY_CELL, ENDPOINT]
+# Few, because each is compiled.
+SETTINGS = st.sampled_from([(8, CELL_BY_CELL), (7, ENDPOINT), (24, Motion(1.7))])
 
 
-def image_of(free, directions, shift, **motion):
+def image_of(free, directions, shift, motion=CELL_BY_CELL):
     cells = CellSpace.of_grid(free, directions)
-    result = bounce_map(cells, 2 * math.pi * shift / directions, **motion)
+    result = bounce_map(cells, 2 * math.pi * shift / directions, motion=motion)
     return np.asarray(result.image), np.asarray(result.bumped), cells.positions
 
 
@@ -59,7 +59,7 @@ def measured(image):
     )
 
 
-def told(found, *index):
+def totals(found, *index):
     return tuple(
         int(getattr(found, name)[index])
         for name in (
@@ -75,12 +75,12 @@ def told(found, *index):
 
 @given(GRIDS, SETTINGS, st.data())
 def test_groups_of_all_angles_are_those_of_a_walk(free, setting, data):
-    directions, collision, step = setting
+    directions, motion = setting
     shift = data.draw(st.integers(0, directions - 1))
     angles = 2 * math.pi * np.arange(directions) / directions
-    found = grid_groups(free, angles, directions, motion=Motion(step, collision))
-    image, _, _ = image_of(free, directions, shift, motion=Motion(step, collision))
-    assert told(found, shift) == measured(image)
+    found = grid_groups(free, angles, directions, motion=motion)
+    image, _, _ = image_of(free, directions, shift, motion=motion)
+    assert totals(found, shift) == measured(image)
 
 
 def test_groups_are_those_of_periodic_groups_in_a_larger_room():
@@ -97,30 +97,28 @@ def test_groups_are_those_of_periodic_groups_in_a_larger_room():
         assert found.longest_period[room, angle] == int(groups.group_period.max())
         assert found.largest_basin[room, angle] == np.bincount(np.asarray(groups.group)).max()
     alone = grid_groups(free[1], angles[4], 360)
-    assert told(alone) == told(found, 1, 4)
+    assert totals(alone) == totals(found, 1, 4)
 
 
-@given(st.lists(GRIDS, min_size=2, max_size=4), RULES)
+@given(st.lists(GRIDS, min_size=2, max_size=4), st.sampled_from(MOTIONS))
 @settings(max_examples=20)
-def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, collision):
+def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, motion):
     angles = np.radians([45, 90, 135])
-    together = grid_groups(np.array(rooms), angles, 8, motion=Motion(collision=collision))
-    sizes = heading_filter_sizes(
-        walls(np.array(rooms), 8, motion=Motion(collision=collision)), np.array([1, 3])
-    )
+    together = grid_groups(np.array(rooms), angles, 8, motion=motion)
+    sizes = heading_filter_sizes(walls(np.array(rooms), 8, motion=motion), np.array([1, 3]))
     for i, free in enumerate(rooms):
-        alone = grid_groups(free, angles, 8, motion=Motion(collision=collision))
+        alone = grid_groups(free, angles, 8, motion=motion)
         for angle in range(3):
-            assert told(together, i, angle) == told(alone, angle)
-        only = walls(free[None], 8, motion=Motion(collision=collision))
+            assert totals(together, i, angle) == totals(alone, angle)
+        only = walls(free[None], 8, motion=motion)
         np.testing.assert_array_equal(heading_filter_sizes(only, np.array([1, 3]))[0], sizes[i])
 
 
 @given(GRIDS, SETTINGS, st.data())
 def test_filter_has_the_sets_that_observations_leave(free, setting, data):
-    directions, collision, step = setting
+    directions, motion = setting
     shift = data.draw(st.integers(0, directions - 1))
-    image, bumped, positions = image_of(free, directions, shift, motion=Motion(step, collision))
+    image, bumped, positions = image_of(free, directions, shift, motion=motion)
     start = frozenset(range(positions))
     states, left = {start}, [start]
     while left:
@@ -131,7 +129,7 @@ def test_filter_has_the_sets_that_observations_leave(free, setting, data):
                 states.add(following)
                 left.append(following)
     shifts = np.arange(directions)
-    known = walls(free[None], directions, motion=Motion(step, collision))
+    known = walls(free[None], directions, motion=motion)
     assert heading_filter_sizes(known, shifts)[0, shift] == len(states)
 
 
@@ -141,7 +139,7 @@ def test_filter_of_a_closed_cell_turns_on_the_spot():
     assert sizes.tolist() == [[1, 12, 6, 4, 3, 2]]
 
 
-def test_refusals():
+def test_angles_steps_and_grids_that_do_not_fit_are_refused():
     free = np.ones((2, 3, 4), bool)
     with pytest.raises(ValueError, match=r"bounce: 10 deg is not a whole number of the 8"):
         grid_groups(free, math.radians(10), 8)
@@ -153,13 +151,11 @@ def test_refusals():
 
 
 @pytest.mark.parametrize(("name", "cell", "directions"), [("lab_a", 1.0, 8), ("cafe", 0.5, 12)])
-@pytest.mark.parametrize("collision", ["swept", "endpoint"])
-def test_walls_of_a_map_tell_its_groups(name, cell, directions, collision):
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_walls_of_a_map_determine_its_groups(name, cell, directions, motion):
     cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), cell, directions)
     shift = np.arange(directions)
-    found = wall_groups(Walls.of(Steps.of(cells, Motion(collision=collision))), shift)
+    found = wall_groups(Walls.of(Steps.of(cells, motion)), shift)
     for turn in shift.tolist():
-        image = bounce_map(
-            cells, 2 * math.pi * turn / directions, motion=Motion(collision=collision)
-        ).image
-        assert told(found, 0, turn) == measured(np.asarray(image))
+        image = bounce_map(cells, 2 * math.pi * turn / directions, motion=motion).image
+        assert totals(found, 0, turn) == measured(np.asarray(image))

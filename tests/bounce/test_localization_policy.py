@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from random_rooms import grids
 
 from jaxcell import bundled, space
 from jaxcell.automata import adaptive_choice, equivalence
@@ -12,12 +13,7 @@ from jaxcell.space.steps import Steps
 from jaxcell.verify import compare_policy
 
 
-# Of few numbers of free squares, because each number is compiled once.
-GRIDS = st.sampled_from([9, 15]).flatmap(
-    lambda free: st.permutations([True] * free + [False] * (20 - free)).map(
-        lambda one: np.reshape(one, (4, 5))
-    )
-)
+GRIDS = grids(9, (4, 5)) | grids(15, (4, 5))
 ANGLES = st.lists(st.integers(1, 7), min_size=1, max_size=2, unique=True)
 
 

@@ -3,17 +3,13 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from random_rooms import grids
 
 from jaxcell.bounce import bounce_map, localization_filter, localize
 from jaxcell.space import CellSpace
 
 
-# Of few numbers of free squares, because each number is compiled once.
-GRIDS = st.sampled_from([1, 9, 15]).flatmap(
-    lambda free: st.permutations([True] * free + [False] * (20 - free)).map(
-        lambda one: np.reshape(one, (4, 5))
-    )
-)
+GRIDS = grids(1, (4, 5)) | grids(9, (4, 5)) | grids(15, (4, 5))
 
 
 @given(GRIDS, st.integers(1, 7), st.data())

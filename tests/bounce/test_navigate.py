@@ -8,13 +8,13 @@ import pytest
 import scipy.sparse
 import zarr
 from hypothesis import given, strategies as st
+from random_rooms import grids
 
 from jaxcell.bounce import AllPlans, all_plans, bounce_map, plan, replay
 from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
 
 
-# With as many free squares in each, so that all share one compiled program.
-GRIDS = st.permutations([True] * 15 + [False] * 5).map(lambda free: np.reshape(free, (4, 5)))
+GRIDS = grids(15, (4, 5))
 LAB = np.deg2rad([45, 90, 135])
 ROUND = CellSpace.of(
     Workspace(

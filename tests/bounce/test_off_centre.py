@@ -11,7 +11,7 @@ from jaxcell.base.bundled import bundled
 from jaxcell.bounce import bounce_map, localization_filter, localization_policy
 from jaxcell.bounce.localization import off_centre
 from jaxcell.bounce.localization.off_centre import OffCentre, filter_shares, policy_shares
-from jaxcell.space import CELL_BY_CELL, CellSpace, Motion, cell_strides
+from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, cell_strides
 
 
 def at_centres(cells, index, **motion):
@@ -27,12 +27,12 @@ def at_centres(cells, index, **motion):
     )
 
 
-@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+@pytest.mark.parametrize("motion", [CELL_BY_CELL, ENDPOINT])
 @pytest.mark.parametrize("name", ["lab_a", "cafe", "slanted"])
-def test_robots_at_centres_move_as_the_cells_do(name, collision):
+def test_robots_at_centres_move_as_the_cells_do(name, motion):
     cells = CellSpace.load(bundled(name))
-    mapped = bounce_map(cells, math.pi / 2, motion=Motion(collision=collision))
-    robots = at_centres(cells, np.arange(cells.size), motion=Motion(collision=collision))
+    mapped = bounce_map(cells, math.pi / 2, motion=motion)
+    robots = at_centres(cells, np.arange(cells.size), motion=motion)
     bumped = robots.advance()
     robots.turn(bumped * cells.directions // 4)
     np.testing.assert_array_equal(bumped, mapped.bumped)
@@ -48,13 +48,13 @@ def inside(room, points):
         return np.count_nonzero(crosses & (x < x1 + (y - y1) * (x2 - x1) / (y2 - y1)), axis=1) % 2
 
 
-@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+@pytest.mark.parametrize("motion", [CELL_BY_CELL, ENDPOINT])
 @pytest.mark.parametrize("name", ["lab_b", "cafe", "slanted"])
-def test_robots_off_the_centre_bump_where_rays_do(name, collision):
+def test_robots_off_the_centre_bump_where_rays_do(name, motion):
     cells = CellSpace.load(bundled(name))
     room = Room(cells.workspace.free_space)
     forward, left = cell_strides(cells.directions, cells.cell, cells.cell).T
-    robots = OffCentre.drawn(cells, 500, 1, motion=Motion(collision=collision))
+    robots = OffCentre.drawn(cells, 500, 1, motion=motion)
     point = (robots.offset + robots.square) * cells.cell + cells.origin
     assert inside(room, point).all()
     for _ in range(12):
@@ -63,7 +63,7 @@ def test_robots_off_the_centre_bump_where_rays_do(name, collision):
         across = np.stack([-u[:, 1], u[:, 0]], axis=1)
         f, s = forward[robots.direction, None], left[robots.direction, None]
         end = point + f * u + s * across
-        if collision == "swept":
+        if motion == CELL_BY_CELL:
             able = room.cast(point, np.full(500, INSIDE), heading)[0] >= cells.cell
         else:
             able = inside(room, point + cells.cell * u) == 1

@@ -18,7 +18,7 @@ def test_stops_are_commands_that_exist():
 
 
 @pytest.mark.usefixtures("few_drifters")
-def test_the_tour_shows_strengths(tmp_path, capsys):
+def test_each_stop_of_the_tour_shows_its_claim(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path)]) == 0
     out = {
         stop.folder: json.loads((tmp_path / stop.folder / "summary.json").read_text())

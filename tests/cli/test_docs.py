@@ -15,7 +15,7 @@ def opened(monkeypatch):
     return opened
 
 
-def test_what_was_built_here_is_opened(opened, tmp_path, monkeypatch, capsys):
+def test_documentation_built_in_a_checkout_is_opened(opened, tmp_path, monkeypatch, capsys):
     built = tmp_path / "index.html"
     built.write_text("")
     monkeypatch.setattr(docs, "_BUILT", built)
@@ -23,7 +23,9 @@ def test_what_was_built_here_is_opened(opened, tmp_path, monkeypatch, capsys):
     assert opened == [built.as_uri()] == capsys.readouterr().out.split()
 
 
-def test_else_the_address_of_the_installed_version(opened, tmp_path, monkeypatch, capsys):
+def test_without_a_build_the_address_of_the_package_is_opened(
+    opened, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr(docs, "_BUILT", tmp_path / "index.html")
     about = Message()
     monkeypatch.setattr(importlib.metadata, "metadata", lambda _: about)

@@ -51,7 +51,7 @@ def stream(tmp_path_factory):
     return file
 
 
-def test_velocities_and_grid_in_files_of_their_own(capsys, stream, tmp_path):
+def test_velocities_and_grid_may_be_in_separate_files(capsys, stream, tmp_path):
     with xr.open_dataset(stream, decode_times=False) as whole:
         positions = whole[["lon", "lat"]]
         bare = whole.drop_vars(["lon", "lat"]).rename(u="east", v="north")
@@ -73,7 +73,7 @@ def test_velocities_and_grid_in_files_of_their_own(capsys, stream, tmp_path):
     assert error == f"{line}has east, north\n"
 
 
-def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
+def test_a_goal_upstream_has_no_answer(capsys, stream):
     args = ("--method", "source", "--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
     status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0", file=stream)
     assert status == 1
@@ -91,7 +91,7 @@ def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
     assert [one["groups"] for one in found["sensitivity"]][1:] == [0, 0, 0]
 
 
-def test_a_step_that_is_too_short_is_warned_of(capsys):
+def test_a_step_that_is_too_short_causes_a_warning(capsys):
     args = ["--duration", "900", "--depths", "0", "--method", "source"]
     assert main(["drift", str(GYRES), *args]) == 0
     captured = capsys.readouterr()
@@ -103,7 +103,7 @@ def test_a_step_that_is_too_short_is_warned_of(capsys):
     assert "The rest is in the files of --out, and in --json." in captured.out
 
 
-def test_advice_names_no_option_that_is_on(capsys):
+def test_advice_omits_options_that_are_already_on(capsys):
     args = ("--duration", "900", "--time", "0", "--depths", "0", "--spread", "sampled")
     assert main(["drift", str(GYRES), *args]) == 0
     error = capsys.readouterr().err
@@ -111,7 +111,7 @@ def test_advice_names_no_option_that_is_on(capsys):
     assert "the spread" not in error
 
 
-def test_around_the_earth(capsys, tmp_path):
+def test_a_current_around_the_earth_is_periodic(capsys, tmp_path):
     """A jet goes on for ever, also as computed anew and in the recording."""
     lon, lat = np.arange(0.0, 360, 10), np.arange(-15.0, 20, 10)
     east = np.ones((lat.size, lon.size))
@@ -154,7 +154,7 @@ def test_around_the_earth(capsys, tmp_path):
         assert status == 0, error
 
 
-def test_six_layers_fit_on_a_screen_and_begin_with_what_people_ask(
+def test_six_layers_fit_on_a_screen_with_the_main_numbers_first(
     capsys, monkeypatch, stream, tmp_path
 ):
     monkeypatch.setenv("COLUMNS", "80")

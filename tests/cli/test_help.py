@@ -19,7 +19,7 @@ def page(capsys, *args):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_page_says_what_is_needed_and_shows_it(capsys, command):
+def test_a_page_of_help_marks_required_options_and_has_an_example(capsys, command):
     said = page(capsys, *command.split(), "--help")
     usage, _, rest = said.partition("\n")
     assert usage.startswith(f"usage: jaxcell {command} ")
@@ -39,7 +39,7 @@ def test_an_example_can_be_read(command):
     assert isinstance(found, kind)
 
 
-def test_values_of_a_kind_are_counted(capsys):
+def test_an_option_of_four_numbers_shows_four_placeholders(capsys):
     assert "--bounds FLOAT FLOAT FLOAT FLOAT " in page(capsys, "drift", "--help")
 
 
@@ -159,7 +159,7 @@ def test_other_shells_have_a_script_too(capsys, shell):
         (["cover", *LAB, "--bounces", "90", "--error", "2.5", "--reliability", "0.8"], 144),
     ],
 )
-def test_an_angle_between_directions_names_those_that_would_do(capsys, args, directions):
+def test_an_angle_between_directions_is_refused_with_a_fitting_number(capsys, args, directions):
     assert main([*args, "--directions", "8"]) == 2
     said = capsys.readouterr().err
     assert "deg is not a whole number of the 8 directions" in said
@@ -167,7 +167,7 @@ def test_an_angle_between_directions_names_those_that_would_do(capsys, args, dir
 
 
 @pytest.mark.parametrize("angle", ["nan", "0.01"])
-def test_no_directions_are_named_where_none_would_do(capsys, angle):
+def test_an_angle_that_fits_no_number_of_directions_is_refused_without_advice(capsys, angle):
     assert main(["groups", *LAB, "--bounce", angle]) == 2
     assert capsys.readouterr().err.endswith("which are 45 deg apart\n")
 
@@ -181,7 +181,7 @@ def test_help_into_a_closed_pipe_is_quiet():
     run.wait()
 
 
-def test_no_page_of_help_imports_what_is_slow():
+def test_no_page_of_help_imports_a_slow_package():
     code = (
         "import sys, jaxcell.cli\n"
         f"for line in {[name.split() for name in COMMANDS]!r} + [[]]:\n"

@@ -20,7 +20,7 @@ def test_a_picture_has_the_squares_of_a_map_in_a_frame(name):
     assert walls.all()
 
 
-def test_all_that_comes_with_it_is_listed(capsys):
+def test_all_bundled_data_are_listed(capsys):
     assert main(["maps", "--json"]) == 0
     listed = [name for kind in json.loads(capsys.readouterr().out).values() for name in kind]
     assert sorted(listed) == sorted(f"@{name}" for name in bundled_names())

@@ -23,7 +23,9 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_what_does_not_fit_is_refused_before_cells_are_cut(capsys, monkeypatch, name):
+def test_commands_that_need_too_much_memory_are_refused_before_cells_are_cut(
+    capsys, monkeypatch, name
+):
     # The programs of some take more than that when they are compiled.
     free = 10**9 if name in ("patrol map", "team") else 10**8
     monkeypatch.setattr(memory, "free", lambda: free)
@@ -74,7 +76,7 @@ def test_numbers_may_fit_where_files_do_not(capsys, monkeypatch, tmp_path):
     assert line.endswith(" m would fit; without files, about 0.2 GB would do")
 
 
-def test_what_would_fit_does(capsys, monkeypatch):
+def test_the_recommended_cell_fits_the_memory(capsys, monkeypatch):
     monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 100_000)
     assert main(["groups", str(LAB), "--bounce", "45", "--cell", "0.1"]) == 2
@@ -92,7 +94,7 @@ def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
     assert "a walk on 50 vertices and 200 edges needs about" in capsys.readouterr().err
 
 
-def test_much_memory_is_told_and_json_stays_clean(capsys, monkeypatch):
+def test_much_memory_is_reported_on_standard_error_only(capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.cli.study_command._MUCH", 1e4)
     assert main(["groups", str(LAB), "--bounce", "45", "--json"]) == 0
     told = capsys.readouterr()
@@ -125,7 +127,7 @@ def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_p
     assert json.loads(capsys.readouterr().out)["files"] == ["groups.zarr", "summary.json"]
 
 
-def test_what_needs_a_filter_says_what_needs_none(capsys, monkeypatch):
+def test_a_filter_that_needs_too_much_memory_names_the_command_groups(capsys, monkeypatch):
     monkeypatch.setattr(memory, "free", lambda: 5 * 10**8)
     assert main(["localize", str(LAB), "--bounce", "45", "--cell", "0.004"]) == 2
     (line,) = capsys.readouterr().err.splitlines()

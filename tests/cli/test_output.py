@@ -205,7 +205,7 @@ for i in range(3):
     assert [line.strip() for line in told] == [line for lines in expected for line in lines]
 
 
-def test_what_people_read_is_printed_in_one_way():
+def test_commands_print_in_order_with_their_notes():
     """Python keeps what `print` is given until the end where no terminal is."""
     for path in Path(jaxcell.cli.__file__).parent.glob("*.py"):
         tree = ast.parse(path.read_text())

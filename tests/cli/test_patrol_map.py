@@ -39,7 +39,7 @@ def hall(tmp_path):
     return path
 
 
-def test_where_all_is_in_view_there_is_nothing_to_fit(capsys, tmp_path):
+def test_a_map_in_view_of_all_robots_has_no_fitted_law(capsys, tmp_path):
     (tmp_path / "two.txt").write_text("; cell 1\n..\n")
     status, found, _ = run(capsys, "--attack-times", 3, map=tmp_path / "two.txt")
     assert status == 0
@@ -76,7 +76,7 @@ def test_the_fewest_robots_for_a_capture(capsys):
     assert reached[-2] < 0.6 <= reached[-1]
 
 
-def test_more_robots_than_are_tried(capsys, monkeypatch):
+def test_a_capture_beyond_the_largest_team_has_no_answer(capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.study.patrol_map._MAX_ROBOTS", 2)
     status, found, error = run(capsys, *NEAR, "--robots", "auto", "--capture", 0.999, "--share", 0)
     assert status == 1

@@ -51,7 +51,7 @@ groups @random --bounce 45
 localize @lab_a
     expected one of --bounce or --bounces
 localize @lab_a --bounce 45 --bounces 45
-    --bounces: it has an effect only without --bounce
+    --bounce: it has an effect only without --bounces
 localize @lab_a --bounce nan
     --bounce: nan deg is not a whole number of the 8 directions, which are 45 deg apart
 localize @lab_a --bounce 45 --start 2,2,0

@@ -83,7 +83,7 @@ def filter_file(tmp_path):
     return path
 
 
-def test_what_a_robot_needs_is_part_of_what_all_need():
+def test_dependencies_of_a_robot_are_among_all_dependencies():
     assert {name_of(one) for one in PROJECT["dependency-groups"]["robot"]} == set(MODULES)
     assert set(PROJECT["dependency-groups"]["robot"]) < set(PROJECT["project"]["dependencies"])
     assert not any("rerun" in one for one in PROJECT["project"]["dependencies"])
@@ -137,7 +137,7 @@ def test_a_replay_makes_the_recording_elsewhere(filter_file, tmp_path, capsys):
         (["robot", "run", "belief.jxb", "--port", "x"], "beliefs need SciPy; install it with: pip"),
     ],
 )
-def test_what_is_missing_is_named(filter_file, tmp_path, words, message):
+def test_missing_packages_are_named(filter_file, tmp_path, words, message):
     names = {"FILTER": filter_file, "MAP": MAPS / "lab_a.json"}
     if "--live" in words:
         words = [*words, "--simulate", MAPS / "lab_a.json", "--heading", "0"]

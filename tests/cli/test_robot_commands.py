@@ -56,7 +56,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
         simulated(filter_file, start="70", heading=135.0, out=out).run()
     assert (out / "run.rrd").read_bytes() == recorded
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is the log of another filter"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
         RobotReplay(log=out / "run.jsonl").run()
 
 
@@ -112,7 +112,7 @@ def test_a_plan_runs_from_its_start(tmp_path, capsys, about):
 
 
 @pytest.mark.usefixtures("patient")
-def test_check(capsys):
+def test_check_reports_sensors_and_danger(capsys):
     with Emulator(Body(LAB.workspace, (0.5, 0.5, 0.0)), line=Line(speedup=20.0)) as robot:
         code, found = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
         assert code == 0
@@ -136,7 +136,7 @@ STOPS = [
 
 @pytest.mark.parametrize(("error", "status", "why"), STOPS, ids=["cliff", "ctrl-c", "signal"])
 @pytest.mark.parametrize("to_files", [True, False])
-def test_a_run_that_is_stopped_says_so(
+def test_a_stopped_run_reports_the_reason(
     filter_file, tmp_path, capsys, monkeypatch, error, status, why, to_files
 ):
     def step(walker, step=Walker.step):
@@ -183,7 +183,9 @@ def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, mon
     ],
 )
 @pytest.mark.parametrize("firmware", [False, True])
-def test_a_line_that_does_not_open_is_told_in_words(tmp_path, port, message, firmware):
+def test_a_line_that_does_not_open_is_refused_without_error_numbers(
+    tmp_path, port, message, firmware
+):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
     port = str(tmp_path / port)
@@ -211,7 +213,7 @@ def test_bad_options(filter_file):
         simulated(filter_file, heading=0.0, noise=math.nan).run()
 
 
-def test_a_command_to_go_on_has_the_options_of_the_run(filter_file, tmp_path):
+def test_the_command_that_resumes_has_the_options_of_the_run(filter_file, tmp_path):
     fields = {"remap": ("a:=b", "c:=d"), "out": tmp_path / "my run-2", "until": "cycle"}
     command = RobotRun(file=filter_file, ros="base", heading=0.0, json=True, **fields)
     for name in ("my run-2", "my run-3"):
@@ -234,7 +236,7 @@ def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
     assert "5000, of another map" in shown
 
 
-def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypatch):
+def test_a_stopped_run_can_be_resumed(filter_file, tmp_path, capsys, monkeypatch):
     code, whole = run(simulated(filter_file, start="70", heading=135.0), capsys)
     assert (code, len(whole["observations"]) > 4) == (0, True)
 
@@ -278,7 +280,7 @@ def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypat
     assert (code, again["observations"]) == (0, whole["observations"])
 
 
-def test_a_log_of_something_else_does_not_go_on(filter_file, tmp_path):
+def test_logs_of_another_task_cannot_be_resumed(filter_file, tmp_path):
     task = load_task(filter_file)
     log = tmp_path / "run.jsonl"
 
@@ -354,7 +356,7 @@ def test_a_filter_runs_on_a_robot_that_the_physics_engine_moves(tmp_path, capsys
     assert "/map/robots/robot/body" in {chunk.entity_path for chunk in chunks}
 
 
-def test_a_file_for_a_point_says_that_the_body_of_a_create_is_wider(filter_file, capsys):
+def test_a_task_for_a_point_causes_a_note_that_a_create_is_wider(filter_file, capsys):
     simulated(filter_file, start="70", heading=135, physics=True, limit=1).run()
     assert "is for a robot of radius 0 m, and the body of a Create 2" in capsys.readouterr().err
 

@@ -27,7 +27,7 @@ def simulated(file, capsys, **fields) -> dict:
 
 @pytest.mark.parametrize("place", [["--simulate", str(MAPS / "lab_a.json")], ["--port", "none"]])
 @pytest.mark.parametrize("kind", ["filter_file", "plan_file"])
-def test_a_robot_that_needs_its_heading_is_refused_without(request, capsys, place, kind):
+def test_a_task_that_needs_a_heading_is_refused_without_it(request, capsys, place, kind):
     path = request.getfixturevalue(kind)
     assert main(["robot", "run", str(path), *place]) == 2
     said = capsys.readouterr().err
@@ -35,7 +35,7 @@ def test_a_robot_that_needs_its_heading_is_refused_without(request, capsys, plac
     assert said.count("\n") == 1
 
 
-def test_an_emulated_robot_knows_no_more_than_the_options_say(filter_file, capsys):
+def test_an_emulated_robot_knows_only_the_heading_of_the_option(filter_file, capsys):
     # A wrong heading makes its steps those of another direction.
     right, wrong = [
         simulated(filter_file, capsys, start="70", heading=heading) for heading in (135.0, 0.0)
@@ -68,7 +68,7 @@ def test_a_random_start_has_the_heading_of_the_option(filter_file, capsys):
     assert len(set(starts)) > 1
 
 
-def test_a_robot_grazes_a_corner_by_what_its_bumper_gives(tmp_path, capsys):
+def test_the_travel_of_the_bumper_decides_whether_a_corner_is_grazed(tmp_path, capsys):
     path = tmp_path / "policy.jxf"
     spec = {**SPEC, "bounces_deg": [45.0, 135.0]}
     found = localization_policy(LAB, np.radians([45.0, 135.0]), metadata=spec)

@@ -16,7 +16,7 @@ SAME = ("result", "reason", "observations", "colors", "cells")
 
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("save", [save_filter, save_policy, save_belief])
-def test_a_run_on_a_line_is_that_of_the_emulator(save, tmp_path, capsys, monkeypatch):
+def test_a_run_on_a_line_equals_the_emulated_run(save, tmp_path, capsys, monkeypatch):
     # No calibration of the user.
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     words = ["robot", "run", str(save(tmp_path)), "--heading", str(HEADING), "--json"]

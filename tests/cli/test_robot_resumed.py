@@ -85,8 +85,8 @@ def goes_on(log, file, whole, capsys, tmp_path):
 
 
 @pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
-@pytest.mark.parametrize("file", ["filter_file"], indirect=True)
-def test_a_program_that_was_ended(file, whole, tmp_path, capsys, kill):
+@pytest.mark.parametrize("file", [save_filter], indirect=True, ids=["filter"])
+def test_a_run_whose_program_was_ended_can_be_resumed(file, whole, tmp_path, capsys, kill):
     out = tmp_path / "out"
     log = out / "run.jsonl"
     with subprocess.Popen(
@@ -140,7 +140,9 @@ class Ending(Emulator):
     ("happens", "why"),
     [("low", "the battery is low (10%)"), ("flat", ""), ("lifted", "a wheel hangs in the air")],
 )
-def test_a_robot_that_stops(file, whole, tmp_path, capsys, monkeypatch, happens, why):
+def test_a_run_whose_robot_stopped_can_be_resumed(
+    file, whole, tmp_path, capsys, monkeypatch, happens, why
+):
     out = tmp_path / "out"
     monkeypatch.setattr(Ending, "happens", happens, raising=False)
     with monkeypatch.context() as patched:

@@ -83,7 +83,7 @@ def test_bad_filters(filter_file, tmp_path):
         RobotSketch(file=tmp_path / "none.jxf").run()
 
 
-def test_the_command_line(filter_file, tmp_path, capsys):
+def test_sketches_are_made_from_the_command_line(filter_file, tmp_path, capsys):
     assert main(["robot", "sketch", str(filter_file), "--heading", "10"]) == 2
     error = capsys.readouterr().err
     assert error.startswith("jaxcell robot sketch: --heading 10: ")

@@ -47,7 +47,7 @@ def replayed(out, found, capsys) -> dict:
     return again
 
 
-def test_robots_patrol_each_by_itself(patrol_file, capsys):
+def test_robots_of_a_patrol_run_independently(patrol_file, capsys):
     found = []
     for i in range(3):
         code, one = run(simulated(patrol_file, robot=i, seed=10 + i, visits=6), capsys)
@@ -74,11 +74,11 @@ def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
     assert header["patrol"]["start"] == int(LAB.index(3.5, 0.5))
     assert header["patrol"]["facing"] == 1
     patrol_file.write_text(patrol_file.read_text() + " ")
-    with pytest.raises(ValueError, match=r"run\.jsonl: it is the log of another patrol"):
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another patrol"):
         RobotReplay(log=out / "run.jsonl").run()
 
 
-def test_an_intruder_is_reported_from_where_it_is_seen(patrol_file, capsys):
+def test_an_intruder_is_reported_from_a_cell_that_sees_it(patrol_file, capsys):
     # Two steps from the start, so that it is not seen at once.
     ways = free_steps(map_cells("lab_b.json", directions=4))
     sees = visible_cells(LAB, 1.6)
@@ -130,7 +130,7 @@ def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("steps", ["encoder", "clock"])
-def test_a_robot_of_a_team(tmp_path, capsys, steps):
+def test_a_robot_of_a_team_runs_its_part(tmp_path, capsys, steps):
     # East until the wall, and back; then a meeting, a turn to the left, and the wall there.
     path = tmp_path / "team.json"
     cells = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 2), (0, 2)]), 1.0, 8)
@@ -160,7 +160,7 @@ def test_a_robot_of_a_team(tmp_path, capsys, steps):
             assert found["emulated"]["end"] == int(cells.index(*end))
 
 
-def test_a_filter_by_the_clock_alone(tmp_path, capsys):
+def test_a_filter_runs_with_distances_by_the_clock(tmp_path, capsys):
     path = save_filter(tmp_path)
     code, found = run(
         simulated(path, "lab_a.json", start="70", heading=135.0, steps="clock"), capsys

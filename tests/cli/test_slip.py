@@ -73,7 +73,7 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     assert replayed["observations"] == driven["observations"]
 
 
-def test_plans_of_a_robot_that_slips(capsys, room):
+def test_plan_and_emulated_robot_arrive_alike_despite_slips(capsys, room):
     ends = ("--start", "1.5,1.5,0", "--goal", "1.5,1.5,180")
     status, found, _ = run(
         capsys, "navigate", room, "--bounces", 90, 135, *ends, "--slip", 0.02, "--directions", 8

@@ -62,7 +62,7 @@ def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     assert 'xarray.open_zarr("runs/some/sweep.zarr")' in told.err
 
 
-def test_failures_are_told(spec, tmp_path, capsys):
+def test_failures_are_reported(spec, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["sweep", spec("fail = 5"), "--out", out]) == 1
     told = capsys.readouterr()
@@ -78,7 +78,7 @@ def test_failures_are_told(spec, tmp_path, capsys):
     ]
 
 
-def test_many_failures_are_told_in_short(spec, tmp_path, capsys, monkeypatch):
+def test_only_ten_failures_are_printed(spec, tmp_path, capsys, monkeypatch):
     def broken(batch, fixed, seed):
         raise RuntimeError
 
@@ -140,7 +140,7 @@ def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
     assert "--max-failures: expected 0 or more, got -1" in capsys.readouterr().err
 
 
-def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):
+def test_a_running_sweep_reports_its_rate(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.sweep.workers.progress._SECONDS_BETWEEN", 0)
     kept, out, seen = sweep_stub.stub, str(tmp_path / "out"), []
 
@@ -180,7 +180,7 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, capsys, number):
+def test_an_interrupted_sweep_prints_the_command_that_continues(spec, tmp_path, capsys, number):
     path, out = spec("seconds = 0.1", grid="x = {count = 4000}"), tmp_path / "out"
     given = ["--workers", "1", "--engine", "processes", "--max-failures", "3"]
     environment = {**os.environ, "PYTHONPATH": str(Path(sweep_stub.__file__).parent)}
@@ -212,7 +212,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, capsys, number):
     assert found["running"] is None
 
 
-def test_the_state_of_a_sweep_needs_nothing_that_is_slow_to_import(spec, tmp_path):
+def test_sweep_status_imports_no_slow_package(spec, tmp_path):
     out = str(tmp_path / "out")
     assert main(["sweep", spec(), "--out", out, "--json"]) == 0
     program = (

@@ -51,7 +51,7 @@ def detail(folder, *select):
     return found, member, entities(out)
 
 
-def test_the_overview_and_a_member(ran, capsys):
+def test_sweep_view_writes_an_overview_and_a_member(ran, capsys):
     fixed = "[fixed]\ncolumns = 9\nrows = 7\nobstacles = 2\ndirections = 8"
     folder = ran(f'task = "rooms"\n{fixed}\n[grid]\nroom = {{count = 3}}\nbounce = [45, 90]')
     assert main(["sweep", "view", str(folder)]) == 0
@@ -76,7 +76,7 @@ def test_the_overview_and_a_member(ran, capsys):
     assert entities(other) == logged
 
 
-def test_a_viewer_opens_where_there_is_a_display(ran, monkeypatch):
+def test_a_viewer_opens_if_there_is_a_display(ran, monkeypatch):
     opened = []
     monkeypatch.setattr(jaxcell.cli.sweep.view, "has_display", lambda: True)
     monkeypatch.setattr("jaxcell.cli.view.has_display", lambda: True)
@@ -87,7 +87,7 @@ def test_a_viewer_opens_where_there_is_a_display(ran, monkeypatch):
 
 
 @pytest.mark.parametrize("directions", ["directions = 8", ""])
-def test_the_coverage_of_a_member(ran, directions):
+def test_a_member_in_detail_equals_its_numbers_in_the_sweep(ran, directions):
     fixed = f'map = "{LAB}"\nbounces = [45, 135]\nerror = 45\n{directions}'
     folder = ran(
         f'task = "cover"\n[fixed]\n{fixed}\n[random]\nsamples = 2\nreliability.uniform = [0.5, 0.9]'
@@ -99,7 +99,7 @@ def test_the_coverage_of_a_member(ran, directions):
         assert member[name] == pytest.approx(found[name], rel=1e-9)
 
 
-def test_members_are_told_by_their_values(tmp_path):
+def test_members_are_selected_by_their_values(tmp_path):
     path = tmp_path / "spec.toml"
     path.write_text(
         'task = "groups"\n[fixed]\ndirections = 8\n[grid]\nmap = ["a/b.json", "c.json"]\n'
@@ -128,7 +128,7 @@ def test_members_are_told_by_their_values(tmp_path):
         selected(spec, ["map=c.json", "map=c.json"])
 
 
-def test_what_has_no_result_or_no_detail_says_so(ran, tmp_path, capsys, monkeypatch):
+def test_members_without_a_result_or_a_study_are_refused(ran, tmp_path, capsys, monkeypatch):
     folder = ran(
         'task = "sweep_stub:stub"\n[fixed]\nfail = 2\n[grid]\nx = {count = 6}', head="chunk = 2"
     )

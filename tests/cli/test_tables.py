@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from jaxcell.base.quantities import Result, quantity
-from jaxcell.cli.tables import show
-from jaxcell.cli.terminal import table
+from jaxcell.cli.terminal import show, table
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +33,7 @@ def test_more_than_three_of_a_kind_have_a_row_each(capsys, count, lines):
     assert ("mean depth" in below) == (count == 6)
 
 
-def test_the_numbers_of_one_layer_stand_among_those_of_all(capsys):
+def test_the_numbers_of_a_single_layer_are_in_the_first_table(capsys):
     @dataclasses.dataclass(frozen=True, eq=False)
     class Pond(Result):
         cells: Annotated[int, quantity("", "cells of water", kind="count")]
@@ -55,9 +54,7 @@ class Robots(Result):
 
 
 @pytest.mark.parametrize(("robots", "aside"), [(2, True), (9, False)])
-def test_few_rows_of_more_columns_than_there_is_space_for_are_side_by_side(
-    capsys, monkeypatch, robots, aside
-):
+def test_a_wide_table_of_few_rows_is_transposed(capsys, monkeypatch, robots, aside):
     monkeypatch.setenv("COLUMNS", "40")
     tour = np.where(np.arange(3) < 2, 1_234_567_890, -1) * np.ones((robots, 1), int)
     show(Robots(np.full(robots, 12_345_678_901), tour), "a patrol")
@@ -66,7 +63,7 @@ def test_few_rows_of_more_columns_than_there_is_space_for_are_side_by_side(
     assert not any("-1" in row for row in rows)
 
 
-def test_words_are_whole_where_they_fit(capsys, monkeypatch):
+def test_words_that_fit_are_not_broken(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     table("", ["transmogrification", "a few short words", "b"], [["1", "2", "3"]])
     said = capsys.readouterr().out

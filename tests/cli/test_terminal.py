@@ -21,7 +21,7 @@ def heard(monkeypatch, capsys):
     return lambda line: wait_until(lambda: said(line))
 
 
-def test_work_that_lasts_is_told_in_lines(heard):
+def test_long_work_prints_a_line_every_minute(heard):
     now = 0.0
     with terminal.status("thinking", clock=lambda: now) as show:
         heard("thinking ... (0:00:00)")
@@ -30,7 +30,7 @@ def test_work_that_lasts_is_told_in_lines(heard):
         heard("thinking hard ... (0:01:01)")
 
 
-def test_nothing_is_said_of_work_that_does_not_last(capsys, monkeypatch):
+def test_short_work_prints_nothing(capsys, monkeypatch):
     monkeypatch.setattr(terminal, "_FIRST_LINE", 3600.0)
     with contextlib.suppress(ValueError), terminal.status("thinking"):
         raise ValueError

@@ -19,13 +19,13 @@ COMMANDS = {
 }
 
 
-def test_people_read_a_line(capsys):
+def test_verification_prints_a_line(capsys):
     assert main([*COMMANDS["navigate"], "--verify"]) == 0
     assert "numbers agree with another method" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("json_too", [True, False])
-def test_what_is_wrong_is_told(json_too, capsys, monkeypatch):
+def test_a_wrong_result_is_reported_with_status_1(json_too, capsys, monkeypatch):
     right = bounce.bounce_map
 
     def wrong(*args, **options):

@@ -26,7 +26,7 @@ def calls(monkeypatch):
     return calls
 
 
-def test_all_recordings_of_a_directory_are_opened(results, calls, monkeypatch):
+def test_all_recordings_of_a_folder_are_opened(results, calls, monkeypatch):
     monkeypatch.setattr(view, "has_display", lambda: True)
     assert main(["view", str(results)]) == 0
     [command] = calls
@@ -116,7 +116,7 @@ def runs(pid):
 
 
 @pytest.mark.parametrize("display", [True, False])
-def test_a_run_is_shown_in_a_window_or_else_on_a_page(monkeypatch, capsys, display):
+def test_a_live_run_is_shown_in_a_window_or_on_a_page(monkeypatch, capsys, display):
     popen = subprocess.Popen
 
     def start(command, **options):
@@ -138,7 +138,7 @@ def test_a_run_is_shown_in_a_window_or_else_on_a_page(monkeypatch, capsys, displ
         assert viewer == "rerun+http://laptop:9876/proxy"
 
 
-def test_without_a_display_it_says_how(results, calls, monkeypatch, capsys):
+def test_without_a_display_other_commands_are_recommended(results, calls, monkeypatch, capsys):
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -150,7 +150,7 @@ def test_without_a_display_it_says_how(results, calls, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("name", ["nothing", "empty", "text.rrd"])
-def test_what_is_no_recording_is_refused(name, tmp_path, calls, capsys):
+def test_other_files_than_recordings_are_refused(name, tmp_path, calls, capsys):
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.rrd").write_text("text")
     assert main(["view", str(tmp_path / name)]) == 2

@@ -155,18 +155,8 @@ def test_packed_values_and_two_fill_values(tmp_path):
     assert int(plain(tmp_path).water.sum()) == int(open_currents(path).water.sum()) + 1
 
 
-@pytest.mark.parametrize("start", [0, 2, 5])
-def test_longitudes_that_jump_are_put_in_order(tmp_path, start):
-    """Files may begin at any longitude, go round the Earth, or cross the antimeridian."""
-    lon = np.arange(-180.0, 180, 60)
-    u, v = field()
-    both = [np.nan_to_num(a) for a in (u, v)]
-    whole = regular(*both).assign_coords(lon=lon)
-    rolled = whole.roll(lon=start, roll_coords=True)
-    for dataset in (rolled, rolled.assign_coords(lon=rolled.lon % 360)):
-        currents = open_currents(write(tmp_path, dataset))
-        np.testing.assert_array_equal(currents.lon[0], lon)
-        np.testing.assert_array_equal(currents.u, both[0])
+def test_longitudes_across_the_antimeridian_stay_in_order(tmp_path):
+    both = [np.nan_to_num(values) for values in field()]
     across = regular(*both).assign_coords(lon=np.array([179.7, 179.8, 179.9, 180, 180.1, 180.2]))
     currents = open_currents(write(tmp_path, across))
     np.testing.assert_allclose(currents.lon[0], [179.7, 179.8, 179.9, -180, -179.9, -179.8])
@@ -318,40 +308,6 @@ def test_a_layer_ends_where_the_sea_does(tmp_path):
         open_currents(write(tmp_path, dataset), depths=10, **shallow)
 
 
-@pytest.mark.parametrize("name", ["sea_binary_mask", "land_binary_mask"])
-def test_a_mask_goes_before_the_values(tmp_path, name):
-    sea = np.ones((3, 5, 6))
-    sea[1:, :2] = 0
-    dataset = regular(*(np.nan_to_num(a, nan=99.0) for a in field()))
-    sea[np.isnan(field()[0][0])] = 0
-    mask = sea if name == "sea_binary_mask" else 1 - sea
-    dataset["mask"] = (("depth", "lat", "lon"), mask, {"standard_name": name})
-    currents = open_currents(write(tmp_path, dataset))
-    np.testing.assert_array_equal(currents.water, sea == 1)
-
-
-def test_cells_with_gaps_in_few_records_are_no_water(tmp_path):
-    u, v = (a[:, :1] for a in field())
-    u = u.copy()
-    u[1, 0, 2, 2], u[2, 0, 3, 3] = np.nan, np.nan
-    dataset = regular().isel(depth=0, drop=True)
-    for name, a in (("u", u), ("v", v)):
-        dataset[name] = (("time", "lat", "lon"), a[:, 0])
-    path = write(tmp_path, dataset)
-    currents = open_currents(path)
-    assert not currents.water.values[0, [2, 3], [2, 3]].any()
-    assert np.isnan(currents.u[:, 0, 2, 2]).all()
-    assert "2 cells have a velocity at some of the 4 records only" in currents.attrs["notes"]
-    assert open_currents(path, time=0).water[0, 2, 2]
-    dataset.u[3] = np.nan
-    with pytest.raises(ValueError, match=r"sea.nc: time: record 3 has no velocity anywhere"):
-        open_currents(write(tmp_path, dataset))
-    t, _, i = np.indices((4, 5, 6))
-    dataset.u[:] = np.where(i % 4 == t, 0.1, np.nan)
-    with pytest.raises(ValueError, match=r"time: no cell has a velocity at each of the 4 records"):
-        open_currents(write(tmp_path, dataset))
-
-
 def test_exact_zeros_are_noted(tmp_path):
     dataset = regular().fillna(0.0)
     notes = open_currents(write(tmp_path, dataset)).attrs["notes"]
@@ -401,6 +357,17 @@ def test_only_the_chosen_part_is_read(tmp_path):
     assert (currents.u == 0.25).all()
 
 
+def without_record(dataset):
+    """No velocity at record 3."""
+    return dataset.assign(u=dataset.u.where(dataset.time.values[:, None, None, None] < 3))
+
+
+def in_turns(dataset):
+    """A velocity in a quarter of the columns at each record."""
+    t, _, _, i = np.indices(SHAPE)
+    return dataset.assign(u=dataset.u.where(i % 4 == t))
+
+
 def with_value(name, value):
     def change(dataset):
         dataset[name][1, 0, 2, 3] = value
@@ -415,6 +382,8 @@ def with_value(name, value):
         (lambda d: d.drop_vars("u"), {}, r"variables: no velocity found; the file has v"),
         (lambda d: d.drop_vars(["u", "v"]), {}, r"no velocity found; the file has no variables"),
         (lambda d: d * np.nan, {}, r"u, v: every cell is land"),
+        (without_record, {}, r"time: record 3 has no velocity anywhere"),
+        (in_turns, {}, r"time: no cell has a velocity at each of the 4 records"),
         (with_value("u", 15.5), {}, r"u: expected currents up to 10 m/s, got 15.5 at record 1, "
          r"level 0, row 2, column 3"),
         (with_value("v", -999.0), {}, r"v: expected currents up to 10 m/s, got -999"),

@@ -98,7 +98,10 @@ def test_decoded_times_of_an_open_dataset_are_read():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.drop_vars("longitude"), "lon: expected trajectories with a longitude, got"),
+        (
+            lambda d: d.drop_vars(["longitude", "start_lon"]),
+            "lon: expected trajectories with a longitude, got",
+        ),
         (lambda d: d.assign(rowsize=d.rowsize + 1), "rowsize: expected 9 observations of all drif"),
         (lambda d: d.assign(rowsize=("traj", [14, -2, -3])), "rowsize: .* that are none of obs"),
         (lambda d: d.assign(rowsize=("traj", [4.5, 2.5, 2])), "rowsize: .* that are none of obs"),
@@ -111,9 +114,8 @@ def test_decoded_times_of_an_open_dataset_are_read():
         ),
     ],
 )
-def test_other_files_are_refused(change, message, tmp_path):
-    file = global_drifter_program().drop_vars("start_lon" if "longitude;" in message else "ID")
-    change(file).to_netcdf(tmp_path / "odd.nc")
+def test_files_without_complete_trajectories_are_refused(change, message, tmp_path):
+    change(global_drifter_program().drop_vars("ID")).to_netcdf(tmp_path / "odd.nc")
     with pytest.raises(ValueError, match=f"odd.nc: {message}"):
         drift.open_trajectories(tmp_path / "odd.nc")
 

@@ -1,4 +1,4 @@
-"""What commands print and write, as short JSON that is compared with a tolerance."""
+"""The output and the files of commands as short JSON, for comparison within a tolerance."""
 
 import csv
 import hashlib
@@ -13,18 +13,18 @@ from rerun.chunk import RrdReader
 import jaxcell
 
 
-# Far above the noise between machines, far below what anybody would call another result.
+# Far above the rounding differences between machines, far below another result.
 TOLERANCE = 1e-8
 _LISTED = 40
 _ROWS = 4
-# What differs from run to run or from machine to machine, and is only to be there.
+# Values that depend on the run or the machine: only their presence is compared.
 _VOLATILE = {
     "application",
     "back_m",
     "battery_percent",
     "bytes",
     "attributes_sha256",
-    # Of a chaotic attractor rounding decides how many.
+    # Rounding decides the number for a chaotic attractor.
     "cells_on",
     "created",
     "difference",
@@ -116,13 +116,13 @@ def _digest(data):
 
 
 def text(value):
-    """How long a text is, and a digest of it."""
+    """The number of lines of a text, and its digest."""
     value = value.replace(jaxcell.__version__, "VERSION")
     return {"lines": value.count("\n") + 1, "digest": _digest(np.frombuffer(value.encode(), "u1"))}
 
 
 def file(path):
-    """What is in a file, by its suffix."""
+    """The content of a file, read by its suffix."""
     read = {
         ".nc": netcdf,
         ".rrd": recording,

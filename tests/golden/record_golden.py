@@ -40,7 +40,7 @@ _PLAIN = ("demo", "export", "robot sketch", "sweep view", "view")
 
 
 def record(name):
-    """What the golden file of a case says if nothing has changed."""
+    """The current content for the golden file of a case."""
     if name == HELP:
         return options_of_all()
     case, found = CASES[name], {}
@@ -113,7 +113,7 @@ def _run(command):
     found = {"status": status}
     for name, said in ((port, "EMULATED"), (os.getcwd() + "/", ""), (os.getcwd(), ".")):
         out, err = out.replace(name, said), err.replace(name, said)
-    # How to call a command depends on the environment.
+    # The path of a command depends on the environment.
     if err := re.sub(r"\S*(?=jaxcell view|rerun /)", "", err):
         found["says"] = err.rstrip("\n").split("\n")
     printed = None
@@ -143,7 +143,7 @@ def _call(words):
     with (
         mock.patch.dict(os.environ, place),
         mock.patch("jaxcell.base.runtime.configure_jax"),
-        # What is said of work that lasts depends on the machine.
+        # Lines about the progress of long work depend on the machine.
         mock.patch("jaxcell.cli.terminal._FIRST_LINE", 3600.0),
         contextlib.redirect_stdout(io.StringIO()) as out,
         contextlib.redirect_stderr(io.StringIO()) as err,
@@ -151,7 +151,7 @@ def _call(words):
         try:
             status = main(words)
         except SystemExit as end:
-            # What is said of options is tyro's.
+            # Errors of options are texts of tyro.
             return end.code, out.getvalue(), ""
     return status, out.getvalue(), err.getvalue()
 

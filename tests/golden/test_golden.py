@@ -1,4 +1,4 @@
-"""What users rely on is as it was; `record_golden.py` writes it down anew."""
+"""The output of commands equals its golden file; `record_golden.py` records it again."""
 
 from itertools import islice
 

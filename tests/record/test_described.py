@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxcell.base.quantities import Result, derived, quantity
-from jaxcell.cli.tables import show
+from jaxcell.cli.terminal import show
 from jaxcell.record import dataset, summary
 from jaxcell.space import CellSpace
 

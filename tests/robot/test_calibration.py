@@ -55,7 +55,7 @@ def test_a_calibration_is_measured_kept_and_used(tmp_path, monkeypatch, capsys):
         found = json.loads(told.out)
         assert found.pop("calibration") == str(calibration_file())
         assert found == pytest.approx({"distance": 1.05, "angle": 1.03}, abs=3e-3)
-        assert "How far did it go, in metres?" in told.err
+        assert "How far did the robot go, in metres?" in told.err
         calibration = Calibration.load(calibration_file())
         before = robot.pose
         with Create.open(robot.port, patience=5.0) as create:

@@ -349,9 +349,9 @@ def test_the_command_line_drives_a_robot_on_ros(world_of, tmp_path, capsys, kind
     assert main([*words, "--port", "/dev/ttyUSB0"]) == 2
     assert main(["robot", "run", str(path), "--port", "x", "--remap", "a"]) == 2
     said = capsys.readouterr().err
-    assert "--steps clock: a robot on ROS 2 goes by its odometry" in said
-    assert "expected one of --port, --ros and --simulate" in said
-    assert "--remap: it is for --ros" in said
+    assert "--steps: it has an effect only without --ros" in said
+    assert "--ros: it has an effect only without --port" in said
+    assert "--remap: it has an effect only with --ros" in said
 
 
 def test_a_patrol_and_a_plan_publish_where_the_robot_is(world_of, tmp_path):

@@ -6,6 +6,7 @@ from hypothesis.extra import numpy as hnp
 from random_rooms import slanted_obstacles
 
 from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace, free_steps, stencil
+from jaxcell.space.steps import Steps
 
 
 def workspace_of(free):
@@ -16,27 +17,6 @@ def workspace_of(free):
         [(0, 0), (columns, 0), (columns, rows), (0, rows)],
         [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)] for x, y in squares],
     )
-
-
-def steps_on_grid(cells, step, collision):
-    """Compute the steps of a stencil, one cell and one direction at a time."""
-    shape = stencil(cells.directions, Motion(step, collision), cells.free.shape)
-    rows, columns = cells.free.shape
-
-    def free(square):
-        row, column = square
-        return 0 <= row < rows and 0 <= column < columns and bool(cells.free[row, column])
-
-    targets = np.empty((cells.directions, cells.positions), np.int32)
-    for position, here in enumerate(np.argwhere(cells.free)):
-        for direction, way in enumerate(shape.way):
-            passes = all(free(here + s) for s in shape.crossed[way])
-            passes &= all(free(here + s) or free(here + t) for s, t in shape.beside[way])
-            end = here + shape.offset[way]
-            targets[direction, position] = (
-                cells.position_of_square[tuple(end)] if passes else position
-            )
-    return targets
 
 
 @given(
@@ -51,9 +31,20 @@ def test_squares_and_walls_agree(free, scale, collision):
     cells = CellSpace.of(workspace_of(free), 1.0, directions)
     assert cells.gridded
     np.testing.assert_array_equal(cells.free, free)
-    np.testing.assert_array_equal(
-        free_steps(cells, Motion(step, collision)), steps_on_grid(cells, step, collision)
-    )
+    motion = Motion(step, collision)
+    steps = Steps.of(cells, motion)
+    np.testing.assert_array_equal(steps.targets(cells)[steps.way], free_steps(cells, motion))
+
+
+@pytest.mark.parametrize("blocked", [[], [(1, 2)], [(2, 1)], [(1, 2), (2, 1)]])
+def test_a_step_may_end_in_a_corner_unless_two_obstacles_meet_there(blocked):
+    free = np.ones((3, 3), bool)
+    free[tuple(np.array(blocked, int).reshape(-1, 2).T)] = False
+    cells = CellSpace.of(workspace_of(free), 1.0, 8)
+    motion = Motion(1.5 * 2**0.5)
+    steps = Steps.of(cells, motion)
+    end = 0 if len(blocked) == 2 else cells.positions - 1
+    assert steps.targets(cells)[steps.way][1, 0] == free_steps(cells, motion)[1, 0] == end
 
 
 @st.composite

@@ -6,8 +6,10 @@ A study of `STUDIES` is tested with the example of its page of help, or with sma
 import contextlib
 import dataclasses
 import functools
+import html
 import io
 import json
+import re
 import shlex
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args, get_origin
@@ -15,6 +17,7 @@ from typing import Literal, NamedTuple, get_args, get_origin
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import pyplot
 from rerun.chunk import RrdReader
 
 from jaxcell.base.bundled import found
@@ -24,8 +27,9 @@ from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS
 from jaxcell.cli.help import as_options, option, parsed
 from jaxcell.cli.study_command import command_of
-from jaxcell.cli.tables import show
+from jaxcell.cli.terminal import show
 from jaxcell.record import dataset, summary
+from jaxcell.record.figures.plot import picture
 from jaxcell.study import STUDIES, Limit, Only, Study
 from jaxcell.study.parameters import Unit, conditions, parameters, within, without_effect
 from jaxcell.sweep.study_task import study_task
@@ -35,7 +39,7 @@ LAB = "@lab_a --collision endpoint"
 SEA = "@gyres --bounds -118.1 33.44 -118 33.54 --duration 3400"
 CASES = {
     "cover": "@lab_a --directions 8 --bounces 45 135 --error 45 --reliability 0.8",
-    "drift": f"{SEA} --depths 0 5 --start=-118.01,33.5 --goal=-118.09,33.46,5 --range 6000",
+    "drift": f"{SEA} --time 3 --depths 0 5 --start=-118,33.5 --goal=-118.09,33.46,5 --range 6000",
     "drift by the source": f"{SEA} --depths 0 --method source --nearly-closed 2",
     "drift at beaches": f"{SEA} --depths 0 --time 3 --beaching 7200 --after 36000",
     "drifters": "@drifters --nearly-closed 2 --samples 4 --least 3 --cell 2 --after 100",
@@ -53,8 +57,8 @@ CASES = {
     "patrol graph toward": "@eight --strategy toward --vertex 3 --paths 2",
     "patrol graph in parts": "@eight --robots 2 --division partition --speed 0.5 --baselines",
     "patrol graph at a charger": "@eight --charger 2 --every 6",
-    "patrol map": "@lab_a --range 3 --attack-times 4 9 --runs 200",
-    "patrol map at a base": "@lab_a --range 3 --attack-times 4 --runs 200 --base auto",
+    "patrol map": "@lab_a --range 3 --attack-times 4 9 --runs 50",
+    "patrol map at a base": "@lab_a --range 3 --attack-times 4 --runs 50 --base auto",
     "plans": "@lab_a --bounces 45 135",
     "rooms": "--room 1 --bounce 45 90 --columns 9 --rows 7 --obstacles 2 --directions 8",
     "team": "@lab_a --robots 2 --bounces 135",
@@ -99,6 +103,7 @@ def case(tmp_path_factory, few_drifters):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.bounce.slip.fine_cells._SAMPLES", 8)
+        patch.setattr("jaxcell.bounce.slip.fine_cells.MAX_CELLS", 3000)
         yield run
 
 
@@ -241,11 +246,11 @@ def test_numbers_beyond_their_limits_are_refused(case, name):
     for parameter, hint in parameters(type(study)).items():
         if (limit := within(hint, Limit)) is None:
             continue
-        below = [limit.ge - 1] if limit.ge is not None else [limit.gt]
-        above = [limit.le + 1] if limit.le is not None else [limit.lt]
-        for number in (*below, *above, float("nan")):
-            if number is None:
-                continue
+        below = limit.gt if limit.ge is None else limit.ge - 1
+        above = limit.lt if limit.le is None else limit.le + 1
+        whole = re.search(r"\bint\b", str(hint)) is not None
+        numbers = [number for number in (below, above) if number is not None]
+        for number in numbers if whole else [*map(float, numbers), float("nan")]:
             value = (number,) if "tuple" in str(hint) else number
             unit = within(hint, Unit)
             after = "" if unit is None else f" {unit.word}"
@@ -282,3 +287,15 @@ def test_alternatives_hold_one_by_one():
     assert (
         str(Only(a=True, b=("y", "z"), c=False)) == "with `a` and with `b` y or z and without `c`"
     )
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_result_shows_itself_in_a_notebook(case, name):
+    result = case(name).result
+    text = result._repr_html_()
+    assert html.escape(result.title) in text
+    # A summary of costs has no array.
+    assert (picture(result) is None) == ("<img" not in text)
+    if picture(result) is not None:
+        assert result.plot().get_title()
+        pyplot.close("all")

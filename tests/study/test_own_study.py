@@ -104,7 +104,7 @@ def test_quantities_are_described_and_checked_by_their_kind(drop):
         dataset(drop(height=20.0, lost=1.5).run())
 
 
-def test_its_command_shows_and_writes_it(file, tmp_path, capsys):
+def test_its_command_prints_and_writes_its_result(file, tmp_path, capsys):
     out = tmp_path / "out"
     args = ["run", f"{file}:Drop", "--height", "20", "--out", str(out)]
     assert main(args) == 0
@@ -132,7 +132,7 @@ def test_its_command_shows_and_writes_it(file, tmp_path, capsys):
         (("--height", "2", "--lost", "1"), 1, ""),
     ],
 )
-def test_its_command_says_what_is_wrong(file, capsys, args, status, message):
+def test_its_command_refuses_bad_parameters(file, capsys, args, status, message):
     assert main(["run", f"{file}:Drop", *args]) == status
     assert message in capsys.readouterr().err
 
@@ -158,7 +158,7 @@ def test_its_sweep_has_its_single_numbers(drop):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({}, "height: Drop needs it"),
+        ({}, "height: Drop needs this"),
         ({"height": "high"}, "height: expected float, got str: 'high'"),
         ({"height": 1, "weight": 2}, "weight: expected a parameter of Drop, one of height"),
         ({"height": 1, "kinds": [1]}, r"kinds: expected str, got int: \[1\]"),

@@ -154,7 +154,7 @@ def test_the_file_of_a_system_and_what_it_imports_are_digested(package, tmp_path
 def test_the_result_lists_changes_of_a_sweep_resumed_anyway(begun, tmp_path, capsys):
     (tmp_path / "1.txt").write_text("7")
     assert main(["sweep", "spec.toml", "--out", "out", "--anyway"]) == 2
-    assert "--anyway: expected with --resume" in capsys.readouterr().err
+    assert "--anyway: it has an effect only with --resume" in capsys.readouterr().err
     assert main(["sweep", "spec.toml", "--out", "out", "--resume", "--anyway"]) == 0
     (tmp_path / "2.txt").write_text("8")
     assert run_sweep(begun, "out", resume=True, anyway=True).complete

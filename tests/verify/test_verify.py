@@ -33,14 +33,14 @@ BOUNCE = math.radians(45)
 
 
 def changed(array, index, value):
-    """A copy with one other value."""
+    """Copy an array with a changed value."""
     array = np.array(array)
     array[index] = value
     return array
 
 
-def disagreeing(found):
-    wrong = [one for one in found if not one.agrees]
+def disagreeing(result):
+    wrong = [one for one in result if not one.agrees]
     assert all(one.where for one in wrong), "it says where"
     return [one.what.split(",")[0] for one in wrong]
 
@@ -61,15 +61,15 @@ def lab():
         Workspace([(0, 0), (5, 0), (6, 4), (0, 5)], [[(2, 2), (3, 2.2), (2.4, 3)]]),
     ],
 )
-def test_images_of_whole_maps(workspace, length, collision):
+def test_right_images_of_whole_maps_agree(workspace, length, collision):
     cells = CellSpace.of(workspace, workspace.cell or 0.5, 8)
     options = {"motion": Motion(length * cells.cell, collision)}
     mapped = bounce_map(cells, BOUNCE, **options)
     every = np.arange(cells.size)
-    found = verify.compare_images(cells, mapped, BOUNCE, **options, only=every)
-    assert found.agrees, found.where
+    result = verify.compare_images(cells, mapped, BOUNCE, **options, only=every)
+    assert result.agrees, result.where
     # Steps that touch walls on both sides are left out, and they are few.
-    assert found.count > 0.9 * cells.size
+    assert result.count > 0.9 * cells.size
 
 
 def test_a_wrong_image_is_found(lab):
@@ -79,57 +79,57 @@ def test_a_wrong_image_is_found(lab):
         SimpleMap(jnp.asarray(changed(image, clear, clear)), lab.map.bumped),
         SimpleMap(lab.map.image, jnp.asarray(changed(bumped, clear, True))),
     ):
-        found = verify.compare_images(lab.cells, wrong, BOUNCE)
-        assert found.difference == 1
-        assert found.where.startswith(f"cell {clear}:")
+        result = verify.compare_images(lab.cells, wrong, BOUNCE)
+        assert result.difference == 1
+        assert result.where.startswith(f"cell {clear}:")
     assert not verify.compare_images(lab.cells, lab.map, 2 * BOUNCE).agrees
 
 
-def test_groups(lab):
-    found = BounceGroups.of(lab.cells, BOUNCE)
-    right = verify.compare_groups(found)
+def test_altered_groups_do_not_agree(lab):
+    result = BounceGroups.of(lab.cells, BOUNCE)
+    right = verify.compare_groups(result)
     assert [one.agrees for one in right] == [True, True, True]
     assert [one.count for one in right] == [152, 456, 6]
-    other = dataclasses.replace(found)
-    other.__dict__["step"] = changed(found.step, (0, 0, 3), 99)
+    other = dataclasses.replace(result)
+    other.__dict__["step"] = changed(result.step, (0, 0, 3), 99)
     assert disagreeing(verify.compare_groups(other)) == ["groups of cells"]
-    other = dataclasses.replace(found, largest_basin=np.array([151]))
+    other = dataclasses.replace(result, largest_basin=np.array([151]))
     assert disagreeing(verify.compare_groups(other)) == ["numbers of the groups"]
 
 
-def test_filters(lab):
+def test_altered_filters_do_not_agree(lab):
     filter = localization_filter(lab.map)
     for one in (filter, filter.with_trap()):
         assert not disagreeing(verify.compare_filter(LocalizationFilter(one), lab.map))
     # As if the robot did not sense one of the walls.
     wall = int(np.flatnonzero(lab.map.bumped)[0])
     deaf = SimpleMap(lab.map.image, jnp.asarray(changed(lab.map.bumped, wall, False)))
-    found = LocalizationFilter(localization_filter(deaf))
-    assert disagreeing(verify.compare_filter(found, lab.map)) == ["states of the filter"]
+    result = LocalizationFilter(localization_filter(deaf))
+    assert disagreeing(verify.compare_filter(result, lab.map)) == ["states of the filter"]
     altered = dataclasses.replace(filter)
     altered.__dict__["color"] = changed(filter.color, 0, 2)
-    found = verify.compare_filter(LocalizationFilter(altered), lab.map)
-    assert disagreeing(found) == ["knowledge cycles"]
+    result = verify.compare_filter(LocalizationFilter(altered), lab.map)
+    assert disagreeing(result) == ["knowledge cycles"]
 
 
-def test_plans(lab):
+def test_altered_plans_do_not_agree(lab):
     bounces = np.radians([45.0, 135.0])
     costs = (1, 100)
     plans = (plan(lab.cells, bounces, 0, goal, *costs) for goal in range(lab.cells.size))
-    found = next(one for one in plans if one.changes)
-    right = verify.compare_plan(found)
+    result = next(one for one in plans if one.changes)
+    right = verify.compare_plan(result)
     assert not disagreeing(right)
-    dear = dataclasses.replace(found, cost=found.cost + 1)
+    dear = dataclasses.replace(result, cost=result.cost + 1)
     assert disagreeing(verify.compare_plan(dear)) == ["cost of the plan"]
     assert dear.checks()["cost_minus_that_of_actions"][0] == 1
-    lost = dataclasses.replace(found, reaching=changed(found.reaching, 5, not found.reaching[5]))
+    lost = dataclasses.replace(result, reaching=changed(result.reaching, 5, not result.reaching[5]))
     what = ["cells that reach the goal"]
     assert disagreeing(verify.compare_plan(lost)) == what
-    other = dataclasses.replace(found, actions=changed(found.actions, 0, 1 - found.actions[0]))
+    other = dataclasses.replace(result, actions=changed(result.actions, 0, 1 - result.actions[0]))
     assert other.checks()["actions_that_lead_elsewhere"][0] > 0
 
 
-def test_coverage(lab):
+def test_altered_coverage_does_not_agree(lab):
     bounces, noise = np.radians([45.0, 90.0]), (BOUNCE, 0.7)
     policy = coverage_policy(lab.cells, bounces, *noise)
     right = verify.compare_coverage(policy, *noise)
@@ -143,7 +143,7 @@ def test_coverage(lab):
     ]
 
 
-def test_teams(lab):
+def test_altered_teams_do_not_agree(lab):
     bounce = np.array([math.radians(135)])
     team = team_trajectory(lab.cells, [0, 7, 18], bounce)
     assert team.parts > 1
@@ -158,7 +158,7 @@ def test_teams(lab):
         assert disagreeing(verify.compare_team(altered, bounce)) == [what]
 
 
-def test_walks_on_a_graph():
+def test_altered_walks_on_a_graph_do_not_agree():
     graph, _ = load_graph(DATA / "graphs" / "eight.json")
     walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, np.ones(len(graph.edges))))
     assert not disagreeing(verify.compare_walk(walk))
@@ -168,14 +168,14 @@ def test_walks_on_a_graph():
         ({"kemeny_constant": walk.kemeny_constant + 1}, "Kemeny constant"),
         ({"entropy_rate_nats": 0.0}, "entropy rate"),
     ):
-        found = disagreeing(verify.compare_walk(dataclasses.replace(walk, **wrong)))
-        assert any(one.startswith(what) for one in found), found
+        result = disagreeing(verify.compare_walk(dataclasses.replace(walk, **wrong)))
+        assert any(one.startswith(what) for one in result), result
 
 
 @pytest.mark.parametrize(
     ("name", "emphasis", "cap"), [("line", (), 1), ("eight", (1, 4), 1), ("eight", (), 0.09)]
 )
-def test_the_least_commute_time(name, emphasis, cap):
+def test_commute_times_that_are_not_least_do_not_agree(name, emphasis, cap):
     graph, _ = load_graph(DATA / "graphs" / f"{name}.json")
     rules = [Linear(str(i), row, upper=cap) for i, row in enumerate(np.eye(len(graph.edges)))]
     best = minimum_commute(graph, emphasis or None, 0.9, constraints=rules).weights
@@ -188,13 +188,13 @@ def test_the_least_commute_time(name, emphasis, cap):
     assert wrong[1:] == ["by how much constraints are broken"] * bool(emphasis)
 
 
-def test_the_least_commute_time_of_a_long_line():
+def test_the_least_commute_time_of_a_long_line_agrees():
     graph = Graph([[i, i + 1] for i in range(61)])
     walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, minimum_commute(graph).weights))
     assert not disagreeing(verify.compare_commute(walk, (), 0.9))
 
 
-def test_games():
+def test_altered_games_do_not_agree():
     graph, _ = load_graph(DATA / "graphs" / "line.json")
     game = strategy_game(graph)
     assert not disagreeing(verify.compare_game(game))
@@ -203,7 +203,7 @@ def test_games():
     assert disagreeing(verify.compare_game(wrong)) == ["value of the game"]
 
 
-def test_patrols_of_a_map():
+def test_altered_patrols_of_a_map_do_not_agree():
     workspace = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(1, 1), (2, 1), (2, 2), (1, 2)]])
     cells = CellSpace.of(workspace, 1.0, 1)
     graph, reach = patrol.cell_graph(cells), 2.0
@@ -217,7 +217,7 @@ def test_patrols_of_a_map():
         target=0,
         view=visible[0],
         boundary=visible[0],
-        attack_times=times,
+        attack_time=times,
         exact=capture[:, 0],
         simulated=capture[:, 0] + 2 * np.sqrt(capture[:, 0] * (1 - capture[:, 0]) / runs),
         fitted=np.full(2, np.nan),
@@ -244,17 +244,17 @@ def test_patrols_of_a_map():
 
 
 @pytest.mark.parametrize("edge", ["uniform", "exit"])
-def test_drifters(edge):
-    # As the current changes, some drifters stay almost for ever, which no solve is certified for.
+def test_altered_drifters_do_not_agree(edge):
+    # As the current changes, some drifters stay almost forever, which no solve is certified for.
     currents = drift.open_currents(DATA / "ocean" / "gyres.nc", time=0).isel(layer=slice(2, 3))
-    found = drift.SeaDrift.of(currents, drift.DriftStep(3400.0, edge=edge), start=0).towards(100)
-    (layer,) = found.layers
+    result = drift.SeaDrift.of(currents, drift.DriftStep(3400.0, edge=edge), start=0).towards(100)
+    (layer,) = result.layers
     behaviour = layer.behaviour
 
     def compare(**fields):
         changed = dataclasses.replace(behaviour, **fields)
         other = dataclasses.replace(layer, behaviour=changed)
-        return disagreeing(verify.compare_drift(dataclasses.replace(found, layers=(other,))))
+        return disagreeing(verify.compare_drift(dataclasses.replace(result, layers=(other,))))
 
     assert compare() == []
     slow = dataclasses.replace(behaviour.absorption, value=1.01 * behaviour.absorption.value)
@@ -262,15 +262,15 @@ def test_drifters(edge):
     assert what.startswith("times until")
     groups = dataclasses.replace(behaviour.groups, group=jnp.roll(behaviour.groups.group, 1))
     assert any(one.startswith("persistent groups") for one in compare(groups=groups))
-    few = dataclasses.replace(found)
+    few = dataclasses.replace(result)
     few.__dict__["deployment"] = drift.Deployment(
-        *(part[:1] for part in vars(found.deployment).values())
+        *(part[:1] for part in vars(result.deployment).values())
     )
     assert disagreeing(verify.compare_drift(few)) == ["cells visited from the deployment"]
-    policy = found.surest.policy
+    policy = result.surest.policy
     worse = dataclasses.replace(policy, probability=0.99 * policy.probability)
-    surest = dataclasses.replace(found.surest, policy=worse)
-    (what,) = disagreeing(verify.compare_drift(dataclasses.replace(found, surest=surest)))
+    surest = dataclasses.replace(result.surest, policy=worse)
+    (what,) = disagreeing(verify.compare_drift(dataclasses.replace(result, surest=surest)))
     assert what.startswith("probability of arriving")
 
 

@@ -240,6 +240,7 @@ class Localized(RunOnMap, LocalizationFilter):
     title: ClassVar[str] = "Localization of a bouncing robot by its bumps"
     # The filter may be of another map.
     may_lose: ClassVar[bool] = True
+    picture: ClassVar[str] = "belief_size"
     tables: ClassVar[Mapping[str, str]] = {"cycle": "cycles", "candidate": "candidates"}
 
     cells: CellSpace

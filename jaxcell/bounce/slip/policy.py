@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csgraph
 
 from ...automata import HiddenMap
 from ...base.certificate import Certificate
+from ...mapping.classes import reaching
 
 
 # A policy is improved until the relative gap of its mean time is this small, or this often.
@@ -60,7 +60,9 @@ def slip_policy(
         ([2.0, 0.0], True)
     """
     anywhere = sum(hidden.bumps, hidden.moves)
-    inside = _reached(anywhere, start > 0, goal)
+    # The cells that can be reached before the goal.
+    on = scipy.sparse.diags_array((~goal).astype(float), format="csr")
+    inside = reaching((on @ anywhere @ on).T.tocsr(), (start > 0) & ~goal)
     time, sweeps, gap = np.zeros(goal.size), 0, 1.0
     part = [matrix[inside] for matrix in (hidden.moves, *hidden.bumps)]
     while gap > _TOLERANCE and sweeps < _MOST_SWEEPS:
@@ -183,24 +185,6 @@ def driven(
         if arrived():
             return count
     return None
-
-
-def _reached(
-    matrix: scipy.sparse.csr_array, start: Bool[np.ndarray, "fine"], goal: Bool[np.ndarray, "fine"]
-) -> Bool[np.ndarray, "fine"]:
-    """Find the cells that can be reached before the goal, from a node before all starts."""
-    size = start.size
-    edges = matrix.tocoo()
-    row, column = edges.coords
-    kept = ~goal[row] & ~goal[column]
-    begin = np.flatnonzero(start & ~goal)
-    row = np.concatenate([row[kept], np.full(begin.size, size)])
-    column = np.concatenate([column[kept], begin])
-    graph = scipy.sparse.csr_array((np.ones(row.size), (row, column)), shape=(size + 1, size + 1))
-    order = csgraph.breadth_first_order(graph, size, return_predecessors=False)
-    reached = np.zeros(size + 1, bool)
-    reached[order] = True
-    return reached[:size]
 
 
 def _normal(

@@ -2,9 +2,10 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from ...base.documents import checked_number
+from ...study.parameters import Only, check
 from ..output import Printing
 from ..terminal import note, say, status
 
@@ -21,20 +22,20 @@ class RobotCalibrate(Printing):
     `jaxcell robot run` uses the calibration. An earlier calibration has no effect here."""
 
     example: ClassVar[str] = "--port /dev/ttyUSB0"
+    one_of: ClassVar[tuple[str, ...]] = ("port", "log")
 
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
-    log: Path | None = None
-    """The run.jsonl of a run of an anywhere.json: estimate from its runs the turn by a bump at 45
-    degrees, which `jaxcell localize --bump-turn` takes."""
-    file: Path | None = None
-    """The anywhere.json of that run, by default where the log says that it was."""
+    log: Annotated[Path | None, Only(port=False)] = None
+    """Log run.jsonl of a run of an anywhere.json, from which to estimate the turn by a bump at 45
+    degrees for `jaxcell localize --bump-turn`."""
+    file: Annotated[Path | None, Only(log=True)] = None
+    """The anywhere.json of that run; by default the file that the log names."""
     calibration: Path | None = None
     """File of the calibration; by default calibration.json in ~/.config/jaxcell."""
 
     def run(self) -> int:
-        if (self.port is None) == (self.log is None):
-            raise ValueError("expected one of --port and --log")
+        check(self)
         return self._estimate() if self.port is None else self._measure(self.port)
 
     def _estimate(self) -> int:
@@ -55,8 +56,8 @@ class RobotCalibrate(Printing):
             say(json.dumps({"log": str(self.log), "bump_turn_deg": degrees}))
         else:
             say(
-                f"A bump at 45 degrees turns it by {degrees:g} degrees toward the wall, which its "
-                f"encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
+                f"A bump at 45 degrees turns the robot by {degrees:g} degrees to the wall, which "
+                f"its encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
             )
         return 0
 

@@ -119,6 +119,13 @@ class RobotRun(RobotOptions):
                     )
                     start = start_after(emulation.pose, *places)
                 note(f"To resume:\n{resume_command(self, self.out / _LOG, start)}")
+        self._report(outcome, emulation)
+        if code is not None:
+            return code
+        return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
+
+    def _report(self, outcome: "RunOutcome", emulation: "Emulation | None") -> None:
+        """Print the summary of a run, and write it to `out`."""
         summary = {
             "command": "jaxcell robot run",
             "file": name_in_results(self.file),
@@ -140,9 +147,6 @@ class RobotRun(RobotOptions):
                 f"No recording is written without Rerun. Elsewhere: jaxcell robot replay "
                 f"{self.out / _LOG} --file {self.file.name} --out {self.out}"
             )
-        if code is not None:
-            return code
-        return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
     def _before(self, task: "AnyTask") -> "LoggedRun | None":
         """Read the run to resume, if any."""

@@ -7,7 +7,7 @@ from typing import Any
 from ...study import Study
 from ...sweep.tasks import TASKS
 from ...sweep.workers.work import study_of
-from ..terminal import progress, status
+from ..terminal import progress, show, status
 
 
 def detailed_study(task: str) -> type[Study]:
@@ -40,7 +40,6 @@ def member_detail(
     from ... import record
     from ...base.runtime import configure_jax
     from ...sweep.study_task import studies
-    from ..tables import show
 
     configure_jax()
     (question,) = studies(study, {}, parameters, seed)

@@ -49,7 +49,12 @@ def read_mask(
         and all(size == 1 for dim, size in variable.sizes.items() if dim not in (*dims, depth))
     }
 
-    read = functools.partial(_read, file, dims, {dims[0]: rows, dims[1]: columns}, depth, places)
+    def read(name: str) -> Float[np.ndarray, "#levels y x"]:
+        block: dict[str, object] = {dims[0]: rows, dims[1]: columns}
+        if depth in file.dataset[name].dims:
+            block[str(depth)] = places
+        return file.read(part(file, name, block), (depth or "", *dims))
+
     for row in table("mask"):
         for name in row.names:
             if name in candidates:
@@ -70,19 +75,6 @@ def read_mask(
             if standard_name in row.standard_names:
                 return _as_named(name, read(name), row, f"the standard name {standard_name}")
     return None
-
-
-def _read(
-    file: OceanFile,
-    dims: tuple[str, str],
-    block: dict[str, object],
-    depth: str | None,
-    places: Int[np.ndarray, " levels"] | None,
-    name: str,
-) -> Float[np.ndarray, "#levels y x"]:
-    if depth in file.dataset[name].dims:
-        block = {**block, str(depth): places}
-    return file.read(part(file, name, block), (depth or "", *dims))
 
 
 def _as_named(

@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,8 @@ _UNKNOWN = "NaN: no such group, no water, or not known"
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaLayers(Ends):
     """The ends of drifters in some layers of the sea, on the squares of its grid."""
+
+    picture: ClassVar[str] = "basin"
 
     layers: tuple[LayerEnds, ...]
     "The surface first, with steps of one duration."

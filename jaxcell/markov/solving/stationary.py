@@ -51,8 +51,11 @@ def solve_stationary(
         x, products, done = _by_products(step, group)
         if done or group.size > solve.LIMITS.factored:
             return x, products
+        rooted = None
         for _ in range(_ROOTS):
-            rooted = Rooted.of(step, group, x)
+            last, rooted = rooted, Rooted.of(step, group, x)
+            if last is not None and np.array_equal(last.others, rooted.others):
+                break
             others, more, sure = solve.factor_and_solve(
                 rooted.step, rooted.leaving, rooted.entering, None, True
             )

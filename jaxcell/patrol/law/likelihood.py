@@ -17,12 +17,13 @@ from .distribution import Gld, log_probability, standard_quantile
 # The step of difference quotients. Their error is of the order of its square, and that of rounding
 # divided by its square.
 _STEP = 3e-4
-# The steps to the laws of a difference quotient: none, up and down each axis, both ways along each
-# pair of axes.
+# The steps to the laws of a difference quotient: both ways along each axis and each pair of axes.
 _AXES = np.eye(4)
 _PAIRS = list(itertools.combinations(range(4), 2))
 _DIAGONALS = np.array([_AXES[i] + _AXES[j] for i, j in _PAIRS])
 _STENCIL = _STEP * np.concatenate([_AXES, -_AXES, _DIAGONALS, -_DIAGONALS])
+# With more values than this, fewer laws are in memory at once.
+_VALUES = 20_000
 
 
 def law_through(numbers: Float[np.ndarray, "*laws 4"], point: Float[np.ndarray, "*#laws 2"]) -> Gld:
@@ -71,15 +72,16 @@ class Likelihood:
     ) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
         """Compute the loss and its two derivatives, NaN unless the loss is below `below`.
 
-        The derivatives are difference quotients between laws nearby, all in one batch.
+        The derivatives are difference quotients between laws nearby, in one batch for few values.
         """
         law = law_through(numbers, point)
         log_odds = law.log_odds(self.x)
         loss = float(self._loss(law, log_odds))
         if not loss < below:
             return loss, np.full(4, np.nan), np.full((4, 4), np.nan)
-        around = law_through(numbers + _STENCIL, point)
-        losses = self._loss(around, around.log_odds(self.x, log_odds))
+        batches = min(len(_STENCIL), 1 + self.x.size // _VALUES)
+        laws = (law_through(part, point) for part in np.array_split(numbers + _STENCIL, batches))
+        losses = np.concatenate([self._loss(law, law.log_odds(self.x, log_odds)) for law in laws])
         up, down, pairs = losses[:4], losses[4:8], losses[8:14] + losses[14:]
         twice = up + down - 2 * loss
         hessian = np.diag(twice)

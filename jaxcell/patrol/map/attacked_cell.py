@@ -31,8 +31,10 @@ class Vulnerability(Result):
         Bool[np.ndarray, "cells"],
         quantity("position", "whether a robot from outside first sees it there", kind="flag"),
     ]
-    attack_times: Int[np.ndarray, "times"]
-    "Number of steps that an attack takes."
+    attack_time: Annotated[
+        Int[np.ndarray, "times"],
+        quantity("attack_time", "steps of an attack", "steps", kind="coordinate"),
+    ]
     exact: Annotated[
         Float[np.ndarray, "times"],
         quantity("attack_time", "probability of capture, exactly", "1", kind="share"),
@@ -57,10 +59,6 @@ class Vulnerability(Result):
     "The law that is fitted to the runs, or `None` if the fit failed."
     failure: Annotated[str | None, quantity("", "why no law is fitted")]
 
-    @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
-    def attack_time(self) -> Int[np.ndarray, "times"]:
-        return self.attack_times
-
     @derived("attack_time", "fitted less exact", "1")
     def fit_gap(self) -> Float[np.ndarray, "times"]:
         return self.fitted - self.exact
@@ -80,7 +78,7 @@ class Vulnerability(Result):
     def checks(self) -> Checks:
         runs = self.arrival.size
         spread = np.sqrt(np.maximum(self.exact * (1 - self.exact), 1 / runs) / runs)
-        off = np.abs(np.cumsum(self.law)[self.attack_times] - self.exact)
+        off = np.abs(np.cumsum(self.law)[self.attack_time] - self.exact)
         return {
             "exact_is_of_law": (float(off.max()), PROBABILITY),
             "law_beyond_1": (float(max(self.law.sum() - 1, 0.0)), PROBABILITY),
@@ -159,7 +157,7 @@ def vulnerability(
         target=target,
         view=view,
         boundary=boundary(graph, view),
-        attack_times=times,
+        attack_time=times,
         exact=np.cumsum(law)[times],
         simulated=(arrived[:, None] <= times).mean(axis=0),
         fitted=fitted,

@@ -54,7 +54,7 @@ def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
     - `patrol`: the patrol.
     - `seed`: seed of the robots and the adversary.
     """
-    attack_time = int(patrol.attack.attack_times[0])
+    attack_time = int(patrol.attack.attack_time[0])
     steps = int(np.clip(_ATTACKS * (attack_time + _PAUSE + _WAIT // 2), _MIN_STEPS, _MAX_STEPS))
     steps = min(steps, max(_MAX_PLACES // patrol.robots, attack_time))
     random = np.random.default_rng(seed)

@@ -38,6 +38,7 @@ class PatrolledMap(Result):
     """
 
     title: ClassVar[str] = "Patrol of a map with limited visibility"
+    picture: ClassVar[str] = "captures_probability"
     tables: ClassVar[Mapping[str, str]] = {
         "robot": "policies",
         "share": "shares",
@@ -71,7 +72,10 @@ class PatrolledMap(Result):
     "The search for the policies, if they maximise capture; else `None`."
     frontier: Frontier | None = None
     "The trade-off between capture and unpredictability, or `None`."
-    shares: Float[np.ndarray, "shares"] | None = None
+    share: Annotated[
+        Float[np.ndarray, "shares"] | None,
+        quantity("share", "share of steps on the tours", "1", kind="coordinate"),
+    ] = None
     "The emphases on covers that were compared."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
@@ -110,9 +114,9 @@ class PatrolledMap(Result):
                 raise ValueError(f"{name}: expected {positions} cells, got {size}")
         if self.cells.workspace is None:
             raise ValueError("cells: expected the cells of a map, got a grid")
-        if not np.array_equal(self.captures.attack.times, self.attack.attack_times):
+        if not np.array_equal(self.captures.attack.times, self.attack.attack_time):
             raise ValueError(
-                f"captures: expected the attack times {self.attack.attack_times.tolist()}, got "
+                f"captures: expected the attack times {self.attack.attack_time.tolist()}, got "
                 f"{self.captures.attack.times.tolist()}"
             )
         if self.reassignment is not None and self.regions is None:
@@ -163,10 +167,6 @@ class PatrolledMap(Result):
     @derived("", "robots", kind="count")
     def robots(self) -> int:
         return len(self.policies)
-
-    @derived("share", "share of steps on the tours", "1", kind="coordinate")
-    def share(self) -> Float[np.ndarray, "shares"] | None:
-        return self.shares
 
     @derived("size", "robots", kind="coordinate")
     def size(self) -> Int[np.ndarray, "sizes"] | None:

@@ -24,8 +24,9 @@ class Reassignment(Result):
 
     title: ClassVar[str] = "Regions without a robot"
 
-    after: int
-    "Number of steps without a report after which a robot counts as lost."
+    silence_limit: Annotated[
+        int, quantity("", "steps of silence that mean a loss", "steps", kind="count")
+    ]
     regions: Regions
     robot: Annotated[
         Int[np.ndarray, "regions"],
@@ -33,10 +34,6 @@ class Reassignment(Result):
     ]
     policies: tuple[Policy, ...]
     "The policy in each region."
-
-    @derived("", "steps of silence that mean a loss", "steps", kind="count")
-    def silence_limit(self) -> int:
-        return self.after
 
     @derived("region", "cells of each region", kind="count", listed=True)
     def sizes(self) -> Int[np.ndarray, "regions"]:

@@ -185,7 +185,7 @@ def _connected(
 
 
 def _pieces(
-    near: scipy.sparse.csr_array, cells: Int[np.ndarray, "some"]
+    near: scipy.sparse.csr_array, cells: Int[np.ndarray, "chosen"]
 ) -> list[Int[np.ndarray, "..."]]:
     """Return the connected parts of a set of cells, the largest first."""
     if cells.size == 0:
@@ -196,7 +196,7 @@ def _pieces(
 
 def _shortest_path(
     near: scipy.sparse.csr_array,
-    piece: Int[np.ndarray, "some"],
+    piece: Int[np.ndarray, "chosen"],
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
@@ -259,6 +259,6 @@ def _refusal(region: int, robots: int, reason: str) -> str:
     )
 
 
-def _listed(cells: Int[np.ndarray, "some"]) -> str:
+def _listed(cells: Int[np.ndarray, "chosen"]) -> str:
     shown = ", ".join(str(z) for z in cells[:8])
     return f"cells {shown}" + (f", ... ({cells.size})" if cells.size > 8 else "")

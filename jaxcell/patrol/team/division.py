@@ -84,7 +84,7 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
     return part
 
 
-def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
+def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
     """Return the subgraph of given vertices, which are numbered from 0 in their order.
 
     **Arguments:**
@@ -112,7 +112,7 @@ def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
 
 
 def walk_in_part(
-    graph: Graph, vertices: Int[np.ndarray, "some"], matrix: Float[np.ndarray, "some some"]
+    graph: Graph, vertices: Int[np.ndarray, "part"], matrix: Float[np.ndarray, "part part"]
 ) -> Float[np.ndarray, "vertices vertices"]:
     """Extend a walk in a part of a graph to all vertices, by shortest paths to the part.
 

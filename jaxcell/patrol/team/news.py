@@ -59,7 +59,7 @@ class News(Result):
         later = (self.known - self.passed[:, None]).max(initial=0)
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
-    def _mean(self, law: Float[np.ndarray, "ages some"]) -> Float[np.ndarray, "some"]:
+    def _mean(self, law: Float[np.ndarray, "ages columns"]) -> Float[np.ndarray, "columns"]:
         """Compute the sum of the tails; infinite for a law that has not ended."""
         tails = 1 - law
         return np.where(tails[-1] < 1e-6, self.unit * tails.sum(axis=0), np.inf)

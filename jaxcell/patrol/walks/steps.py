@@ -40,15 +40,15 @@ class Steps(NamedTuple):
         return cls(*jax.device_put((image, even, back)))
 
     def logits(
-        self, matrices: Float[np.ndarray, "*some cells cells"]
-    ) -> Float[np.ndarray, "*some branches cells"]:
+        self, matrices: Float[np.ndarray, "*batch cells cells"]
+    ) -> Float[np.ndarray, "*batch branches cells"]:
         """Compute logits of transition matrices, whose probabilities count as 0.001 or more."""
         here, image = np.arange(self.image.shape[1]), np.asarray(self.image)
         return np.log(np.maximum(matrices[..., here, image], _LIKELY))
 
     def matrices(
-        self, chance: Float[np.ndarray, "*some branches cells"]
-    ) -> Float[np.ndarray, "*some cells cells"]:
+        self, chance: Float[np.ndarray, "*batch branches cells"]
+    ) -> Float[np.ndarray, "*batch cells cells"]:
         """Make transition matrices from the probabilities of steps."""
         cells = chance.shape[-1]
         matrices = np.zeros((*chance.shape[:-2], cells, cells))

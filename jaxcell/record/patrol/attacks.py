@@ -57,7 +57,7 @@ def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Spec) -> rrb.Container
 def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log the target, whose colour and label show the state of the attack."""
     stream, side, times = map.stream, patrol.cells.cell, np.arange(len(attacks.state))
-    target, steps = patrol.xy[patrol.attack.target], patrol.attack.attack_times[0]
+    target, steps = patrol.xy[patrol.attack.target], patrol.attack.attack_time[0]
     states = list(builtins.map(AttackState, attacks.state.tolist()))
     labels = {AttackState.WAITING: "target", AttackState.CAUGHT: "caught"}
     labels[AttackState.SUCCEEDED] = "succeeded"
@@ -115,7 +115,7 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Spec) -> str:
 {who} a map at random and see {patrol.reach:g} m far, not through walls.{divided}
 
 An adversary attacks the cell at {place(patrol, attack.target)} when no robot sees it, for
-{attack.attack_times[0]:,} steps. It is caught if a robot sees the cell by then, with probability
+{attack.attack_time[0]:,} steps. It is caught if a robot sees the cell by then, with probability
 **{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
 
 ## How to look

@@ -97,7 +97,7 @@ other cells are divided by the angle around the base.
     return f"""{text}
 ## When robot {_lost(patrol)} is lost
 
-A working robot is silent for **{after.after:,}** steps with a probability of at most 1 %; a robot
-that is silent for longer counts as lost. The others divide the map as the second map shows, each
-keeping most of its cells.
+A working robot is silent for **{after.silence_limit:,}** steps with a probability of at most 1 %; a
+robot that is silent for longer counts as lost. The others divide the map as the second map shows,
+each keeping most of its cells.
 """

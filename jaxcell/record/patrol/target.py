@@ -56,7 +56,7 @@ def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
     time = attack.arrival
     last = float(np.quantile(time, _SHOWN, method="lower"))
     if not np.isfinite(last):
-        last = float(attack.attack_times.max())
+        last = float(attack.attack_time.max())
     width = max(1, int(np.ceil((last + 1) / _MAX_BARS)))
     bounds = np.arange(0, last + 1 + width, width)
     counts, _ = np.histogram(time[np.isfinite(time)], bounds)
@@ -79,11 +79,11 @@ def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
 
 def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
     """Log the distribution functions, with the attack times."""
-    most = int(attack.attack_times.max())
+    most = int(attack.attack_time.max())
     plot = Plot(stream, "target/captures", float(most), 1.0)
     steps_taken = "steps that the attack takes (upright lines: the attack times)"
     plot.axes(ticks(most), ticks(1.0), steps_taken, "probability of capture")
-    plot.marks("attack_times", attack.attack_times.tolist(), CATEGORIES["yellow"])
+    plot.marks("attack_times", attack.attack_time.tolist(), CATEGORIES["yellow"])
     steps = np.arange(most + 1, dtype=float)
     runs = np.searchsorted(np.sort(attack.arrival), steps, side="right") / attack.arrival.size
     plot.line("simulated", steps, runs, _RUNS, _WIDE)

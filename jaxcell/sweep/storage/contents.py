@@ -4,11 +4,8 @@ import dataclasses
 from collections.abc import Mapping
 
 from ..workers.work import Computed
-from .journal import Journal, Kind, Record
+from .journal import JOURNAL, Journal, Kind, Record
 from .records import Begun, decode
-
-
-JOURNAL = "sweep.journal"
 
 
 @dataclasses.dataclass
@@ -44,7 +41,7 @@ class Contents:
                 skipped = record.kind == Kind.CHUNK and not check
                 content = b"" if skipped else journal.content(record)
             except ValueError:
-                read._add_damage(record)
+                read.damage[record.description] = record
             else:
                 read._add(record, content)
         return read
@@ -61,11 +58,4 @@ class Contents:
             self.exported = decode(content, dict[str, str])
         else:
             self.chunks[record.number] = record
-            self.damage.pop(f"chunk {record.number}", None)
-
-    def _add_damage(self, record: Record) -> None:
-        if record.kind == Kind.CHUNK:
-            self.chunks.pop(record.number, None)
-            self.damage[f"chunk {record.number}"] = record
-        else:
-            self.damage[f"{JOURNAL}, {record.kind.name.lower()}"] = record
+            self.damage.pop(record.description, None)

@@ -46,23 +46,23 @@ def digests(spec: Spec) -> dict[str, str]:
     the user's own module of a task or of a value such as a system (`FILE.py:NAME` or
     `MODULE:NAME`), with the user's modules that it imports.
     """
-    found = {}
+    digest_of = {}
     texts = sorted(set(_texts(spec)))
     for text in texts:
         if (path := spec.find_file(text)) is None or not path.is_file():
             continue
-        found[text] = _digest(path)
+        digest_of[text] = _digest(path)
         if (image := _image(path)) is not None and os.path.isfile(path.parent / image):
-            found[os.path.join(os.path.dirname(text), image)] = _digest(path.parent / image)
+            digest_of[os.path.join(os.path.dirname(text), image)] = _digest(path.parent / image)
     for text in (spec.task, *texts):
         module, colon, _ = text.rpartition(":")
         if colon and (source := _source(spec, module)) is not None:
             name = "" if module.endswith(".py") else module
             if text == spec.task or is_users(name, source):
-                found[f"task {text}" if text == spec.task else text] = _digest(source)
+                digest_of[f"task {text}" if text == spec.task else text] = _digest(source)
                 for imported, file in imported_files(source, name).items():
-                    found[f"module {imported} ({file.name})"] = _digest(file)
-    return found
+                    digest_of[f"module {imported} ({file.name})"] = _digest(file)
+    return digest_of
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 
+JOURNAL = "sweep.journal"
+"The name of the file."
 _MARK = b"\xf5Rec"
 # The mark, kind, state, number, length and CRC-32 of the content, and the CRC-32 of all these.
 _FIELDS = struct.Struct("<4sBBQQI")
@@ -47,6 +49,12 @@ class Record:
     "The place of its content in the file."
     length: int
     checksum: int
+
+    @property
+    def description(self) -> str:
+        if self.kind == Kind.CHUNK:
+            return f"chunk {self.number}"
+        return f"{JOURNAL}, {self.kind.name.lower()}"
 
     @property
     def end(self) -> int:

@@ -39,15 +39,15 @@ def imported_files(path: Path, name: str = "") -> dict[str, Path]:
 
     **Returns:** the files by the names of their modules.
     """
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     todo = list(_imported(path, name))
     while todo:
         module = todo.pop()
-        file = None if module in found else module_file(module)
+        file = None if module in files else module_file(module)
         if file is not None and file != path and is_users(module, file):
-            found[module] = file
+            files[module] = file
             todo += _imported(file, module)
-    return dict(sorted(found.items()))
+    return dict(sorted(files.items()))
 
 
 def _imported(path: Path, name: str) -> Iterator[str]:

@@ -14,8 +14,7 @@ import numpy as np
 from ...base.paths import replacing
 from ..failures import write_failures
 from ..spec import Spec
-from .contents import JOURNAL
-from .journal import Journal, Kind, Record
+from .journal import JOURNAL, Journal, Kind, Record
 from .records import Begun, encode
 from .store import DONE, TO_DO, SweepStore
 
@@ -52,7 +51,7 @@ def opened(
         )
     with contextlib.ExitStack() as stack:
         store = stack.enter_context(SweepStore(folder, append=True))
-        if _brought_up(store, spec, made, anyway):
+        if _prepare(store, spec, made, anyway):
             store = stack.enter_context(SweepStore(folder, append=True))
         copy_spec(store)
         try:
@@ -60,12 +59,12 @@ def opened(
         finally:
             # The disk may be full.
             with contextlib.suppress(OSError):
-                store.sync()
                 write_failures(folder / "failures.json", [*store.failures()])
+        store.sync()
 
 
-def _brought_up(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
-    """Bring a store up to a run; whether it grew, so that it has to be opened again."""
+def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
+    """Check and update a store for a run; true if it grew, and has to be opened again."""
     changes = store.spec.differences(spec)
     places = spec.places_in(store.spec) if changes else None
     if changes and places is None:
@@ -92,7 +91,7 @@ def _brought_up(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: 
 
 
 def copy_spec(store: SweepStore) -> bool:
-    """Write the copy of the specification if it is missing or different; whether it was."""
+    """Write the copy of the specification; true if it was missing or different."""
     path = store.folder / "spec.toml"
     if path.exists() and path.read_bytes() == store.spec.text:
         return False

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,7 +14,6 @@ from ..workers.work import Computed
 
 
 _ZSTD = Zstd(level=1)
-Content = TypeVar("Content")
 
 
 class Begun(msgspec.Struct):
@@ -73,12 +72,12 @@ def encode(content: Any) -> bytes:
     )
 
 
-def decode(content: bytes, kind: type[Content]) -> Content:
+def decode(content: bytes, kind: Any) -> Any:
     """Decode the content of a record."""
     return msgspec.msgpack.decode(content, type=kind, dec_hook=_array)
 
 
-def _array(_: type, content: tuple[str, list[int], bytes]) -> np.ndarray:
+def _array(_: type, content: list[Any]) -> np.ndarray:
     dtype, shape, values = content
     return np.frombuffer(values, dtype).reshape(shape)
 

@@ -14,10 +14,10 @@ from ..failures import Failure
 from ..spec import Chunk, Spec
 from ..workers.halving import Parts
 from ..workers.work import Computed
-from .contents import JOURNAL, Contents
+from .contents import Contents
 from .damage import reading
 from .digests import differences
-from .journal import Journal, Kind, Record
+from .journal import JOURNAL, Journal, Kind, Record
 from .records import Begun, Members, check_fits, decode, encode, fill_value
 
 
@@ -124,7 +124,10 @@ class SweepStore:
             own = [np.flatnonzero(along == i) for along, i in zip(chunks, index, strict=True)]
             target = np.ix_(*own)
             source = np.ix_(
-                *(places[axis][some] - index[axis] * lengths[axis] for axis, some in enumerate(own))
+                *(
+                    places[axis][chosen] - index[axis] * lengths[axis]
+                    for axis, chosen in enumerate(own)
+                )
             )
             chunk_states, chunk_arrays = self.read(number)
             states[target] = chunk_states[source]
@@ -218,8 +221,8 @@ class SweepStore:
         """Append the record of a chunk."""
         state = FAILED if (states == FAILED).any() else TO_DO
         state = DONE if (states == DONE).all() else state
-        some = arrays if (states == DONE).any() else {}
-        self._put(chunk.number, state, Members.of(states, some, failed))
+        values = arrays if (states == DONE).any() else {}
+        self._put(chunk.number, state, Members.of(states, values, failed))
 
     def copy(self, other: "SweepStore", number: int) -> list[Failure]:
         """Copy a chunk from another store of the same sweep.

@@ -107,21 +107,21 @@ def find_task(name: str) -> Task:
         reference = TASKS[name]
     module, _, function = reference.partition(":")
     try:
-        found = getattr(load_module(module), function)
+        target = getattr(load_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"task: {name!r}: {error}") from error
-    if isinstance(found, type) and issubclass(found, Study):
-        return functools.partial(study_task, found)
-    if not callable(found):
-        raise ValueError(f"task: {name!r}: expected a function, got {type(found).__name__}")
-    return found
+    if isinstance(target, type) and issubclass(target, Study):
+        return functools.partial(study_task, target)
+    if not callable(target):
+        raise ValueError(f"task: {name!r}: expected a function, got {type(target).__name__}")
+    return target
 
 
 def study_of(task: str) -> type[Study] | None:
     """Find the study of a task; `None` if the task is a function."""
-    found = find_task(task)
-    if isinstance(found, functools.partial) and found.func is study_task:
-        return found.args[0]
+    target = find_task(task)
+    if isinstance(target, functools.partial) and target.func is study_task:
+        return target.args[0]
     return None
 
 
@@ -230,9 +230,9 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
     members = len(next(iter(batch.values())))
     taken = {*batch, "status", "sample"}
     dataset = dataset.drop_vars(LIST_DIMENSION, errors="ignore").reset_coords()
-    found = dataset.sizes.get(LIST_DIMENSION)
-    if found != members:
-        raise ValueError(f"the task gave {found} members; expected {members}")
+    length = dataset.sizes.get(LIST_DIMENSION)
+    if length != members:
+        raise ValueError(f"the task gave {length} members; expected {members}")
     variables: dict[str, Variable] = {}
     coordinates: dict[str, Variable] = {}
     for key, array in dataset.variables.items():

@@ -55,7 +55,7 @@ def test_the_return_to_the_contact_counts():
 @pytest.mark.parametrize("lost", [0, 2])
 def test_reassign(lost):
     found = reassign(GRAPH, VISIBLE, REGIONS, POLICIES, lost, share=0.6, alpha=0.05)
-    assert found.after == silence_limit(POLICIES[lost], 0.05)
+    assert found.silence_limit == silence_limit(POLICIES[lost], 0.05)
     expected = angular_regions(GRAPH, BASE, VISIBLE[BASE], 3)
     assert found.regions.region.tolist() == expected.region.tolist()
     for policy, other in zip(

@@ -126,7 +126,7 @@ def test_too_large_graphs_are_refused():
 
 def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):
     asked = {}
-    monkeypatch.setattr(patrol, "charged_capture", lambda *a, **b: asked.update(a=a, **b))
+    monkeypatch.setattr(patrol.walks, "charged_capture", lambda *a, **b: asked.update(a=a, **b))
     file = tmp_path / "kite.edges"
     options = {"strategy": "capture", "charger": "2", "every": 3, "attack_time": 4}
     study = PatrolGraph(file=file, **options)

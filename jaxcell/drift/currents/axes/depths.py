@@ -97,9 +97,8 @@ def _depths(
 
 
 def _is_s(file: OceanFile, dim: str) -> bool:
-    if dim not in file.dataset.variables:
-        return dim in ("s_rho", "sc_r")
-    standard_name = str(file.dataset[dim].attrs.get("standard_name", ""))
+    attributes = file.dataset[dim].attrs if dim in file.dataset.variables else {}
+    standard_name = str(attributes.get("standard_name", ""))
     return dim in ("s_rho", "sc_r") or standard_name.startswith("ocean_s_coordinate")
 
 

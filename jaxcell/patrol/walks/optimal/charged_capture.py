@@ -47,7 +47,7 @@ def charged_capture(
 
     **Arguments:**
 
-    - `graph`, `charger`, `every`, `name`: as in [`charged`][].
+    - `graph`, `charger`, `every`, `name`: as in [`charged`][jaxcell.patrol.team.charged].
     - `matrices`: the transition matrices of walks that are one of the starts, made to return in
         time; another start goes along a short tour from charge to charge, one takes all edges with
         equal probability, and the rest are random.
@@ -55,9 +55,11 @@ def charged_capture(
     - `starts`: number of starts, fewer if they take long.
     - `seed`: seed of the random starts.
 
-    **Returns:** [`Charged`][]; `led_back` is the capture by the given walks.
+    **Returns:** [`Charged`][jaxcell.patrol.team.Charged]; `led_back` is the capture by the given
+    walks.
 
-    **Raises:** as [`charged`][], and `RuntimeError` where JAX is set to 32 bits.
+    **Raises:** as [`charged`][jaxcell.patrol.team.charged], and `RuntimeError` where JAX is set to
+    32 bits.
 
     On a line of three it takes 4 steps to the other end and back:
 

@@ -151,7 +151,9 @@ class _Reader:
             return [Linear(f"{before}{name}", row, lower, upper) for row, name in named]
         return [Linear(label or ", ".join(labels), rows.sum(axis=0), lower, upper)]
 
-    def _rows(self, fields: Fields, kind: str) -> tuple[Float[np.ndarray, "some edges"], list[str]]:
+    def _rows(
+        self, fields: Fields, kind: str
+    ) -> tuple[Float[np.ndarray, "rules edges"], list[str]]:
         """Return a row of coefficients and a label for each edge or vertex of a constraint."""
         given, where = fields.get(kind), f"{fields.where}{kind}"
         on_vertices = kind == "vertices"

@@ -1,16 +1,14 @@
-"""Print the tables of any result, from the descriptions of its quantities."""
+"""The tables of any result for people, from the descriptions of its quantities."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.formatting import format_value
-from ..base.quantities import Quantity, Result, columns, is_single, parts, summarized
-from .terminal import say, table
-
-
-if TYPE_CHECKING:
-    from ..space import CellSpace
+from ...base.formatting import format_value
+from ...base.quantities import Quantity, Result, columns, is_single, parts, summarized
+from ...space import CellSpace
+from .summary import cells_of
 
 
 _MAX_ROWS = 30
@@ -20,15 +18,23 @@ _MAX_LONG = 8
 _MAX_COLUMNS = 3
 
 
-def show(
-    result: Result, heading: str, seconds: float | None = None, cells: "CellSpace | None" = None
-) -> None:
-    """Print the numbers of a result: a table for each of its tables, and one for single numbers.
+class Table(NamedTuple):
+    """A table of texts."""
+
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def tables(
+    result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
+) -> Iterator[Table]:
+    """Make a table of the single numbers of a result, its other tables, and those of its parts.
 
     **Arguments:**
 
     - `result`: the result of a study.
-    - `heading`: the line above the table.
+    - `heading`: the title of the first table.
     - `seconds`: the time of the computation.
     - `cells`: the cells of its positions; by default those of the result.
     """
@@ -38,7 +44,7 @@ def show(
             # The numbers of a single part go into the first table.
             new = {key: one for key, one in _brief(part[0]).items() if key not in described}
             described = new | described
-    cells = getattr(result, "cells", None) if cells is None else cells
+    cells = cells_of(result) if cells is None else cells
     # Numbers along the dimension of a table are columns of it.
     single = [
         (about.meaning, format_value(value, about, cells))
@@ -48,16 +54,14 @@ def show(
     if seconds is not None:
         single.append(("seconds", f"{seconds:g}"))
     if single:
-        table(heading, ("quantity", "value"), single)
-    _tables(result, "" if single else f"{heading}: ", cells)
-    if result.brief:
-        say("The rest is in the files of --out, and in --json.")
+        yield Table(heading, ("quantity", "value"), single)
+    yield from _tables(result, "" if single else f"{heading}: ", cells)
     for name, part in below.items():
         title = name.replace("_", " ").capitalize()
         if isinstance(part, tuple):
-            _side_by_side(part, title)
+            yield from _side_by_side(part, title)
         else:
-            show(part, title, cells=cells)
+            yield from tables(part, title, cells=cells)
 
 
 def _brief(result: Result) -> dict[str, tuple[Quantity, Any]]:
@@ -66,8 +70,8 @@ def _brief(result: Result) -> dict[str, tuple[Quantity, Any]]:
     return {name: found[name] for name in result.brief if name in found} or found
 
 
-def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
-    """Print the tables of a result."""
+def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]:
+    """Make the tables of a result along its dimensions."""
     described = summarized(result)
     for dim, found in columns(result).items():
         if result.brief and dim not in result.brief:
@@ -94,11 +98,11 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
             rows[_MAX_ROWS:] = [(rest, *[""] * (len(shown) - 1))]
         if rows:
             title = f"{of}{result.tables[dim].replace('_', ' ')}"
-            table(f"{title[:1].upper()}{title[1:]}", tuple(shown), rows)
+            yield Table(f"{title[:1].upper()}{title[1:]}", tuple(shown), rows)
 
 
-def _side_by_side(several: tuple[Result, ...], title: str) -> None:
-    """Print the numbers of several results of one kind, and the tables of each.
+def _side_by_side(several: tuple[Result, ...], title: str) -> Iterator[Table]:
+    """Make a table of the numbers of several results of one kind, and the tables of each.
 
     Each result has a column, or a row if there are more than three.
     """
@@ -111,8 +115,8 @@ def _side_by_side(several: tuple[Result, ...], title: str) -> None:
                 rows.setdefault(key, [""] * len(several))[column] = format_value(value, about)
     numbers = [*map(str, range(len(several)))]
     if across and rows:
-        table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
+        yield Table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
     elif rows:
-        table(title, ("", *rows), [*zip(numbers, *rows.values(), strict=True)])
+        yield Table(title, ("", *rows), [*zip(numbers, *rows.values(), strict=True)])
     for number, part in enumerate(several):
-        _tables(part, f"{title.removesuffix('s')} {number}: ", None)
+        yield from _tables(part, f"{title.removesuffix('s')} {number}: ", None)

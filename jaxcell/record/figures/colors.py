@@ -1,0 +1,90 @@
+"""The colours of the numbers of a plot, by their kind, with a legend or a colour bar."""
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...base.quantities import Quantity
+from ..canvas.palette import CATEGORIES, PLAIN, Color, ramp
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+_NONE = "none"
+
+
+def color_of(color: Color) -> tuple[float, ...]:
+    """Convert a colour of the recordings to one of matplotlib."""
+    return tuple(channel / 255 for channel in color)
+
+
+@dataclasses.dataclass(frozen=True)
+class Colored:
+    """Numbers as colours: arguments of `imshow`, `pcolormesh` or `scatter`."""
+
+    values: np.ndarray
+    options: dict[str, Any]
+    label: str
+    names: dict[str, tuple[float, ...]] | None
+    "The meaning of each colour, for numbers that are labels."
+
+    def explain(self, ax: "Axes", image: Any) -> None:
+        """Add a legend for labels, and a colour bar for other numbers."""
+        from matplotlib.patches import Patch
+
+        if self.names is None:
+            ax.figure.colorbar(image, ax=ax, label=self.label)
+            return
+        patches = [Patch(color=color, label=name) for name, color in self.names.items()]
+        if patches:
+            ax.legend(handles=patches, loc="center left", bbox_to_anchor=(1, 0.5))
+
+
+@dataclasses.dataclass(frozen=True)
+class Drawn:
+    """An array of numbers with their description."""
+
+    about: Quantity
+    dims: tuple[str, ...]
+    values: np.ndarray
+
+    @property
+    def label(self) -> str:
+        """The label of an axis or a colour bar: the units, because the title has the meaning."""
+        if self.about.units not in (None, "1"):
+            return str(self.about.units)
+        return {"share": "share", "distribution": "share", "count": "number"}.get(
+            self.about.kind, ""
+        )
+
+    def colored(self) -> Colored:
+        """Choose colours for numbers; indices and flags are labels, the most frequent first."""
+        from matplotlib.colors import ListedColormap
+
+        if self.about.kind not in ("index", "flag") or self.about.units is not None:
+            values = np.ma.masked_invalid(self.values.astype(float))
+            if self.about.kind == "index":
+                values = np.ma.masked_less(values, 0)
+            shades = ListedColormap(ramp(np.linspace(0, 1, 256)) / 255, "jaxcell")
+            return Colored(values, {"cmap": shades}, self.label, None)
+        labels, inverse, count = np.unique(self.values, return_inverse=True, return_counts=True)
+        own = labels >= 0
+        order = np.argsort(np.where(own, -count, 1), kind="stable")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(order.size)
+        palette = [color_of(color) for color in CATEGORIES.values()]
+        colors = [
+            palette[k % len(palette)] if own[label] else color_of(PLAIN)
+            for k, label in enumerate(order)
+        ]
+        words = {0: "no", 1: "yes"} if self.about.kind == "flag" else {-1: _NONE, -2: _NONE}
+        names = {
+            words.get(int(labels[label]), str(labels[label])): colors[k]
+            for k, label in enumerate(order[: len(palette)])
+        }
+        options = {"cmap": ListedColormap(colors), "vmin": -0.5, "vmax": len(colors) - 0.5}
+        values = np.ma.masked_array(rank[inverse].reshape(self.values.shape))
+        return Colored(values, options, self.label, names)

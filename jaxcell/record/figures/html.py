@@ -1,0 +1,76 @@
+"""A result as HTML for a notebook: its tables, its arrays, and a picture."""
+
+import base64
+import io
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from ...base.optional_modules import has_module
+from ...base.quantities import Result, quantities
+from ..data.tables import tables
+from .plot import picture, plot
+
+
+_CELL = "text-align:left;padding:1px 12px 1px 0;vertical-align:top"
+_FLOW = "display:flex;flex-wrap:wrap;gap:16px;align-items:flex-start"
+_INCHES = 4.2, 3.2
+# Longer tables are in the dataset.
+_ROWS = 12
+
+
+def html(result: Result) -> str:
+    """Describe a result in HTML that needs neither files nor a kernel.
+
+    **Arguments:**
+
+    - `result`: the result of a study.
+
+    **Returns:** its remarks, the tables that a command prints, the dimensions of its arrays, and a
+    picture, if it has an array and matplotlib is installed.
+    """
+    title = result.title or type(result).__name__
+    body = [f"<p>{escape(remark)}</p>" for remark in result.remarks]
+    body += [_table(*table) for table in tables(result, title)] or [_table(title)]
+    arrays = [
+        (f"{name} ({', '.join(about.dims)})", f"{about.meaning} [{about.units or '1'}]")
+        for name, about in quantities(type(result)).items()
+        if about.dims
+    ]
+    if arrays:
+        listed = _table("", ("array", "meaning"), arrays, rows=len(arrays))
+        body.append(f"<details><summary>{len(arrays)} arrays</summary>{listed}</details>")
+    return f'<div style="{_FLOW}"><div>{"".join(body)}</div>{_image(result)}</div>'
+
+
+def _table(
+    title: str,
+    heads: Sequence[str] = (),
+    lines: Sequence[Sequence[str]] = (),
+    rows: int = _ROWS,
+) -> str:
+    """Write a table, with at most the first rows."""
+    head = "" if heads == ("quantity", "value") else _row("th", heads)
+    body = "".join(_row("td", line) for line in lines[:rows])
+    if len(lines) > rows:
+        body += _row("td", [f"and {len(lines) - rows:,} more"])
+    return f"<strong>{escape(title)}</strong><table>{head}{body}</table>"
+
+
+def _row(tag: str, texts: Iterable[str]) -> str:
+    cells = "".join(f'<{tag} style="{_CELL}">{escape(str(text))}</{tag}>' for text in texts)
+    return f"<tr>{cells}</tr>"
+
+
+def _image(result: Result) -> str:
+    """Draw the picture of a result, on a white ground for light and dark notebooks."""
+    name = picture(result)
+    if name is None or not has_module("matplotlib"):
+        return ""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_INCHES, layout="compressed")
+    plot(result, name, ax=figure.add_subplot())
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110, facecolor="white")
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<img alt="{escape(name)}" src="data:image/png;base64,{data}">'

@@ -1,0 +1,159 @@
+"""The plot of any result, chosen from the dimensions and the kind of one of its quantities."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...base.optional_modules import import_module
+from ...base.quantities import Quantity, Result, parts, quantities
+from ..canvas.palette import robot_color
+from . import ground
+from .colors import Drawn, color_of
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+# Bars for at most this many entries, and lines for at most this many rows.
+_BARS, _LINES = 40, 8
+# Dimensions along which a process goes on, of which the last entry is drawn on a map.
+_PROCESSES = {"bump", "step", "time"}
+
+
+def plot(
+    result: Result, name: str | None = None, *, ax: "Axes | None" = None, **options: Any
+) -> "Axes":
+    """Draw one quantity of a result with matplotlib.
+
+    A quantity over the cells of a room, a box or a sea, or over the vertices of a graph, is drawn
+    as a map; cells over time as a path; another array of one dimension as a curve or bars, and of
+    two as lines or an image. Of further dimensions one entry is drawn.
+
+    **Arguments:**
+
+    - `result`: the result of a study.
+    - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default the one that
+        says most.
+    - `ax`: the axes to draw in; by default those of a new figure.
+    - `options`: the entry of a dimension to draw, such as `direction=3`, by default the last of
+        `bump`, `step` and `time`, and the first of others; further keywords go to the function of
+        matplotlib that draws.
+
+    **Returns:** the axes.
+
+    **Raises:** `ValueError` for a quantity that the result does not have, or that is a single
+    number; `IndexError` for an entry that does not exist; `ModuleNotFoundError` without matplotlib,
+    which comes with `jaxcell[plot]`.
+
+    The groups of a robot that bounces in a lab, as a map for its first direction:
+
+        >>> from jaxcell import record, study
+        >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
+        >>> record.plot(groups, "step", direction=3).get_title()
+        'mappings to reach the group'
+    """
+    pyplot = import_module("matplotlib.pyplot")
+    name = name or picture(result)
+    if name is None:
+        raise ValueError(f"{type(result).__name__} has no array to draw; its numbers are in print")
+    drawable = _drawable(result)
+    owner, own_name, about = drawable.get(name, (result, "", None))
+    value = getattr(owner, own_name, None)
+    if about is None or value is None:
+        names = ", ".join(drawable)
+        raise ValueError(f"{name}: this is no array of the result; expected one of {names}")
+    array, dims = np.asarray(value), list(about.dims)
+    base = ground.of(result, about)
+    kept = base.dims if base else tuple(dims[-2:])
+    chosen = []
+    for dim in [dim for dim in dims if dim not in kept or dim in options]:
+        entry = options.pop(dim, -1 if dim in _PROCESSES else 0)
+        labels, _ = _coordinate(owner, dim, array.shape[dims.index(dim)])
+        chosen += [f"{dim.replace('_', ' ')} {_text(labels[entry])}"]
+        array = array.take(entry, dims.index(dim))
+        dims.remove(dim)
+    if ax is None:
+        ax = pyplot.figure(layout="compressed").add_subplot()
+    drawn = Drawn(about, tuple(dims), array)
+    if base and tuple(dims) == base.dims:
+        base.draw(ax, drawn, options)
+    elif len(dims) == 1 or min(array.shape) <= _LINES:
+        _draw_curves(ax, owner, drawn, options)
+    else:
+        _draw_image(ax, drawn, options)
+    ax.set_title(", ".join([about.meaning, *chosen]), wrap=True)
+    return ax
+
+
+def picture(result: Result) -> str | None:
+    """Name the quantity that is drawn by default, if the result has an array."""
+    drawable = _drawable(result)
+    maps = (name for name, (_, _, about) in drawable.items() if ground.of(result, about))
+    return result.picture if result.picture in drawable else next(maps, next(iter(drawable), None))
+
+
+def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
+    """Find the arrays of numbers of a result and of its parts, by their names in a dataset.
+
+    **Returns:** for each the result or part that has it, its own name, and its description.
+    """
+    found = {
+        prefix + name: (result, name, about)
+        for name, about in quantities(type(result)).items()
+        if about.dims and about.kind not in ("coordinate", "text")
+    }
+    for name, part in parts(result).items():
+        if isinstance(part, Result):
+            found |= _drawable(part, f"{prefix}{name}_")
+    return found
+
+
+def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
+    """Draw a row as a curve or bars, and few rows as lines with a legend."""
+    rows, dim = np.atleast_2d(drawn.values), drawn.dims[-1]
+    dims = drawn.dims
+    if len(dims) == 2 and rows.shape[0] > rows.shape[1]:
+        rows, dim, dims = rows.T, dims[0], dims[::-1]
+    x, label = _coordinate(result, dim, rows.shape[1])
+    words = isinstance(x[0], str) if x else False
+    process = len(x) > _BARS or dim in _PROCESSES or (not words and np.ptp(x) != len(x) - 1)
+    for number, row in enumerate(rows):
+        color = options.get("color", color_of(robot_color(number)[1]))
+        style = {"color": color, "label": f"{dims[0]} {number}", **options}
+        if process or len(rows) > 1:
+            ax.plot(x, row, **style)
+        else:
+            ax.bar(x, row, **style)
+    if len(rows) > 1:
+        ax.legend()
+    ax.set_xlabel(label)
+    ax.set_ylabel(drawn.label)
+
+
+def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
+    """Find the labels of a dimension, in degrees rather than in radians, and their meaning."""
+    described = quantities(type(result)).items()
+    labels = [(name, a) for name, a in described if a.dims == (dim,) and a.kind == "coordinate"]
+    for name, about in sorted(labels, key=lambda label: label[1].units == "rad"):
+        if (values := getattr(result, name)) is not None:
+            units = "" if about.units in (None, "1", about.meaning) else f" ({about.units})"
+            return np.asarray(values).tolist(), f"{about.meaning}{units}"
+    return list(range(size)), dim.replace("_", " ")
+
+
+def _text(label: Any) -> str:
+    return f"{label:g}" if isinstance(label, float) else str(label)
+
+
+def _draw_image(ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
+    """Draw an array of two dimensions."""
+    colored = drawn.colored()
+    image = ax.imshow(
+        colored.values,
+        **{"aspect": "auto", "origin": "lower", "interpolation": "nearest"},
+        **(colored.options | options),
+    )
+    colored.explain(ax, image)
+    ax.set_xlabel(drawn.dims[1].replace("_", " "))
+    ax.set_ylabel(drawn.dims[0].replace("_", " "))

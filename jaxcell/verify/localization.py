@@ -1,0 +1,109 @@
+import numpy as np
+import scipy.sparse
+from scipy.sparse import csgraph
+
+from ..bounce import LocalizationFilter, LocalizationPolicy, Slipped, bounce_map
+from ..mapping import SimpleMap
+from .bounce import compare_images
+from .comparison import Comparison, sample
+
+
+_STATES = 1000
+_STARTS = 50
+_COIN, _LOST = 0.5, 1e-4
+
+
+def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
+    """Compare states of a filter with products of sparse matrices, and its knowledge cycles with
+    the closed strong components of its transitions.
+    """
+    filter, image = result.filter, np.asarray(simple_map.image)
+    states, size = len(filter.transition), image.size
+    shape, ones = (states, size), np.ones(filter.members.size, np.int32)
+    member = scipy.sparse.csr_array((ones, filter.members, filter.offsets), shape=shape)
+    some = sample(states, _STATES)
+    wrong = []
+    for observation in (0, 1):
+        senses = np.flatnonzero(np.asarray(simple_map.bumped) == observation)
+        entries = np.ones(senses.size, np.int32), (senses, image[senses])
+        follows = scipy.sparse.csr_array(entries, shape=(size, size))
+        after = filter.transition[some, observation]
+        ours = member[np.maximum(after, 0)].multiply((after >= 0)[:, None]) != 0
+        again = member[some] @ follows != 0
+        wrong += [
+            f"state {some[i]} and observation {observation}: the next state has other cells than "
+            "the images have"
+            for i in np.flatnonzero((ours != again).sum(axis=1)).tolist()
+        ]
+    what = "states of the filter, by products of sparse matrices"
+    compared = [Comparison.exact(what, wrong, 2 * some.size)]
+
+    # Observations that cannot occur on the map lead into the trap.
+    known = states - filter.open_world
+    source, target = np.repeat(np.arange(known), 2), filter.transition[:known].ravel()
+    within = (target >= 0) & (target < known)
+    source, target = source[within], target[within]
+    graph = scipy.sparse.csr_array((np.ones(source.size), (source, target)), shape=(known, known))
+    count, component = csgraph.connected_components(graph, connection="strong")
+    ends = np.ones(count, bool)
+    ends[component[source[component[source] != component[target]]]] = False
+    wrong = [
+        f"state {state} has colour {filter.color[state]}"
+        for state in np.flatnonzero((filter.color[:known] > 1) != ends[component]).tolist()
+    ]
+    if len(filter.cycles) != ends.sum():
+        wrong.append(f"{len(filter.cycles)} cycles, and {ends.sum()} components")
+    what = "knowledge cycles, by strong components that nothing leaves"
+    return [*compared, Comparison.exact(what, wrong, known + 1)]
+
+
+def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
+    """Compare a policy with a set of cells that is moved one step at a time, and the images that
+    move it with steps in the free space.
+    """
+    mapped = bounce_map(result.cells, result.bounces, motion=result.motion)
+    images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)[0]
+    compared = []
+    for i, bounce in enumerate(result.bounces.tolist()):
+        one = type(mapped)(mapped.image[i], mapped.bumped[i])
+        compared.append(compare_images(result.cells, one, bounce, motion=result.motion))
+    wrong, starts = [], sample(result.cells.size, _STARTS)
+    for start in starts.tolist():
+        cell, state, left, bumps = start, result.policy.start(), np.arange(bumped.size), 0
+        while True:
+            observation = int(bumped[cell])
+            left = left[bumped[left] == observation]
+            state, bumps = state.observe(observation), bumps + observation
+            if state.localized or state.refuted:
+                break
+            angle = state.turn or 0
+            cell, left = images[angle, cell], np.unique(images[angle, left])
+        if not np.array_equal(state.cells, left):
+            wrong.append(f"start {start}: the policy leaves other cells than the images do")
+        if bumps != result.bumps_needed.ravel()[start]:
+            wrong.append(f"start {start}: it takes {bumps} bumps")
+    what = "cells that a policy leaves, by images of all cells"
+    return [*compared, Comparison.exact(what, wrong, 2 * starts.size)]
+
+
+def compare_slip(result: Slipped) -> list[Comparison]:
+    """Compare the belief of a run with a belief that keeps joint probabilities."""
+    hidden, cells = result.hidden, result.cells
+    weight = np.append(hidden.start, 0.0)
+    for event in result.events.tolist():
+        matrix = (hidden.moves, *hidden.bumps)[event].tocoo()
+        after = np.zeros_like(weight)
+        np.add.at(after, matrix.coords[1], matrix.data * weight[matrix.coords[0]] * (1 - _LOST))
+        after[-1] = _COIN * (weight[-1] + _LOST * weight[:-1].sum())
+        weight = after
+    weight /= weight.sum()
+    position = np.bincount(
+        hidden.configuration % cells.positions, weight[:-1], minlength=cells.positions
+    )
+    again = np.append(position, weight[-1])
+    told = np.append(result.belief[-1], result.nowhere[-1])
+    rows = np.asarray((hidden.moves + hidden.bumps[0]).sum(axis=1)).ravel()
+    return [
+        Comparison.close("the belief at the end, normalised only there", told, again, 1e-9),
+        Comparison.close("what is probable from each fine cell", rows, np.ones_like(rows), 1e-6),
+    ]
