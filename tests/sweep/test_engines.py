@@ -200,7 +200,7 @@ def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
         assert main(["sweep", spec, "--out", out, *options]) == 0
         assert json.loads(capsys.readouterr().out)["done"] == 1
         assert main(["sweep", spec, "--out", out, *options, "--engine", "dask"]) == 2
-        assert "--scheduler-file: expected without --engine" in capsys.readouterr().err
+        assert "--scheduler-file: it has an effect only with --engine local" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '"tcp://a:1"', "[" * 100_000])
