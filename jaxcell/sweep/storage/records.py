@@ -78,9 +78,16 @@ def decode(content: bytes, kind: type[Content]) -> Content:
     return msgspec.msgpack.decode(content, type=kind, dec_hook=_array)
 
 
-def _array(_: type, content: tuple[str, list[int], bytes]) -> np.ndarray:
+def _array(_: type, content: list[Any]) -> np.ndarray:
     dtype, shape, values = content
     return np.frombuffer(values, dtype).reshape(shape)
+
+
+class Exported(msgspec.Struct):
+    """The files of the result that was made of all earlier records."""
+
+    files: dict[str, str]
+    "The SHA-256 of each file."
 
 
 def fill_value(dtype: np.dtype) -> Any:
