@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from ..workers.work import Computed
 from .journal import JOURNAL, Journal, Kind, Record
-from .records import Begun, decode
+from .records import Begun, Exported, decode
 
 
 @dataclasses.dataclass
@@ -55,7 +55,7 @@ class Contents:
         elif record.kind == Kind.FRAME:
             self.frame = decode(content, Computed)
         elif record.kind == Kind.EXPORT:
-            self.exported = decode(content, dict[str, str])
+            self.exported = decode(content, Exported).files
         else:
             self.chunks[record.number] = record
             self.damage.pop(record.description, None)

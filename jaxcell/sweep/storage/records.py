@@ -82,6 +82,13 @@ def _array(_: type, content: list[Any]) -> np.ndarray:
     return np.frombuffer(values, dtype).reshape(shape)
 
 
+class Exported(msgspec.Struct):
+    """The files of the result that was made of all earlier records."""
+
+    files: dict[str, str]
+    "The SHA-256 of each file."
+
+
 def fill_value(dtype: np.dtype) -> Any:
     """The value of a variable for members that are not done."""
     return {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}.get(

@@ -18,7 +18,7 @@ from .contents import Contents
 from .damage import reading
 from .digests import differences
 from .journal import JOURNAL, Journal, Kind, Record
-from .records import Begun, Members, check_fits, decode, encode, fill_value
+from .records import Begun, Exported, Members, check_fits, decode, encode, fill_value
 
 
 TO_DO, DONE, FAILED = 0, 1, 2
@@ -236,7 +236,7 @@ class SweepStore:
 
     def mark_exported(self, files: Mapping[str, str]) -> None:
         """Write that the result was made of the journal, and the SHA-256 of each file."""
-        self._append(Kind.EXPORT, files)
+        self._append(Kind.EXPORT, Exported(dict(files)))
         self._journal.sync()
         self.contents.exported = files
 
