@@ -27,7 +27,7 @@ def test_a_page_of_help_marks_required_options_and_has_an_example(capsys, comman
     for nothing in ("None", "(default: )", "(default: False)"):
         assert nothing not in said
     options = rest.partition("─ options ─")[2]
-    # What has no default and is no flag of itself comes before all that has one.
+    # Required options come before options with a default.
     assert "(required)" not in options.partition("(default:")[2]
 
 
@@ -87,7 +87,7 @@ def test_options_may_be_written_with_underscores(capsys):
 
 @pytest.fixture(scope="module")
 def completions(tmp_path_factory):
-    """What Bash proposes for the last word of a line, in a folder with one file."""
+    """The words that Bash proposes for the end of a line, in a folder with one file."""
     folder = tmp_path_factory.mktemp("shell")
     (folder / "my_map.json").touch()
     command = [sys.executable, "-m", "jaxcell", "--tyro-print-completion", "bash"]

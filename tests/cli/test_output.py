@@ -1,4 +1,4 @@
-"""What all commands have in common: where they write, in which order, and how they refuse."""
+"""Properties of all commands: their files, the order of their output, and their refusals."""
 
 import ast
 import json
@@ -174,15 +174,15 @@ def test_missing_files_are_refused_before_jax_is_loaded(tmp_path):
 import contextlib, io, json, shlex, sys
 from jaxcell.cli import main
 for line in {MISSING!r}:
-    with contextlib.redirect_stderr(io.StringIO()) as told:
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
         status = main(shlex.split(line))
-    print(json.dumps([line, status, told.getvalue(), "jax" in sys.modules]))
+    print(json.dumps([line, status, errors.getvalue(), "jax" in sys.modules]))
 """
-    told = subprocess.run(
+    lines = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, check=True, stdout=subprocess.PIPE
     ).stdout.splitlines()
-    assert len(told) == len(MISSING)
-    for line, status, said, loaded in map(json.loads, told):
+    assert len(lines) == len(MISSING)
+    for line, status, said, loaded in map(json.loads, lines):
         assert status == 2, line
         assert not loaded, line
         last = said.splitlines()[-1]

@@ -1,4 +1,4 @@
-"""What a robot knows of its heading, and what an emulated bumper gives."""
+"""Known headings of robots, and the travel of an emulated bumper."""
 
 import json
 

@@ -133,7 +133,7 @@ def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
     assert "Stopped: more than 2 members failed" in told.err
     assert calls == [[0, 1, 2, 3], [0, 1], [0], [1], [2, 3], [2]]
     monkeypatch.undo()
-    # What was not tried is not taken for failed.
+    # Members that were not tried do not count as failed.
     assert main(["sweep", spec(), *options, "0", "--resume", "--json"]) == 0
     assert described(capsys)["failed"] == 0
     assert main(["sweep", spec(), "--out", str(tmp_path), "--max-failures", "-1"]) == 2

@@ -161,7 +161,10 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         ('[grid]\n"a/b" = [1]', "'a/b': expected a name of letters"),
         ("[list]\nx = [1]\ny = [1, 2]", r"\[list\]: expected lists of one length, got x 1, y 2"),
         ("[grid]\nx = [1]\n[list]\nx = [1]", "x is in two of the tables"),
-        ("[list]\nx = [1]\n[random]\nsamples = 1\ny = {uniform = [0, 1]}", "expected only one of them"),
+        (
+            "[list]\nx = [1]\n[random]\nsamples = 1\ny = {uniform = [0, 1]}",
+            "expected only one of them",
+        ),
         ("[random]\nx = {uniform = [0, 1]}", "random.samples: expected a number from 1"),
         ("[random]\nsamples = 3", r"\[random\]: expected a distribution"),
         ("[random]\nsamples = 3\nx = {gauss = [0, 1]}", "random.x: expected one of {uniform}"),

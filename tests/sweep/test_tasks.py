@@ -225,5 +225,7 @@ def test_parameters_are_refused_by_name(name):
 
 
 def test_drawing_rooms_that_cannot_be_connected_ends():
-    with pytest.raises(ValueError, match=r"obstacles: 60 obstacles leave .* in several pieces; expected fewer"):
+    with pytest.raises(
+        ValueError, match=r"obstacles: 60 obstacles leave .* in several pieces; expected fewer"
+    ):
         random_room(0, 0, 4, 1, 60)
