@@ -13,7 +13,7 @@ from mkdocs.structure.pages import Page
 from nbclient import NotebookClient
 
 
-# What a cell shows as HTML, which Markdown would take apart, by its number on the page.
+# HTML outputs of cells by page, in their order. Markdown would break them, so it gets marks.
 _SHOWN: dict[str, list[str]] = {}
 _PLACE = re.compile(r"<p>@output (\d+)@</p>")
 _FENCE = "~~~"
@@ -39,7 +39,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_content(html: str, page: Page, **_: object) -> str:
-    """Put what cells show as HTML in its place."""
+    """Replace the marks of a page by the HTML outputs of its cells."""
     shown = _SHOWN.get(page.file.src_uri, [])
     return _PLACE.sub(lambda found: shown[int(found[1])], html)
 
@@ -53,7 +53,7 @@ def _run(path: str) -> Any:
 
 
 def _cell(cell: Any, stem: str, pictures: list[bytes], shown: list[str]) -> str:
-    """Write a cell, and what it shows, in Markdown."""
+    """Write a cell and its output in Markdown."""
     if cell.cell_type == "markdown":
         return str(cell.source)
     parts = [f"{_FENCE} python\n{cell.source}\n{_FENCE}"]

@@ -48,15 +48,15 @@ cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_
 sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
 `CrossLook` (these need OpenCV, `pip install 'jaxcell[vision]'`).
 
-**Where it slips** and nobody sees it, `Particles` are an estimator beside the belief and the sets
-of `jaxcell.automata`: each has `start`, `observe` and `estimate`.
+**If the robot slips** unseen by its encoders, `Particles` are an estimator beside the belief and
+the sets of `jaxcell.automata`: each has `start`, `observe` and `estimate`.
 
 **On ROS 2**, `jaxcell.robot.ros` has an iRobot Create 3 or TurtleBot 4, and any base with `cmd_vel`
 and `odom`, as what a `Walker` drives, and publishes where the robot may be. It is imported when it
 is asked for, as it needs `rclpy`, and it has met no robot.
 
 **Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the
-program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by that of
+program that `filter_sketch` or `policy_sketch` writes, or bounces forever by that of
 `bounce_sketch` (section 3.5.4).
 
 `jaxcell.robot.emulation.emulator` has a robot at the other end of a serial line without hardware,

@@ -13,7 +13,7 @@ _TURNS = np.radians(np.arange(-2.0, 8.01, 0.5))
 # A window begins where the robot is known to within this, and has this many runs.
 _EXTENT, _RUNS = 1.5, 3
 # Places that are drawn from a set, and those of them that explain the runs of a window best.
-_DRAWN, _BEST = 400, 5
+_DRAWN, _BEST = 1000, 5
 # Runs that are off by more are those to another wall, in metres.
 _FAR = 0.5
 

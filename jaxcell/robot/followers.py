@@ -18,7 +18,7 @@ class Follower(abc.ABC):
 
     kind: ClassVar[str]
     observations: str
-    "What the robot sensed: 0 for a step, 1 for a bump."
+    "The observations of the robot: 0 for a step, 1 for a bump."
     colors: list[int]
     "The colour after each observation; empty for a belief."
     result: Literal["localized", "refuted"] | None
@@ -33,7 +33,7 @@ class Follower(abc.ABC):
 
     @property
     def over(self) -> bool:
-        """Whether the run cannot go on from here."""
+        """True if the run cannot go on from here."""
         return self.result is not None
 
     @property

@@ -179,7 +179,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
     dark = cv2.adaptiveThreshold(smooth, 255, mean, below, _WINDOW, margin)
     outlines, family = cv2.findContours(dark, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     for k, outline in enumerate(outlines):
-        # Those with a parent are holes.
+        # Outlines with a parent are holes.
         if len(outline) < _SHORTEST or family[0, k, 3] >= 0:
             continue
         left, top, across, down = cv2.boundingRect(outline)
@@ -215,7 +215,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
     affine[:2, :2] = np.linalg.inv(np.linalg.cholesky(second / area / _VARIANCE))
     centre = np.array([moments["m10"], moments["m01"]]) / area
     affine[:2, 2] = -affine[:2, :2] @ centre
-    # What is left is a rotation, which the fourth moment of the outline gives up to quarter turns.
+    # The rest is a rotation, which the fourth moment of the outline gives up to quarter turns.
     x, y = _through(affine, outline[:, 0].astype(np.float64)).T
     angle = np.angle(np.sum((x + 1j * y) ** 4)) / 4
     cos, sin = math.cos(angle), math.sin(angle)
@@ -245,7 +245,7 @@ def _fit(
         edge, distance = distances.argmin(axis=1), distances.min(axis=1)
         used = distance < reach
         if reach:
-            # What the homography is for can be off by less; most outlines end here.
+            # A cross differs by less; most outlines end here.
             if used.mean() < _LEAST_FITTING:
                 return None
             homography, inset = _onto_edges(points[used], edge[used])
@@ -290,7 +290,7 @@ def _through(
     return ends / (points @ homography[2, :2] + homography[2, 2])[:, None]
 
 
-# What a cross looks like.
+# The picture of a perfect cross.
 
 
 @functools.cache

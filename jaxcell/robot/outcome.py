@@ -15,7 +15,7 @@ class RunOutcome:
     `"refuted"`: what was sensed cannot be; `"stopped"`: the driver has stopped the robot, or a
     person the run; `"unfinished"`: none of these, after as many observations as were allowed."""
     observations: str
-    "What the robot sensed: 0 for a step, 1 for a bump."
+    "The observations of the robot: 0 for a step, 1 for a bump."
     reason: str
     "A sentence for people."
     colors: tuple[int, ...] = ()

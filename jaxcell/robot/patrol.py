@@ -89,7 +89,7 @@ class Patrol:
             "most_bumps": most_bumps,
             "limit": limit,
         }
-        "What the log of a run has to say to be replayed, as `patrol` in its header."
+        "The settings that a log needs for a replay, as `patrol` in its header."
         self.position, self.facing = start, facing
         self.observations = ""
         self.visited: list[int] = []

@@ -106,7 +106,7 @@ class LoggedRun:
     events: tuple[Mapping[str, Any], ...]
     "The events in order."
     whole: bool
-    "Whether the last line is complete: the log ends within a line if the robot lost its power."
+    "True if the last line is complete: the log ends within a line if the robot lost its power."
 
     @property
     def observations(self) -> str:
@@ -188,7 +188,7 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
     """
     text = Path(path).read_bytes()
     lines = text.split(b"\n")
-    # What follows the last newline is a line that was not finished.
+    # The rest after the last newline is an unfinished line.
     unfinished = lines.pop()
     parsed = []
     for number, line in enumerate(lines, 1):

@@ -170,7 +170,7 @@ class Member:
 
     @property
     def waits(self) -> bool:
-        """Whether the last step failed, so that the robot tries it again."""
+        """True if the last step failed, so that the robot tries it again."""
         return self._bumps > 0
 
     def turn(self) -> None:
@@ -215,7 +215,7 @@ class Member:
 
 
 TRIES = 3
-"""How often a robot of a team tries a step that something is in the way of."""
+"""Number of times that a robot of a team tries a blocked step."""
 
 
 def run_member(

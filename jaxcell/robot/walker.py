@@ -60,7 +60,7 @@ class Walker:
     recalled: str = ""
     "The observations of the run before this one."
     drives: bool = True
-    "Whether the robot moves; false while it recalls an earlier run."
+    "True while the robot moves; false while it recalls an earlier run."
 
     def __init__(
         self,

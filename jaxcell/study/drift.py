@@ -194,7 +194,7 @@ class Drift(SeaStudy):
 
     @property
     def _mean(self) -> bool:
-        """True if the mean of the records carries drifters."""
+        """`True` if the mean of the records carries drifters."""
         return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
     def _place(self, end: Literal["start", "goal"]) -> list[float] | None:

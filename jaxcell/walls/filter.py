@@ -59,7 +59,7 @@ class Errors:
 
     @property
     def keep_headings(self) -> bool:
-        """Whether a heading that is known at the start stays known exactly."""
+        """True if a heading that is known at the start stays known exactly."""
         return not (self.turn or self.heading or self.displacement)
 
     def bounds(self, least: _Runs, most: _Runs) -> tuple[_Runs, _Runs]:

@@ -68,7 +68,7 @@ class Homing:
 
     @functools.cached_property
     def arrived_parts(self) -> Bool[np.ndarray, "parts"]:
-        """Whether each part of a wall lies within the goal."""
+        """True for each part of a wall that lies within the goal."""
         wall, ends = self.parts
         return self._within(wall, ends[0]) & self._within(wall, ends[1])
 

@@ -36,9 +36,9 @@ class Trial:
     extent: Float[np.ndarray, "robots bumps"]
     "The extent of the set after the bump, in metres."
     held: Bool[np.ndarray, "robots bumps"]
-    "Whether the set has the robot in it."
+    "True if the set has the robot in it."
     arrived: Bool[np.ndarray, "robots bumps"]
-    "Whether all of the set is in the goal."
+    "True if all of the set is in the goal."
 
 
 def drive_anywhere(

@@ -111,7 +111,7 @@ def test_arrays_without_a_map_are_curves_lines_or_an_image():
         ("share", {"bounce": 2}, IndexError, "range"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(visits, name, options, error, message):
+def test_quantities_without_a_plot_are_refused(visits, name, options, error, message):
     with pytest.raises(error, match=message):
         record.plot(visits, name, **options)
 

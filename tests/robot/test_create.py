@@ -235,7 +235,7 @@ def test_danger_stops_the_wheels_until_armed_again(terminal, values, named):
         eventually(lambda: create.sensors().danger is None)
         with pytest.raises(RobotStopped, match=named):
             create.drive(right=0.2, left=0.2)
-        assert robot.mode == 1, "nobody but the caller arms"
+        assert robot.mode == 1, "only the caller arms"
         create.arm()
         create.drive(right=0.2, left=0.2)
 

@@ -149,7 +149,7 @@ def test_a_cross_cut_off_by_the_frame_is_not_whole():
 
 
 @pytest.mark.parametrize(
-    ("frame", "told"),
+    ("frame", "message"),
     [
         (np.zeros((240, 320, 4), np.uint8), "240 x 320 x 4"),
         (np.zeros((240, 320)), "float64"),
@@ -157,9 +157,9 @@ def test_a_cross_cut_off_by_the_frame_is_not_whole():
         (np.zeros(5, np.uint8), "got uint8 of 5"),
     ],
 )
-def test_arrays_that_are_no_frames_are_refused(frame, told):
+def test_arrays_that_are_no_frames_are_refused(frame, message):
     # Tests may check annotations at run time, which users do not.
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         inspect.unwrap(find_cross)(frame)
 
 

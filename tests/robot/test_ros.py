@@ -147,7 +147,7 @@ def test_a_robot_whose_bumper_falls_silent_is_stopped(world_of, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
-    ("told", "reason"),
+    ("message", "reason"),
     [
         ({"battery": 0.05}, r"the battery is low \(5%\)"),
         ({"battery": 0.9, "charging": True}, "it is on the charger"),
@@ -155,7 +155,7 @@ def test_a_robot_whose_bumper_falls_silent_is_stopped(world_of, kind):
     ],
     ids=["low", "charger", "dock"],
 )
-def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, told, reason):
+def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, message, reason):
     world = world_of((1.0, 1.5, 0.0), kind)
 
     def hears(values):
@@ -168,8 +168,8 @@ def test_a_low_battery_or_a_charger_stops_a_robot(world_of, kind, told, reason):
         robot.arm()
         hears({"battery": 0.11})
         robot.forward(0.1, tolerance=0.004)
-        hears(told)
-        if kind == "base" and "docked" in told:
+        hears(message)
+        if kind == "base" and "docked" in message:
             # No message of such a base says that it is on a dock.
             robot.forward(0.1, tolerance=0.004)
             return
@@ -230,7 +230,7 @@ def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_whatever_ends_the_block_ends_the_motion(world_of, kind):
+def test_every_end_of_the_block_ends_the_motion(world_of, kind):
     world = world_of((1.0, 1.5, 0.0), kind)
 
     def interrupted():

@@ -14,7 +14,7 @@ from jaxcell.robot.run_log import RunLog, read_log
 
 
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
-# What is tested here is above the driver.
+# These tests are above the driver.
 walker_in = functools.partial(walker_with, robot=DirectBody)
 
 

@@ -93,7 +93,7 @@ class Robot(Emulator):
         self.baud, self._wire = baud, wire
         self.commands: list[tuple[float, Command]] = []
         self.damage = lambda sent: sent
-        "What becomes of the bytes that the robot sends."
+        "Changes the bytes that the robot sends."
         self.first_mode = 0
         self.deaf = False
         self._pulse, self._pulses = math.inf, 0
@@ -134,12 +134,12 @@ class Robot(Emulator):
 
 @dataclasses.dataclass
 class Run:
-    """What a sketch did."""
+    """The run of a sketch."""
 
     usb: str = ""
-    "What it printed."
+    "The text that it printed."
     end: str | None = None
-    "How it ended; `None` if it had not when time was up."
+    "The end that it printed; `None` if the time was up before."
     resets: int = 0
     led: list[tuple[float, int]] = dataclasses.field(default_factory=list)
     "When the LED was set, and whether it was on."
@@ -204,7 +204,7 @@ def stands_still(robot: Robot) -> bool:
 
 
 def expected(cells, cell, task, *, known: bool = True, **fields):
-    """What the host makes of the same start."""
+    """Run the host from the same start."""
     walker = Walker(
         SimulatedCreate(body_in(cells, cell, **fields)),
         task.step,
@@ -274,7 +274,7 @@ def test_another_map_is_refuted_where_the_host_refutes_it(compiled, open_world):
 @needs_compiler
 def test_a_heading_is_not_needed_where_all_steps_are_equal(compiled):
     program = compiled(filter_sketch(ROOM_TASK))
-    # It faces north, and is not told.
+    # It faces north, which the sketch does not know.
     cell = 25
     run = play(program, Robot(body_in(ROOM, cell)), seconds=600)
     host = expected(ROOM, cell, ROOM_TASK, known=False)
@@ -347,7 +347,7 @@ def test_a_robot_that_only_bounces_is_where_the_cells_say(compiled, byte, second
 
 
 def after(count: int, act):
-    """Does something from half a second after so many observations."""
+    """Act from half a second after a number of observations."""
     begun: list[float] = []
 
     def at(run: Run, now: float) -> None:

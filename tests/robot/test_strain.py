@@ -20,7 +20,7 @@ NOTHING = {packet.name: 0 for packet in PACKETS.values()}
 
 
 def frames(strain, wheels, *, left=(), right=(), overcurrent=()):
-    """What is blocked by the end of frames with these encoders and bits."""
+    """Get the blocked part after frames with these encoders and bits."""
     found = None
     for i in range(max(map(len, (left, right, overcurrent)))):
         values = NOTHING | {

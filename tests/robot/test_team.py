@@ -109,7 +109,7 @@ def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
 
 
 class Floor(Walker):
-    """A walker that meets what it is told to."""
+    """A walker that meets a given list of walls and robots."""
 
     def __init__(self, bumps):
         self.bumps, self.turned, self.observations = list(bumps), [], ""

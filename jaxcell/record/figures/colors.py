@@ -1,4 +1,4 @@
-"""The colours of the numbers of a plot, by their kind, and what explains them."""
+"""The colours of the numbers of a plot, by their kind, with a legend or a colour bar."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
@@ -53,7 +53,7 @@ class Drawn:
 
     @property
     def label(self) -> str:
-        """The label of an axis or a colour bar: the units, since the title says the rest."""
+        """The label of an axis or a colour bar: the units, because the title has the meaning."""
         if self.about.units not in (None, "1"):
             return str(self.about.units)
         return {"share": "share", "distribution": "share", "count": "number"}.get(
@@ -61,7 +61,7 @@ class Drawn:
         )
 
     def colored(self) -> Colored:
-        """Give the numbers colours; indices and flags are labels, the commonest first."""
+        """Choose colours for numbers; indices and flags are labels, the most frequent first."""
         from matplotlib.colors import ListedColormap
 
         if self.about.kind not in ("index", "flag") or self.about.units is not None:

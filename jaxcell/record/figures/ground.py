@@ -1,4 +1,4 @@
-"""What a plot lies on: the room, box, sea or graph of a result."""
+"""The ground of a plot: the room, box, sea or graph of a result."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def of(result: Result, about: Quantity) -> "Ground | None":
-    """Find the ground of a quantity of a result, if it has one."""
+    """Find the ground of a quantity of a result, or `None`."""
     cells, box, graph = (getattr(result, name, None) for name in ("cells", "box", "graph"))
     if isinstance(cells, CellSpace) and about.dims[-1] == "position":
         return Room(("position",), cells)
@@ -36,7 +36,7 @@ def of(result: Result, about: Quantity) -> "Ground | None":
 
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """Where the last dimensions of a quantity have their places."""
+    """The places of the last dimensions of a quantity."""
 
     dims: tuple[str, ...]
     "The dimensions that are drawn."
@@ -63,7 +63,7 @@ class Room(Ground):
 
 @dataclasses.dataclass(frozen=True)
 class Path(Ground):
-    """The way of robots over the cells of a room."""
+    """The paths of robots over the cells of a room."""
 
     cells: CellSpace
 
@@ -106,7 +106,7 @@ def _walls(ax: "Axes", cells: CellSpace) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Plane(Ground):
-    """The first two axes of a box; further ones are cut in the middle."""
+    """The first two axes of a box; further axes are cut in the middle."""
 
     box: Box
     labels: tuple[str, ...]

@@ -48,7 +48,7 @@ def _table(
     lines: Sequence[Sequence[str]] = (),
     rows: int = _ROWS,
 ) -> str:
-    """Write a table; of many rows the first ones."""
+    """Write a table, with at most the first rows."""
     head = "" if heads == ("quantity", "value") else _row("th", heads)
     body = "".join(_row("td", line) for line in lines[:rows])
     if len(lines) > rows:

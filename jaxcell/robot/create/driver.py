@@ -76,9 +76,9 @@ class Driver:
         self._news = threading.Condition(threading.RLock())
         self._reading: Reading | None = None
         self._first_mode = 0
-        # Why the robot must not drive; `None` when armed.
+        # The reason why the robot must not drive; `None` when armed.
         self._reason: str | None = _UNARMED
-        # Whether to repeat the halt until the robot reports a mode in which it does not drive.
+        # True to repeat the halt until the robot reports a mode in which it does not drive.
         self._halting = False
         self._wheels = (0, 0)
         self._strain = Strain()

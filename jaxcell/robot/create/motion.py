@@ -27,7 +27,7 @@ class Moved(NamedTuple):
     angle: float
     "Turn of the body by the encoders, in radians counterclockwise."
     bumped: bool
-    "Whether a bumper ended the motion."
+    "True if a bumper ended the motion."
     left: float = 0.0
     "Distance of the body's centre to the left of its start and heading then, in metres."
 

@@ -12,7 +12,7 @@ WHEEL_BASE = 0.235
 """Distance between the wheels, metres."""
 
 METRES_PER_COUNT = math.pi * 0.072 / 508.8
-"""How far a wheel of 72 mm rolls in one encoder count, metres."""
+"""Distance that a wheel of 72 mm rolls per encoder count, in metres."""
 
 WHEEL_OVERCURRENT = 0b11000
 """The bits of packet 14 for the right and the left wheel; the others are of the brushes."""

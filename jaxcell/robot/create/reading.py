@@ -1,4 +1,4 @@
-"""What the driver asks the robot to sense, and what it makes of it."""
+"""The sensor packets that the driver requests, and their decoding."""
 
 import cmath
 import math
@@ -32,13 +32,13 @@ class Reading:
     contact: Contact
     "Bumpers and dropped wheels."
     cliff: tuple[bool, bool, bool, bool]
-    "Whether the floor is missing under the left, front left, front right and right sensor."
+    "True if the floor is missing under the left, front left, front right and right sensor."
     overcurrent: bool
-    "Whether the motor of a wheel draws more current than it should."
+    "True if the motor of a wheel draws more current than it should."
     mode: Mode
     "The mode of the Open Interface."
     charger: bool
-    "Whether a charger is plugged in or the robot stands on its dock."
+    "True if a charger is plugged in or the robot stands on its dock."
     charging_state: int
     "0 not charging, 1 reconditioning, 2 full, 3 trickle, 4 waiting, 5 fault."
     voltage: float
@@ -50,8 +50,8 @@ class Reading:
     encoders: tuple[int, int]
     "The counters of the left and right wheel."
     place: complex
-    """Where the body's centre is, metres: ahead of where it was when the driver connected, and, the
-    imaginary part, to the left of that. The arcs from reading to reading are summed."""
+    """The place of the body's centre since the driver connected, in metres: ahead, and, the
+    imaginary part, to the left. The arcs from reading to reading are summed."""
 
     @classmethod
     def of(
@@ -122,7 +122,7 @@ class Reading:
 
     @property
     def bump(self) -> bool:
-        """Whether a bumper is pressed."""
+        """True if a bumper is pressed."""
         return bool(self.contact & Contact.BUMP)
 
     @property

@@ -24,7 +24,7 @@ from ..create.packets import PACKETS, WHEEL_BASE, Contact, Mode, encode
 
 
 BANNER = b"Roomba by iRobot!\r\nr3_robot/tags/release-3.5.x:emulated CLEAN\r\n"
-"""What the emulated robot prints after a reset."""
+"""The text that the emulated robot prints after a reset."""
 
 _MOTORS = 1000.0
 _NOTHING = {packet.name: 0 for packet in PACKETS.values()}
@@ -45,11 +45,11 @@ class Moving(Protocol):
 
     @property
     def bump_left(self) -> bool:
-        """Whether the left half of the bumper is pressed."""
+        """True if the left half of the bumper is pressed."""
 
     @property
     def bump_right(self) -> bool:
-        """Whether the right half of the bumper is pressed."""
+        """True if the right half of the bumper is pressed."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
@@ -101,7 +101,7 @@ class Emulator:
     cliffs: set[str]
     "Names of the cliff packets (`cliff_left`, ...) that see no floor; change it at will."
     charger: bool
-    "Whether the charger is plugged in."
+    "True if the charger is plugged in."
     overcurrent: int
     "The bits of packet 14: 8 for the right wheel, 16 for the left, and those of the brushes."
 

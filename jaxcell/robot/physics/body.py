@@ -94,12 +94,12 @@ class PhysicsBody:
 
     @property
     def bump_left(self) -> bool:
-        """Whether the left half of the bumper is pressed."""
+        """True if the left half of the bumper is pressed."""
         return self._pressed(0)
 
     @property
     def bump_right(self) -> bool:
-        """Whether the right half of the bumper is pressed."""
+        """True if the right half of the bumper is pressed."""
         return self._pressed(1)
 
     def advance(self, left: float, right: float, seconds: float) -> None:

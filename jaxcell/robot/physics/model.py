@@ -46,8 +46,8 @@ class Physics:
     stiffness: float = 500.0
     "Stiffness of the bumper's springs, in N/m."
     threshold: float = 0.004
-    """How far the bumper goes in toward a switch, half left or half right of the front, before the
-    switch closes, in metres. With the stiffness it is a force, 2 N."""
+    """Distance by which the bumper goes in before a switch closes, half left or half right of the
+    front, in metres. With the stiffness it is a force, 2 N."""
     acceleration: float = 1.8
     "Acceleration of the wheels, in m/s²."
     wheels: float = 0.0

@@ -39,7 +39,7 @@ class Candidates:
         - `cells`: the cells of the map that the task is of, if they are known.
         """
         quality = import_module("rclpy.qos")
-        # Who comes later gets the last message too.
+        # Later subscribers get the last message too.
         kept = quality.QoSProfile(depth=1, durability=quality.DurabilityPolicy.TRANSIENT_LOCAL)
         messages = import_module("geometry_msgs.msg")
         self._pose, self._poses = messages.Pose, messages.PoseArray

@@ -1,4 +1,4 @@
-"""How a robot on ROS 2 is stopped."""
+"""Stop a robot on ROS 2."""
 
 from collections.abc import Callable
 from typing import Any

@@ -28,7 +28,7 @@ GREETING = 10.0
 _ANSWER, _SILENCE = 5.0, 2.0
 # The constant of `sensor_msgs/BatteryState`.
 _CHARGING = 1
-# How far a robot that stands may move from message to message, metres and radians.
+# Largest motion of a standing robot from message to message, in metres and radians.
 _STILL, _STILL_TURN = 5e-4, 1e-3
 
 

@@ -29,7 +29,7 @@ def main(kind: str, patience: float, speeds: str, arguments: list[str]) -> None:
         roll(0.0, 0.0)
         if cancel is not None:
             cancel()
-        # What was sent leaves while the node spins.
+        # Messages leave while the node spins.
         rclpy.spin_once(node, timeout_sec=0.1)
 
     def end() -> None:

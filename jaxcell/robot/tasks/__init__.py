@@ -1,1 +1,1 @@
-"""What a robot does, as files: filters, plans, policies and patrols."""
+"""The tasks of robots, as files: filters, plans, policies and patrols."""

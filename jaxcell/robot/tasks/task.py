@@ -38,7 +38,7 @@ class Task:
 
     @property
     def needs_heading(self) -> bool:
-        """Whether the length or the side of a step differs between directions."""
+        """True if the length or the side of a step differs between directions."""
         strides = self.strides
         return strides is not None and bool(np.ptp(strides, axis=0).max() > 1e-9 * self.cell)
 
