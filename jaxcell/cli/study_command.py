@@ -131,7 +131,7 @@ class StudyCommand(Printing):
             if self.out is not None and drawn:
                 note_results(self.out)
             elif self.out is not None:
-                note(f"Results are in {self.out}; they have too many cells for a recording.")
+                note(f"Results are in {self.out}; there are too many cells for a recording.")
         if self.out is not None and drawn and not has_module("rerun"):
             note(f"No recording is written: {missing_module('rerun')}")
 

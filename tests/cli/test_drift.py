@@ -112,7 +112,7 @@ def test_advice_omits_options_that_are_already_on(capsys):
 
 
 def test_a_current_around_the_earth_is_periodic(capsys, tmp_path):
-    """A jet goes on forever, also by an independent computation and in the recording."""
+    """A jet has no end, in the result, in its verification and in the recording."""
     lon, lat = np.arange(0.0, 360, 10), np.arange(-15.0, 20, 10)
     east = np.ones((lat.size, lon.size))
     names = "sea_water_velocity"

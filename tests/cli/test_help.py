@@ -87,7 +87,7 @@ def test_options_may_be_written_with_underscores(capsys):
 
 @pytest.fixture(scope="module")
 def completions(tmp_path_factory):
-    """The words that Bash proposes for the end of a line, in a folder with one file."""
+    """Return the proposals of Bash for the last word of a line, in a folder with one file."""
     folder = tmp_path_factory.mktemp("shell")
     (folder / "my_map.json").touch()
     command = [sys.executable, "-m", "jaxcell", "--tyro-print-completion", "bash"]

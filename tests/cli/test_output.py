@@ -1,4 +1,4 @@
-"""Properties of all commands: their files, the order of their output, and their refusals."""
+"""All commands write, order their output and refuse bad input alike."""
 
 import ast
 import json
@@ -77,11 +77,11 @@ def test_a_place_that_cannot_be_written_is_refused_first(
         words = [word.format(**given) for word in WRITING[command]]
         arguments = [*command.split(), *words, "--out", str(place)]
     assert main(arguments) == 2
-    told = capsys.readouterr().err
-    assert told.startswith(f"jaxcell {command}: ")
-    assert str(place) in told
-    assert "Errno" not in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"jaxcell {command}: ")
+    assert str(place) in printed
+    assert "Errno" not in printed
+    assert printed.count("\n") == 1
 
 
 def _computed(*_):
@@ -112,11 +112,11 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
     if command in ("demo", "docs", "maps"):
         pytest.skip("it reads nothing")
     assert main([*command.split(), *arguments[command]]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith(f"jaxcell {command}: ")
-    assert f"{read}.json" in told or command in ON_A_LINE
-    assert "Errno" not in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"jaxcell {command}: ")
+    assert f"{read}.json" in printed or command in ON_A_LINE
+    assert "Errno" not in printed
+    assert printed.count("\n") == 1
 
 
 COVER = "--bounces 45 --error 45 --reliability 0.8"
@@ -174,15 +174,15 @@ def test_missing_files_are_refused_before_jax_is_loaded(tmp_path):
 import contextlib, io, json, shlex, sys
 from jaxcell.cli import main
 for line in {MISSING!r}:
-    with contextlib.redirect_stderr(io.StringIO()) as errors:
+    with contextlib.redirect_stderr(io.StringIO()) as printed:
         status = main(shlex.split(line))
-    print(json.dumps([line, status, errors.getvalue(), "jax" in sys.modules]))
+    print(json.dumps([line, status, printed.getvalue(), "jax" in sys.modules]))
 """
-    lines = subprocess.run(
+    printed = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, check=True, stdout=subprocess.PIPE
     ).stdout.splitlines()
-    assert len(lines) == len(MISSING)
-    for line, status, said, loaded in map(json.loads, lines):
+    assert len(printed) == len(MISSING)
+    for line, status, said, loaded in map(json.loads, printed):
         assert status == 2, line
         assert not loaded, line
         last = said.splitlines()[-1]
@@ -199,10 +199,12 @@ for i in range(3):
     table(f"shown {i}", ("a column",), [(1,)])
 """
     together = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    told = subprocess.run([sys.executable, "-c", code], check=True, **together).stdout.splitlines()
-    told = [line for line in told if line.startswith(("said", "noted", "shown"))]
+    printed = subprocess.run(
+        [sys.executable, "-c", code], check=True, **together
+    ).stdout.splitlines()
+    printed = [line for line in printed if line.startswith(("said", "noted", "shown"))]
     expected = [(f"said {i}", f"noted {i} :x: [b]", f"shown {i}") for i in range(3)]
-    assert [line.strip() for line in told] == [line for lines in expected for line in lines]
+    assert [line.strip() for line in printed] == [line for lines in expected for line in lines]
 
 
 def test_commands_print_in_order_with_their_notes():
@@ -259,18 +261,18 @@ sys.exit(main(["cover", "@lab_a", "--directions", "8", *{COVER.split()!r}]))
 @pytest.mark.parametrize("encoding", ["ascii", "ascii:surrogateescape", "cp437", "latin-1"])
 def test_a_table_is_printed_in_any_encoding(tmp_path, encoding):
     """All of it, and the files are those of an output in UTF-8."""
-    told = {}
+    printed = {}
     for one in ("utf-8", encoding):
         command = f"{sys.executable} -m jaxcell groups @lab_a --bounce 45 --out {one}".split()
         environment = {**os.environ, "PYTHONIOENCODING": one, "COLUMNS": "120"}
         ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True)
         assert ended.returncode == 0, ended.stderr
-        told[one] = ended.stdout.decode(one.partition(":")[0])
+        printed[one] = ended.stdout.decode(one.partition(":")[0])
         assert (tmp_path / one / "groups.nc").exists()
-    assert "45° " in told["utf-8"]
-    plain = told[encoding]
+    assert "45° " in printed["utf-8"]
+    plain = printed[encoding]
     assert ("45 deg" if "ascii" in encoding else "45° ") in plain
-    assert len(plain.splitlines()) == len(told["utf-8"].splitlines())
+    assert len(plain.splitlines()) == len(printed["utf-8"].splitlines())
     if "ascii" in encoding:
         table = [line.rstrip() for line in plain.splitlines() if "deg" in line or "basin" in line]
         assert len({len(line) for line in table}) == 1, plain

@@ -26,7 +26,7 @@ def map_args(args):
 
 
 def probabilities(found):
-    """The probabilities of the attacks on the target."""
+    """The probabilities of capture of attacks on the target."""
     return found["attack"]["probabilities"]
 
 

@@ -123,7 +123,7 @@ def test_a_replay_makes_the_recording_elsewhere(filter_file, tmp_path, capsys):
         entities[name] = {chunk.entity_path for chunk in chunks}
         batches = [c.to_record_batch() for c in chunks if c.entity_path == "/filter/uncertainty"]
         rows[name] = sum(batch.num_rows for batch in batches)
-    # No log has the true motion of an emulated robot.
+    # The true motion of an emulated robot is in no log.
     assert entities["o"] - entities["seen"] == set()
     assert rows["o"] == rows["seen"] > 5
 

@@ -126,7 +126,7 @@ def test_check_reports_sensors_and_danger(capsys):
         assert "wheel" in found["danger"]
 
 
-# Errors that stop a run at its fourth step, with the exit status and the message.
+# The error that stops a run at its fourth step, the exit status, and the reason in the summary.
 STOPS = [
     (RobotStopped("there is a cliff"), 1, "the robot was stopped: there is a cliff"),
     (KeyboardInterrupt(), 130, "Ctrl-C"),

@@ -1,4 +1,4 @@
-"""Known headings of robots, and the travel of an emulated bumper."""
+"""The heading of a robot at the start, and the travel of an emulated bumper."""
 
 import json
 

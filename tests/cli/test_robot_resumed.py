@@ -56,7 +56,7 @@ def await_observations(log, count):
 
 
 def stand(count):
-    """The cell of the robot by the model after a number of observations."""
+    """The cell where the model has the robot after a number of observations."""
     image, _ = bounce_tables(LAB, 45)
     return functools.reduce(lambda cell, _: int(image[cell]), range(count), START)
 
