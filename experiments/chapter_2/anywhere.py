@@ -80,13 +80,13 @@ class Sets:
         return new
 
     def observe(self, state: WallSet | None, run: np.ndarray) -> WallSet:
-        """What is possible after a run, before the turn."""
+        """Make the set after a run, before the turn."""
         if state is not None:
             state = self.filter.turn(state, self.bounce)
         return self.filter.observe(state, run)
 
     def holds(self, state: WallSet, point: np.ndarray, heading: np.ndarray) -> np.ndarray:
-        """Whether each robot is in its set; a heading between two slices is in either."""
+        """Find the robots in their set; a heading between two slices is in either."""
         slices = [self.filter.slice_of(heading + by) for by in (-1e-9, 1e-9)]
         boundary = self.filter.boundary
         return np.any([contains(boundary, state, one, point) for one in slices], axis=0)
@@ -159,7 +159,7 @@ class Followed:
     """Robots that sets have followed."""
 
     lost: np.ndarray
-    "Whether each robot was out of its set at a bump."
+    "A mask of the robots that were out of their set at a bump."
     extent: np.ndarray
     "The extent of each set after each bump, by bump and robot."
     first: float
@@ -204,7 +204,7 @@ def follow(
 
 
 def milliseconds(sets: Sets, observed: list[np.ndarray]) -> list[float]:
-    """How long each observation takes."""
+    """Measure the time of each observation."""
     times, state = [], None
     for run in observed:
         began = time.perf_counter()
@@ -216,7 +216,7 @@ def milliseconds(sets: Sets, observed: list[np.ndarray]) -> list[float]:
 def known_heading(
     cells: CellSpace, bounce: float, clock: float, runs: int, bumps: int
 ) -> dict[str, Any]:
-    """How well robots are known whose heading is one of the directions."""
+    """Measure the sets of robots whose heading is one of the directions."""
     room = room_of(cells)
     sets = Sets(room, bounce, cells.directions, Errors(), cells.directions, clock)
     found = follow(
@@ -245,7 +245,7 @@ def known_heading(
 def any_heading(
     cells: CellSpace, bounce: float, bounds: tuple[float, float, float], runs: int, slices: int
 ) -> dict[str, Any]:
-    """How well robots of any heading are known, with errors at their bounds."""
+    """Measure the sets of robots of any heading, with errors at their bounds."""
     room = room_of(cells)
     share, metres, degrees = bounds
     errors = Errors(run=share, distance=metres, turn=math.radians(degrees))

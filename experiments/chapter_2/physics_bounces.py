@@ -238,7 +238,7 @@ def main() -> int:
     draw(found, options.out / "bounces.png")
     emit("Bounces, in degrees", rows(found), options.out / "bounces.csv", spec=".2f")
     table, protocol = assumptions(options.phases, options.processes)
-    emit("The ten measurements, if one thing differs", table, options.out / "assumptions.csv")
+    emit("The ten measurements under other assumptions", table, options.out / "assumptions.csv")
     emit("Ten measurements on a real robot", protocol, options.out / "protocol.csv", spec=".2f")
     print(f"Data and figure in {options.out}")
     return 0

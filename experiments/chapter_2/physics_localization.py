@@ -74,7 +74,7 @@ ENDS = ("right", "wrong", "lost", "unfinished")
 
 
 class Run(NamedTuple):
-    """How a run ended."""
+    """The end of a run."""
 
     end: str
     bumps: int

@@ -72,7 +72,7 @@ class Rays:
         return far, wall
 
     def _opens(self, corner: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Whether directions lead from corners into the free space, or along a wall."""
+        """Test whether directions lead from corners into the free space, or along a wall."""
         convex = _cross(self.along[corner], self.back[corner]) > PARALLEL
         left = _cross(self.along[corner], u) >= -PARALLEL
         right = _cross(u, self.back[corner]) >= -PARALLEL

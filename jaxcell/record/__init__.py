@@ -29,6 +29,9 @@ programs.
 layout: `rerun FILE.rrd`. Timelines have names, such as `step` or `direction`, and a text explains
 the views. Rerun, from the extra `view`, is imported at the first use.
 
+**Notebooks.** `plot` draws one quantity of a result with matplotlib, from the extra `plot`. `show`
+has the recording of a result in the viewer, or its plot.
+
 **Files** appear whole or not at all: they are written under another name and renamed. The one
 exception is a `RobotRecording`, which grows while the robots drive, so that a run that ends for any
 reason leaves all but its last moments.

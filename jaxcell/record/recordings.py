@@ -71,14 +71,20 @@ def save_recording(
 
 
 def show(result: Result, *, spec: Mapping[str, Any] | None = None) -> Any:
-    """Show a result in a notebook: its recording in Rerun's viewer, or else its plot.
+    """Show a result in a notebook: its recording in the viewer of Rerun, or its plot.
 
     **Arguments:**
 
-    - `result`: what a study gave.
-    - `spec`: what was asked for, shown in the text.
+    - `result`: the result of a study.
+    - `spec`: its parameters, shown in the text.
 
-    **Returns:** a viewer where `rerun-sdk[notebook]` is installed, otherwise the axes of the plot.
+    **Returns:** a viewer if `rerun-sdk[notebook]` is installed, otherwise the axes of the plot.
+
+    The groups of a robot that bounces in a lab:
+
+        >>> from jaxcell import record, study
+        >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
+        >>> shown = record.show(groups)
     """
     if not has_module("rerun_notebook"):
         return result.plot()

@@ -17,12 +17,13 @@ capture is
     p_d = 1 - prod_r S_r(t_a).
 
 `capture_probabilities` computes it exactly for all cells, in time `O(robots * cells * edges *
-t_a)`. For one cell `vulnerability` adds the method of the source (4.4.6): simulated times, and the
-generalized lambda distribution that is fitted to them (`Vulnerability`). An adversary attacks the
-most vulnerable of the `contested` cells, where an attack may succeed or fail: `capture_policies`
-maximise the least probability of capture, to a local optimum (`CaptureSearch`), and
-`capture_frontier` is its trade-off with the unpredictability of the steps (`Frontier`).
-`PatrolledMap` holds all of it, for datasets and recordings.
+t_a)`, for the times and the start of an `Attack`; a `Capture` adds the weakest cell, which an
+adversary attacks. That is among the `contested` cells, where an attack may succeed or fail. For one
+cell `vulnerability` adds the method of the source (4.4.6): simulated times, and the generalized
+lambda distribution that is fitted to them (`Vulnerability`). `capture_policies` maximise the least
+probability of capture, to a local optimum (`CaptureSearch`), and `capture_frontier` is its
+trade-off with the unpredictability of the steps (`Frontier`). `PatrolledMap` holds all of it, for
+datasets and recordings.
 """
 
 from ...base.hosted import attach
