@@ -39,7 +39,7 @@ class Runs:
 
     @classmethod
     def of(cls, steps: Steps) -> "Runs":
-        """Find the runs from what single steps do."""
+        """Compute the straight runs from single steps."""
         walls = [_walls(steps, way) for way in range(len(steps.offset))]
         squares, behind, order, along = zip(*walls, strict=True)
         begin = np.cumsum([0, *map(len, squares)])

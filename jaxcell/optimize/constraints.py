@@ -106,7 +106,7 @@ class Room:
     units: Float[np.ndarray, "prices"]
     "The largest coefficient of that constraint, which divides it."
     inside: Float[np.ndarray, "numbers"]
-    "A point that meets all of them."
+    "A point that satisfies all constraints."
 
     @property
     def edges(self) -> int:

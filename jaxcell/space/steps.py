@@ -104,7 +104,7 @@ class Steps:
     def starts(
         self, way: int, possible: Bool[np.ndarray, "grids rows columns"]
     ) -> Bool[np.ndarray, "grids rows columns"]:
-        """Find the free squares that no step of a way leads to, of the possible ones."""
+        """Find the possible squares in which no step of a direction ends."""
         begins = self.free.copy()
         end: tuple[slice, ...] = (slice(None),)
         start: tuple[slice, ...] = (slice(None),)

@@ -36,7 +36,7 @@ class SobolIndex:
     first_order_interval: tuple[float, float]
     "Confidence interval of 95 %, by a bootstrap over the samples."
     total: float
-    "Share from the parameter alone and from its interactions."
+    "The share of the variance from the parameter alone and from its interactions."
     total_interval: tuple[float, float]
 
 

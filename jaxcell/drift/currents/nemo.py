@@ -1,4 +1,4 @@
-"""NEMO, whose dimensions do not tell the points of the grid.
+"""Files of NEMO, whose dimensions do not name the points of the grid.
 
 `u` is on the eastern sides of the cells and `v` on the northern ones, along the axes of a curved
 grid, with one name for the dimensions of all points. The centres are in another file, the mesh.

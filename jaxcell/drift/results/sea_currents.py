@@ -31,7 +31,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     layers: tuple[Layer, ...]
     currents: xr.Dataset
-    "As from [`jaxcell.drift.open_currents`][]."
+    "The currents, a dataset of [`jaxcell.drift.open_currents`][]."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for layers of other currents."""

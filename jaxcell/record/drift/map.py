@@ -94,7 +94,7 @@ class SeaMap:
 
     @property
     def water(self) -> Water:
-        """The cells."""
+        """The cells of water."""
         return self.drift.waters[self.number]
 
     @property

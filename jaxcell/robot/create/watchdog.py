@@ -1,4 +1,4 @@
-"""A process of its own that stops the robot when the process that drives it is gone or hangs.
+"""A separate process that stops the robot when the process that drives it ends or hangs.
 
 The Open Interface has no timeout: the wheels keep their last speed until the next command.
 A process that is killed by SIGKILL cannot stop them. So the driver starts this one, which inherits
