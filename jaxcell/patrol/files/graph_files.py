@@ -229,6 +229,9 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
     edges: list[Edge] = []
     for number, line in enumerate(text.splitlines(), 1):
         field, words = f"line {number}", line.partition("#")[0].split()
+        # networkx writes an edge without attributes as `name name {}`.
+        if len(words) == 3 and words[2] == "{}":
+            words.pop()
         if len(words) == 3:
             name, x, y = words
             vertices.append(Vertex(field, name, {"x": x, "y": y}))
@@ -236,6 +239,9 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
             edges.append(Edge(field, *words))
         elif words:
             raise refused(field, "a vertex (name x y) or an edge (name name)", line.strip())
+    if not vertices:
+        ends = {name: edge.field for edge in edges for name in (edge.tail, edge.head)}
+        vertices = [Vertex(field, name, {}) for name, field in ends.items()]
     return vertices, edges
 
 

@@ -166,21 +166,24 @@ def _connected(
     inner = (region < 0) & view
     inner[base] = False
     while loose:
-        piece = next((p for p in loose if (settled[near[p].indices] >= 0).any()), loose[0])
+        touching = next((p for p in loose if (settled[near[p].indices] >= 0).any()), None)
+        if touching is not None:
+            piece = touching
+            touched = settled[near[piece].indices]
+            settled[piece] = np.bincount(touched[touched >= 0]).argmax()
+        else:
+            # A piece without a path may touch the region that another piece joins.
+            paths = (_shortest_path(near, p, settled >= 0, inner & (settled < 0)) for p in loose)
+            joined = next(((p, path) for p, path in zip(loose, paths, strict=True) if path), None)
+            if joined is None:
+                raise ValueError(
+                    f"regions: {_listed(loose[0])} would be in region {region[loose[0][0]]} of "
+                    f"{robots}, but touch no other region and cannot be reached from one through "
+                    f"the view of the base station at cell {base}"
+                )
+            piece, path = joined
+            settled[path] = settled[piece] = settled[path[-1]]
         loose = [other for other in loose if other is not piece]
-        touched = settled[near[piece].indices]
-        touched = touched[touched >= 0]
-        if touched.size:
-            settled[piece] = np.bincount(touched).argmax()
-            continue
-        path = _shortest_path(near, piece, settled >= 0, inner & (settled < 0))
-        if path is None:
-            raise ValueError(
-                f"regions: {_listed(piece)} would be in region {region[piece[0]]} of {robots}, but "
-                "touch no other region and cannot be reached from one through the view of the "
-                f"base station at cell {base}"
-            )
-        settled[path] = settled[piece] = settled[path[-1]]
     return settled
 
 

@@ -10,6 +10,7 @@ from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
 from ..walks.arrival import captured_by_any
 from .idleness import idleness_over_vertices, steps_between_visits
+from .times import check_vertex
 
 
 # Number of step probabilities per robot, by steps since the charge, at 8 bytes each.
@@ -143,7 +144,8 @@ def charged(
 
     **Returns:** [`Charged`][].
 
-    **Raises:** `ValueError` if a vertex is too far from the charger, or `every` exceeds the memory.
+    **Raises:** `ValueError` if the graph has no vertex `charger`, a vertex is too far from it,
+    or `every` exceeds the memory.
 
     A robot on a line of three is at one end at least every fourth step:
 
@@ -172,6 +174,7 @@ def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarra
 
     **Raises:** as [`charged`][].
     """
+    check_vertex("charger", charger, graph.vertices)
     beside = graph.matrix(np.ones(len(graph.edges)))
     hops = scipy.sparse.csgraph.shortest_path(beside, unweighted=True, indices=charger)
     if not every >= 2 * hops.max():

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Float, Int
 
+from ...base.connected import check_connected
 from ...base.quantities import Result, quantity
 from ...optimize import Graph
 
@@ -48,7 +49,8 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
 
     **Returns:** the part of each vertex.
 
-    **Raises:** `ValueError` for too many parts, and if a part would be a single vertex.
+    **Raises:** `ValueError` for a graph that is not connected, for too many parts, and if a part
+    would be a single vertex.
 
     A line of six vertices:
 
@@ -57,6 +59,7 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
         >>> patrol.team.divide_graph(graph, 2).tolist()
         [0, 0, 0, 1, 1, 1]
     """
+    check_connected(graph.vertices, graph.edges)
     if not 1 <= parts <= graph.vertices // 2:
         raise ValueError(
             f"expected 1 to {graph.vertices // 2} parts of {graph.vertices} vertices, got {parts}"

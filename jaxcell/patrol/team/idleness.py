@@ -19,6 +19,8 @@ from .times import move_times
 _MOVES, _VISITS = 20_000, 50
 # Share of the time before idleness is counted, because at the start no vertex is visited.
 _BEFORE = 0.1
+# Decimals of times in a simulation, whose unit is the least travel time.
+_DECIMALS = 9
 
 # The next vertex of a robot, from its number, its vertex, and the time of the last visit to each.
 _Next = Callable[[int, int, Float[np.ndarray, "vertices"]], int]
@@ -151,7 +153,9 @@ def simulate_idleness(
     """
     robots, vertices = matrices.shape[:2]
     each = np.broadcast_to(np.asarray(1.0 if times is None else times, float), len(graph.edges))
-    durations = move_times(graph, each, each.min())
+    # In units of the least time and rounded, coinciding visits have equal times.
+    unit = float(each.min())
+    durations = move_times(graph, (each / unit).round(_DECIMALS))
     tour = shortest_tour(graph, range(vertices))
     spaced = _spaced(tour, durations, robots)
     neighbours = [np.flatnonzero(row) for row in graph.matrix(each).toarray()]
@@ -183,7 +187,9 @@ def simulate_idleness(
     }
     starts = tour[spaced]
     moves = max(_MOVES, _VISITS * vertices)
-    gaps = [_gaps(rule, durations, starts, moves) for rule in rules.values()]
+    gaps = [
+        [unit * times for times in _gaps(rule, durations, starts, moves)] for rule in rules.values()
+    ]
     means = [np.array([times.mean() for times in patrol]) for patrol in gaps]
     caught = None
     if attack_time is not None:
@@ -236,7 +242,8 @@ def _gaps(
         if not visits[here] or visits[here][-1] < now:
             visits[here].append(now)
         there = rule(robot, here, last)
-        heapq.heappush(moving, (now + float(durations[here, there]), robot, there))
+        arrival = round(now + float(durations[here, there]), _DECIMALS)
+        heapq.heappush(moving, (arrival, robot, there))
     begin = _BEFORE * now
     gaps = []
     for times in visits:

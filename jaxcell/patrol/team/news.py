@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
 from .idleness import long_run
-from .times import move_times
+from .times import check_vertex, move_times
 
 
 # Probability of greater ages at which the law may end, and the greatest age computed.
@@ -94,6 +94,8 @@ def age_of_news(
 
     **Returns:** [`News`][]. Ages end where the law does, or at 20,000 units.
 
+    **Raises:** `ValueError` if the graph has no vertex `base`.
+
     A robot that goes round a triangle is at the base every third step:
 
         >>> import numpy as np
@@ -103,6 +105,7 @@ def age_of_news(
         >>> news.known.round(3).tolist()[:3], news.mean_age.round(3).tolist()
         ([[0.333, 0.0, 0.0], [0.667, 0.0, 0.333], [1.0, 0.333, 0.667]], [1.0, 3.0, 2.0])
     """
+    check_vertex("base", base, graph.vertices)
     delays = move_times(graph, times).astype(np.int64)
     laws = [_Backward.of(matrix, delays, base, graph.vertices) for matrix in matrices]
     heard = np.any([law.heard for law in laws], axis=0)

@@ -48,6 +48,15 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
     return np.maximum(1, np.rint(graph.lengths / (speed * unit))).astype(np.int64)
 
 
+def check_vertex(parameter: str, vertex: int, vertices: int) -> None:
+    """Refuse a number that is not a vertex.
+
+    **Raises:** `ValueError` that names the parameter.
+    """
+    if not 0 <= vertex < vertices:
+        raise ValueError(f"{parameter}: expected a vertex, 0 to {vertices - 1}, got {vertex}")
+
+
 def hitting_check(
     matrix: Float[np.ndarray, "vertices vertices"],
     step: Float[np.ndarray, "vertices"],

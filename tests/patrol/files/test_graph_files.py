@@ -370,3 +370,12 @@ def test_lengths_that_are_none_are_refused(tmp_path):
             load_text(tmp_path, json.dumps(lines | {"edges": edges}))
     with pytest.raises(ValueError, match="an edge list cannot store lengths"):
         save_graph(Graph([[0, 1]], xy=[[0, 0], [1, 0]], ways=[2]), tmp_path / "a.edges")
+
+
+@pytest.mark.parametrize("data", [True, False])
+def test_an_edge_list_of_networkx_is_read(tmp_path, data):
+    network = nx.cycle_graph(5)
+    nx.write_edgelist(network, tmp_path / "ring.txt", data=data)
+    graph, names = load_graph(tmp_path / "ring.txt")
+    edges = {frozenset(int(names[end]) for end in edge) for edge in graph.edges}
+    assert edges == set(map(frozenset, network.edges))

@@ -252,3 +252,18 @@ def test_a_region_that_cannot_report_is_refused():
 def test_wrong_arguments_of_base_stations_are_refused(graph, visible, central, message):
     with pytest.raises(ValueError, match=message):
         base_station(graph, visible, central)
+
+
+def test_a_piece_without_a_path_waits_until_another_piece_has_joined_a_region():
+    graph, marks = drawn(
+        """
+        .v#
+        vB.
+        vvv
+        v#v
+        v.v
+        """
+    )
+    base = int(np.flatnonzero(marks == "B")[0])
+    view = np.isin(marks, ["v", "B"])
+    check_partition(graph, angular_regions(graph, base, view, 2))

@@ -83,3 +83,5 @@ def test_a_charger_that_is_too_far_is_refused():
         charged(GRAPH, WALK[None], CHARGER, 3)
     with pytest.raises(ValueError, match="every: expected at most 2,000,000 steps on 5 vertices"):
         charged(GRAPH, WALK[None], CHARGER, 2_000_001)
+    with pytest.raises(ValueError, match="charger: expected a vertex, 0 to 4, got -1"):
+        charged(GRAPH, WALK[None], -1, EVERY)

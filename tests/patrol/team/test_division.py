@@ -38,3 +38,8 @@ def test_too_many_parts_are_refused():
         divide_graph(star, 4)
     with pytest.raises(ValueError, match="a part of 2 would be a single vertex, number"):
         divide_graph(star, 2)
+
+
+def test_a_graph_that_is_not_connected_is_refused():
+    with pytest.raises(ValueError, match=r"vertices 2, 3 .* cannot be reached from vertex 0"):
+        divide_graph(Graph([[0, 1], [2, 3]]), 2)

@@ -61,3 +61,16 @@ def test_idleness_of_vertices_that_a_walk_leaves_out_is_infinite():
     assert found.worst[0] == found.longest[0] == np.inf
     assert found.least_capture[0] == 0
     assert np.isfinite(found.worst[1:]).all()
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_unit_of_time_only_scales_idleness():
+    """Visits that coincide at 0.1 + 0.2 = 0.3 count once."""
+    graph = Graph(np.array(nx.complete_graph(8).edges), 8)
+    matrices = np.stack([walk_on(graph, np.ones(28))] * 9)
+    times = np.arange(28) % 3 + 1
+    whole = simulate_idleness(graph, matrices, times=times, attack_time=2)
+    tenths = simulate_idleness(graph, matrices, times=times * 0.1, attack_time=0.2)
+    for name in ("mean", "worst", "longest"):
+        np.testing.assert_allclose(getattr(tenths, name), getattr(whole, name) / 10)
+    np.testing.assert_allclose(tenths.least_capture, whole.least_capture)
