@@ -20,7 +20,8 @@ PAGES = [README, *sorted((ROOT / "docs").rglob("*.md"))]
 FENCE = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 INCLUDED = re.compile(r'^--8<-- "([^":]+)"$', re.MULTILINE)
 GALLERY = ROOT / "docs" / "pages" / "gallery.md"
-SHOWN = re.findall(r"\(pictures/(\w+)\.png", GALLERY.read_text(encoding="utf-8"))
+# Pictures of recordings; the one of plots is made without a command.
+SHOWN = re.findall(r"\(pictures/(?!plots\b)(\w+)\.png", GALLERY.read_text(encoding="utf-8"))
 # The sections of these pages are independent, and take seconds.
 LONG = ("create.md", "current.md")
 

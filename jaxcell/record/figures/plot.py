@@ -51,7 +51,7 @@ def plot(
         >>> from jaxcell import record, study
         >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
         >>> record.plot(groups, "step", direction=3).get_title()
-        'mappings to reach the group'
+        'mappings until the cell is on its group, bounce 45, direction 3'
     """
     pyplot = import_module("matplotlib.pyplot")
     name = name or picture(result)
