@@ -90,6 +90,8 @@ class Basins(Result):
     "Only if durations differ between cells; time outside the box is not counted."
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
+    follow: int = 0
+    "Number of mappings outside the box after which a point has left, as in the call."
 
     @derived("", "number of attractors", kind="count")
     def attractors(self) -> int:
@@ -297,7 +299,8 @@ def basins_of_each(
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, attractors, changed, strict=True):
         basins = _by_cells(box, params, *parts)
-        basins = dataclasses.replace(basins, torn=ends, duration=duration, labels=labels)
+        known = {"torn": ends, "duration": duration, "labels": labels, "follow": follow}
+        basins = dataclasses.replace(basins, **known)
         if time is not None:
             basins = dataclasses.replace(basins, time=_along(basins, time[len(each)]))
         if by == "orbits":
