@@ -158,3 +158,16 @@ def test_orbits_that_diverge_lead_nowhere():
     for map, shares in ((fades, (0, 1)), (grows, (1, 0))):
         found = dynamics.basins(map, box, {})
         assert (found.attractors, found.outside_share, found.nowhere_share) == (0, *shares)
+
+
+def test_transient_chaos_is_followed_to_its_cycle():
+    def ikeda(x, p):
+        turn = 0.4 - 6 / (1 + x @ x)
+        cosine, sine = jnp.cos(turn), jnp.sin(turn)
+        return jnp.stack(
+            [1 + 0.85 * (x[0] * cosine - x[1] * sine), 0.85 * (x[0] * sine + x[1] * cosine)]
+        )
+
+    found = dynamics.basins(ikeda, Box([-2, -4], [6, 4], [201, 201]))
+    assert found.settled
+    assert found.period.tolist() == [1, 10]
