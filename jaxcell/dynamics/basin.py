@@ -195,7 +195,8 @@ class Basins(Result):
         if doubted.size and back > 0.02:
             remarks.append(
                 f"{self.outside_share:.1%} of the cells lead out of the box, but {back:.1%} have "
-                "orbits that come back to an attractor: follow them outside (follow)."
+                "orbits that come back to an attractor: take basins by orbits, and follow them "
+                "outside (follow)."
             )
             doubted = doubted[:0]
         for k in doubted[:_MOST_DOUBTED]:

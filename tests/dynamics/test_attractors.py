@@ -171,3 +171,14 @@ def test_transient_chaos_is_followed_to_its_cycle():
     found = dynamics.basins(ikeda, Box([-2, -4], [6, 4], [201, 201]))
     assert found.settled
     assert found.period.tolist() == [1, 10]
+
+
+def test_remark_on_orbits_that_come_back_advises_basins_that_have_no_remark():
+    def out_and_back(x, p):
+        return jnp.where((x > 0.5) & (x < 1), 1.3, 0.25)
+
+    box = Box([0], [1], [20])
+    (remark,) = dynamics.basins(out_and_back, box).remarks
+    assert "take basins by orbits, and follow them outside" in remark
+    found = dynamics.basins(out_and_back, box, by="orbits", follow=4)
+    assert (found.fraction.tolist(), found.remarks) == ([1.0], ())
