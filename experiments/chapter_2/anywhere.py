@@ -32,6 +32,7 @@ import numpy as np
 from jaxcell.bounce import bounce_map, localization_filter
 from jaxcell.bounce.localization.off_centre import filter_shares
 from jaxcell.space import CELL_BY_CELL, CellSpace, Workspace
+from jaxcell.study import Navigate
 from jaxcell.walls import Errors, WallFilter, WallSet, contains
 
 from ..shared.data import MAPS
@@ -52,6 +53,16 @@ ANGLES = {
 # Share and metres of a run, and degrees of a turn.
 ERRORS = ((0.0, 0.0, 0.0), (0.01, 0.02, 0.5), (0.02, 0.05, 1.0))
 AFTER = (5, 15, 50)
+# The goals of robots that come home, in metres.
+GOALS = {
+    "lab_a.json": "1.5,0.5",
+    "lab_b.json": "1.5,0.5",
+    "complex.json": "0.5,0.5",
+    "depot.json": "0.5,0.5",
+    "slanted.json": "0.75,0.75",
+    "arena.json": "1.55,0.75",
+}
+HOME_ERRORS = ("run=0.01", "distance=0.02", "turn=0.5")
 # Robots that are followed at once, and batches of which one robot is timed by itself.
 AT_ONCE, AT_ONCE_OF_ANY_HEADING, TIMED = 250, 5, 20
 
@@ -269,18 +280,46 @@ def any_heading(
     }
 
 
+def home(name: str, robots: int, bumps: int) -> dict[str, Any]:
+    """Measure how robots that start anywhere come to a goal, and plans that know their start."""
+    study = Navigate(
+        map=MAPS / name,
+        goal=GOALS[name],
+        bounces=(40, 90, 130) if name == "arena.json" else (45, 90, 135),
+        anywhere=True,
+        heading="unknown",
+        errors=HOME_ERRORS,
+        measured=True,
+        robots=robots,
+        bumps=bumps,
+    )
+    came: Any = study.run()
+    return {
+        "case": name.split(".")[0],
+        "lost": came.lost_share,
+        "arrived": came.arrived_share,
+        "bumps": came.median_bumps_until_home,
+        "90 %": float(np.quantile(came.bumps_until_home, 0.9, method="inverted_cdf")),
+        "metres": came.median_metres,
+        "bumps, plan": came.planned_bumps,
+        "metres, plan": came.planned_metres,
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/anywhere"))
     parser.add_argument("--maps", nargs="+", default=list(ANGLES), choices=list(ANGLES))
     parser.add_argument("--runs", type=int, default=10_000, help="robots of known heading")
     parser.add_argument("--few", type=int, default=200, help="robots of any heading")
+    parser.add_argument("--home", type=int, default=1000, help="robots that come to a goal")
     parser.add_argument("--bumps", type=int, default=20)
     parser.add_argument("--slices", type=int, default=720, help="slices of headings")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
     known: Rows = []
     unknown: Rows = []
+    homes: Rows = []
     for name in asked.maps:
         cells = CellSpace.load(MAPS / name)
         for degrees in ANGLES[name]:
@@ -295,6 +334,9 @@ def main() -> None:
             unknown.append({"case": case, **found})
         emit("Headings among the directions", known, asked.out / "known.csv", ".2g")
         emit("Any heading", unknown, asked.out / "unknown.csv", ".2g")
+        if name in GOALS:
+            homes.append(home(name, asked.home, 3 * asked.bumps))
+            emit("Home from anywhere", homes, asked.out / "home.csv", ".3g")
 
 
 if __name__ == "__main__":

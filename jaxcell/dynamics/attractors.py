@@ -33,6 +33,9 @@ _GOLDEN = (5**0.5 - 1) / 2
 # Mappings before the window, which double until the merged orbits stay the same.
 _SETTLE = 64
 _MAX_SETTLE = 1 << 13
+# Mappings after which chaos counts as lasting, and the largest number of orbits checked for it.
+_LASTING = 1 << 11
+_MOST_CHECKED = 64
 # Mappings per cell of the box, in total, to find the attractors of the other groups.
 _SHARED = 64
 # Number of orbits of other groups that are followed at once.
@@ -105,6 +108,8 @@ def attractors(
         for k, orbit in zip([*start], np.split(orbits, np.cumsum(sizes)[:-1]), strict=True):
             before, ends[k] = ends.get(k), merged(box, orbit, follow)
             settled = before is not None and np.array_equal(before, ends[k])
+            if settled and not isinstance(map, Flow):
+                settled = not _transient(map, box, params, k, orbit, ends[k])
             start[k] = orbit[:, -1]
             if settled or done >= _MAX_SETTLE:
                 results[k] = _of_orbits(box, groups[k], begun[k], orbit, ends[k], settled)
@@ -241,6 +246,24 @@ def _first_cells(
         new, highest = np.diff(number) > 0, number[-1]
         cells.append((first + on[new][other[number[1:][new]]]).astype(np.int32))
     return np.concatenate(cells)
+
+
+def _transient(
+    map: Map,
+    box: Box,
+    params: Any,
+    member: int,
+    orbit: Float[np.ndarray, "starts window axes"],
+    end: Int[np.ndarray, "starts"],
+) -> bool:
+    """Return `True` if an orbit without a period, one for each attractor, later has a period."""
+    _, first = np.unique(end, return_index=True)
+    chaotic = [k for k in first if end[k] >= 0 and period(orbit[k], box) == 0][:_MOST_CHECKED]
+    if not chaotic:
+        return False
+    last, members = orbit[chaotic, -1], np.full(len(chaotic), member)
+    later = _orbits(map, box, params, members, last, _LASTING)
+    return any(period(each, box) > 0 for each in later)
 
 
 def _orbits(

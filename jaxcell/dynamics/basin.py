@@ -90,6 +90,8 @@ class Basins(Result):
     "Only if durations differ between cells; time outside the box is not counted."
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
+    follow: int = 0
+    "Number of mappings outside the box after which a point has left, as in the call."
 
     @derived("", "number of attractors", kind="count")
     def attractors(self) -> int:
@@ -193,7 +195,8 @@ class Basins(Result):
         if doubted.size and back > 0.02:
             remarks.append(
                 f"{self.outside_share:.1%} of the cells lead out of the box, but {back:.1%} have "
-                "orbits that come back to an attractor: follow them outside (follow)."
+                "orbits that come back to an attractor: take basins by orbits, and follow them "
+                "outside (follow)."
             )
             doubted = doubted[:0]
         for k in doubted[:_MOST_DOUBTED]:
@@ -297,7 +300,8 @@ def basins_of_each(
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, attractors, changed, strict=True):
         basins = _by_cells(box, params, *parts)
-        basins = dataclasses.replace(basins, torn=ends, duration=duration, labels=labels)
+        known = {"torn": ends, "duration": duration, "labels": labels, "follow": follow}
+        basins = dataclasses.replace(basins, **known)
         if time is not None:
             basins = dataclasses.replace(basins, time=_along(basins, time[len(each)]))
         if by == "orbits":

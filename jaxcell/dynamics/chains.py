@@ -20,26 +20,31 @@ def chain(
     box: Box,
     params: Any = None,
     *,
-    samples: int = 16,
+    samples: int | None = None,
     noise: float | tuple[float, ...] = 0.0,
-    quadrature: int = 0,
+    quadrature: int = 4,
     key: Any = None,
 ) -> Chain:
     """Make the generalized map of a box: images of points inside each cell, with additive noise.
 
     Each cell is mapped from `samples` of its points (Hsu 1981, Ulam's method), and normal noise is
-    added to each image. Points and noise together are an additive recurrence, which is evenly
-    spread, from a random start in each cell: the error decreases almost with the number of points,
-    instead of its root. Images outside the box go to the sink of the chain.
+    added to each image. Points are an additive recurrence, which is evenly spread, from a random
+    start in each cell: the error decreases as about the power -0.6 of their number, instead of the
+    power -0.5 of random points. Images outside the box go to the sink of the chain.
+
+    Few samples make large errors in rare events: for the time to cross a well, random noise with
+    16 samples gave 15 % to 45 % too much, and 4 samples with 4 nodes at most 6 %. Compare chains of
+    different keys and numbers of samples.
 
     **Arguments:**
 
     - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `samples`: number of points of each cell, with equal weights.
+    - `samples`: number of points of each cell, with equal weights. By default 16 images of each
+        cell are shared between points and nodes, with at least 4 points.
     - `noise`: standard deviation of the noise, along all axes or along each.
     - `quadrature`: number of nodes of Gauss-Hermite quadrature along each axis with noise; each
-        node is added to each image, with its weight. By default each image has one random noise.
-        With `n` nodes, polynomials up to degree `2 n - 1` have exact means.
+        node is added to each image, with its weight. With `n` nodes, polynomials up to degree
+        `2 n - 1` have exact means. With 0, each image has one random noise.
     - `key`: random key of JAX, by default `jax.random.key(0)`.
 
     **Returns:** [`jaxcell.mapping.Chain`][], for the functions of [`jaxcell.markov`][].
@@ -58,7 +63,7 @@ def chain(
         1
     """
     require_x64("a chain of a map")
-    if samples < 1:
+    if samples is not None and samples < 1:
         raise ValueError(f"samples: expected at least 1, got {samples}")
     if quadrature < 0:
         raise ValueError(f"quadrature: expected a number of nodes from 0, got {quadrature}")
@@ -71,6 +76,7 @@ def chain(
     torn_axes(map, box, [params])
     key = jax.random.key(0) if key is None else key
     nodes, weights = _nodes(deviation, quadrature) if quadrature else (None, np.ones(1))
+    samples = max(4, 16 // weights.size) if samples is None else samples
     image = np.asarray(_sampled(map, box, params, deviation, key, samples, nodes))
     if (image == box.nowhere).all():
         check_begin(map, box, params)

@@ -241,8 +241,9 @@ def _ends(
     points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
     """Return the basins of points, by the owners of the cells that they reach."""
+    options = {"follow": basins.follow, "visits": visits}
     parts = [
-        orbit_ends(map, basins.box, basins.params, owner, points[k : k + CHUNK], visits=visits)[0]
+        orbit_ends(map, basins.box, basins.params, owner, points[k : k + CHUNK], **options)[0]
         for k in range(0, len(points), CHUNK)
     ]
     return np.maximum(np.concatenate([np.empty(0, np.int32), *parts]), -1)

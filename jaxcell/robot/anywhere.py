@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..walls import Homing, WallFilter, choose_angles
+from ..walls import Aim, Homing, WallFilter, choose_angles
 from .outcome import RunOutcome
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
@@ -32,6 +32,10 @@ class AnywhereSettings:
     "The robot is localized when all places are this near to their middle, in metres."
     homing: Homing | None = None
     "The goal of the robot; `None` if it only finds out where it is."
+    aim: Aim = "mean"
+    "The extent to minimize by the choice of an angle without a goal, the worst or the mean."
+    ahead: int = 1
+    "The number of bumps to look ahead in this choice."
     seed: int = 0
     "The seed of the draws for a choice."
 
@@ -151,7 +155,8 @@ class SetFollower:
         if self.settings.homing is not None:
             chosen = self.settings.homing.choose(self.state, 1, self._rng)
         else:
-            chosen = choose_angles(filter, self.state, 1, bounces, self._rng)
+            aim, ahead = self.settings.aim, self.settings.ahead
+            chosen = choose_angles(filter, self.state, 1, bounces, self._rng, aim=aim, ahead=ahead)
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:

@@ -89,6 +89,11 @@ class AnywhereStudy(MapStudy):
             step=0.0 if self.measured else step,
         )
 
+    @property
+    def choice(self) -> dict[str, Any]:
+        """The aim of the choice among angles, and the number of bumps to look ahead."""
+        return {}
+
     def save_task(self, result: "Anywhere", out: Path) -> None:
         """Write the task file for `jaxcell robot run`."""
         from ..bounce import HomeFromAnywhere
@@ -105,6 +110,7 @@ class AnywhereStudy(MapStudy):
             "errors": dataclasses.asdict(filter.errors),
             "counted_m": filter.step,
             "known_m": result.radius,
+            **self.choice,
         }
         if isinstance(result, HomeFromAnywhere):
             about |= {"goal_m": result.homing.goal, "goal_radius_m": result.homing.radius}
@@ -169,6 +175,7 @@ class AnywhereStudy(MapStudy):
             headings=self._known_headings(cells),
             goal=homing,
             start=None if start is None else pose_at(workspace, start, "start"),
+            **self.choice,
             seed=self.seed,
             say=say,
         )

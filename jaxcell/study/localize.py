@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from .anywhere import AnywhereStudy
 from .map_study import cell_at
-from .parameters import Degrees, Only, Share
+from .parameters import Degrees, Limit, Only, Share
 from .study import Say, silent
 
 
@@ -39,8 +39,11 @@ class Localize(AnywhereStudy):
     goal: Annotated[Literal["cell", "position", "class"], _CHOICE] = "cell"
     """Knowledge to reach: the cell, the position at any heading, or the class of cells that these
     angles cannot tell apart."""
-    aim: Annotated[Literal["worst", "mean"], _CHOICE] = "worst"
-    """Number of bumps to minimize: the largest over all starts (worst), or their mean."""
+    aim: Annotated[Literal["worst", "mean"], Only(bounces=True, slip=False)] = "worst"
+    """Number of bumps to minimize: the largest over all starts (worst), or their mean. With
+    --anywhere the extent of the set to minimize."""
+    ahead: Annotated[int, Limit(ge=1, le=3), Only(bounces=True, anywhere=True)] = 1
+    """Number of bumps to look ahead in the choice among angles."""
     start: Annotated[str | None, Only(offsets=False)] = None
     """Start of the simulated robot: "x,y,heading" in m and degrees, or a cell number; by default a
     random cell."""
@@ -57,6 +60,10 @@ class Localize(AnywhereStudy):
     bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
     """Turn of the robot toward the wall by a bump at an incidence of 45 degrees, in degrees, which
     the wheels do not measure; at an incidence i it is sin(2 i) times as much."""
+
+    @property
+    def choice(self) -> dict[str, Any]:
+        return {"aim": self.aim, "ahead": self.ahead}
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates

@@ -28,7 +28,7 @@ from .boundary import (
     places_anywhere as places_anywhere,
     run_to_wall as run_to_wall,
 )
-from .choice import choose_angles as choose_angles, draw_places as draw_places
+from .choice import Aim as Aim, choose_angles as choose_angles, draw_places as draw_places
 from .chords import Chords as Chords
 from .filter import Errors as Errors, WallFilter as WallFilter
 from .homing import Homing as Homing

@@ -1,6 +1,7 @@
 """The choice of an angle at each bump that soon tells a robot where it is."""
 
 from collections.abc import Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,12 +11,12 @@ from .filter import WallFilter
 from .sets import WallSet
 
 
-# Places that are drawn from a set to try what a robot there would observe.
-_TRIED = 6
 # Stretches of a set that are followed in each trial; of larger sets they are drawn.
 _FOLLOWED = 96
 # Trials that are made at a time.
 _AT_ONCE = 20_000
+
+Aim: TypeAlias = Literal["worst", "mean"]
 
 
 def choose_angles(
@@ -25,9 +26,11 @@ def choose_angles(
     angles: Sequence[float],
     rng: np.random.Generator,
     *,
+    aim: Aim = "mean",
     ahead: int = 1,
+    draws: int = 6,
 ) -> Int[np.ndarray, "robots"]:
-    """Choose for each robot the angle after which its set is expected to be smallest.
+    """Choose for each robot the angle after which its set is smallest.
 
     Places are drawn from the set of each robot, and the set is followed through the next bump as a
     robot at each of these places would observe it.
@@ -39,50 +42,58 @@ def choose_angles(
     - `robots`: number of robots.
     - `angles`: the bouncing angles to choose from, in radians.
     - `rng`: source of the draws.
+    - `aim`: the extent to minimize: the largest over the places that are drawn, or their mean.
     - `ahead`: number of bumps to look ahead.
+    - `draws`: number of places that are drawn for each bump ahead; more find the smaller of two
+        extents that are almost the same.
 
     **Returns:** the number of the angle for each robot.
     """
     chosen = np.zeros(robots, np.int32)
     if len(angles) == 1:
         return chosen
-    size = max(1, _AT_ONCE // (_TRIED * len(angles)) ** ahead)
+    size = max(1, _AT_ONCE // (draws * len(angles)) ** ahead)
     for first in range(0, robots, size):
         part = state.take((state.robot >= first) & (state.robot < first + size))
         part = part._replace(robot=part.robot - first)
         count = min(size, robots - first)
-        expected = [_expected(filter, part, count, angles, k, rng, ahead) for k in angles]
-        chosen[first : first + count] = np.argmin(expected, axis=0)
+        extents = _extents(filter, part, count, angles, rng, aim, ahead, draws)
+        chosen[first : first + count] = np.argmin(extents, axis=0)
     return chosen
 
 
-def _expected(
+def _extents(
     filter: WallFilter,
     state: WallSet,
     robots: int,
     angles: Sequence[float],
-    angle: float,
     rng: np.random.Generator,
+    aim: Aim,
     ahead: int,
-) -> Float[np.ndarray, "robots"]:
-    """Estimate the extent of the set of each robot after it turns by an angle."""
-    trials = robots * _TRIED
-    place, heading, robot = draw_places(filter, state, robots, _TRIED, rng)
+    draws: int,
+) -> Float[np.ndarray, "angles robots"]:
+    """Estimate the extent of the set of each robot after it turns by each angle.
+
+    All angles are tried at the same places, so that their extents differ by the angles alone.
+    """
+    trials = robots * draws
+    place, heading, _ = draw_places(filter, state, robots, draws, rng)
     copies = _sampled(state, robots, rng)
-    each = np.repeat(np.arange(_TRIED), copies.robot.size)
-    copies = WallSet(*(np.tile(part, _TRIED) for part in copies))
-    copies = copies._replace(robot=copies.robot * _TRIED + each)
-    _, _, run = run_to_wall(filter.boundary, place, heading + angle)
-    after = filter.observe(filter.turn(copies, angle), run)
-    if ahead == 1:
-        extent = filter.extent(after, trials)
-    else:
-        later = [
-            _expected(filter, after, trials, angles, next_, rng, ahead - 1) for next_ in angles
-        ]
-        extent = np.min(later, axis=0)
+    each = np.repeat(np.arange(draws), copies.robot.size)
+    copies = WallSet(*(np.tile(part, draws) for part in copies))
+    copies = copies._replace(robot=copies.robot * draws + each)
+    extents = []
+    for angle in angles:
+        _, _, run = run_to_wall(filter.boundary, place, heading + angle)
+        after = filter.observe(filter.turn(copies, angle), run)
+        if ahead == 1:
+            extents.append(filter.extent(after, trials))
+        else:
+            later = _extents(filter, after, trials, angles, rng, aim, ahead - 1, draws)
+            extents.append(later.min(axis=0))
     # A robot with an empty set, which draws nothing, needs no choice.
-    return np.bincount(robot, extent, robots) / _TRIED
+    of_trials = np.reshape(extents, (len(angles), robots, draws))
+    return of_trials.max(axis=2) if aim == "worst" else of_trials.mean(axis=2)
 
 
 def draw_places(

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..space import Workspace
 from .boundary import places_anywhere, run_to_wall
-from .choice import choose_angles
+from .choice import Aim, choose_angles
 from .filter import WallFilter
 from .homing import Homing
 from .sets import WallSet, contains
@@ -51,6 +51,8 @@ def drive_anywhere(
     headings: int | None = None,
     goal: Homing | None = None,
     start: tuple[float, float, float] | None = None,
+    aim: Aim = "mean",
+    ahead: int = 1,
     seed: int = 0,
     say: Callable[..., None] = lambda doing, done=0, total=0: None,
 ) -> Trial:
@@ -65,6 +67,8 @@ def drive_anywhere(
     - `headings`: robots start with a heading `2 pi k / headings` up to its error; `None` for any.
     - `goal`: the goal of the robots; `None` if they only find out where they are.
     - `start`: x, y in metres and heading in radians of the first robot; else it is drawn as well.
+    - `aim`, `ahead`: of the choice of angles of robots without a goal, as in
+        [`choose_angles`][jaxcell.walls.choose_angles].
     - `seed`: of the starts, the errors and the draws of a choice.
     - `say`: called with the progress.
     """
@@ -76,12 +80,18 @@ def drive_anywhere(
         heading = rng.integers(headings, size=robots) * 2 * np.pi / headings
     if start is not None:
         place[0], heading[0] = start[:2], start[2]
+
+    def choose(state: WallSet, robots: int) -> Int[np.ndarray, "robots"]:
+        if goal is not None:
+            return goal.choose(state, robots, rng)
+        return choose_angles(filter, state, robots, angles, rng, aim=aim, ahead=ahead)
+
     trials = []
     size = max(1, min(_ROBOTS, _STRETCHES // max(1, len(filter.observe(None, 0.0).wall))))
     for first in range(0, robots, size):
         say("driving robots", first, robots)
         part = slice(first, first + size)
-        trials.append(_drive(filter, angles, place[part], heading[part], bumps, goal, rng))
+        trials.append(_drive(filter, angles, place[part], heading[part], bumps, goal, choose, rng))
     arrays = [
         np.concatenate(parts) for parts in zip(*(trial[:-1] for trial in trials), strict=True)
     ]
@@ -95,6 +105,7 @@ def _drive(
     heading: Float[np.ndarray, "robots"],
     bumps: int,
     goal: Homing | None,
+    choose: Callable[[WallSet, int], Int[np.ndarray, "robots"]],
     rng: np.random.Generator,
 ) -> tuple[Any, ...]:
     errors, robots = filter.errors, len(place)
@@ -114,11 +125,7 @@ def _drive(
         arrived = np.zeros(robots, bool) if goal is None else goal.arrived(state, robots)
         rows.append((place, heading, run, filter.extent(state, robots), held, arrived))
         sets.append(state.take(state.robot == 0))
-        if goal is None:
-            chosen = choose_angles(filter, state, robots, angles, rng)
-        else:
-            chosen = goal.choose(state, robots, rng)
-        angle = np.asarray(angles)[chosen]
+        angle = np.asarray(angles)[choose(state, robots)]
         state = filter.turn(state, angle)
         heading = heading + angle + errors.turn * signs() * (1 - 1e-9)
         place = _displaced(filter, place, wall, rng)

@@ -12,12 +12,15 @@ import pytest
 from jaxcell.cli import main
 
 
+MAP = '{"format": "jaxcell-map", "version": 1, "units": "m", "boundary": %s, "obstacles": []}'
 FILES = {
     "apart.adjlist": "a b\nc d\n",
     "apart.txt": "; cell 1\n...#...\n...#...\n",
     "constraints.json": '{"constraints": [{"edges": [["a", "c"]], "most": 0.1}]}',
+    "crossed.json": MAP % "[[0, 0], [4, 4], [4, 0], [0, 4]]",
     "number.py": "System = 3",
     "numbers.txt": "a 1\nb 1\n",
+    "open.json": MAP % "[[0, 0], [4, 0]]",
     "path.adjlist": "a b\nb c\n",
 }
 # A command, and its error after the name of the command, in which three dots stand for any text.
@@ -74,6 +77,14 @@ localize @lab_a --bounce 45 --anywhere --errors run=x
     --errors 'x': expected a number after =
 localize @lab_a --bounce 45 --anywhere --errors run=2
     --errors: run: expected a share below 1, ...
+localize @lab_a --bounces 45 135 --anywhere --ahead 4
+    --ahead: expected 1 to 3, got 4
+localize @lab_a --bounce 100 --anywhere
+    angle: expected a multiple of 45 degrees, the width of a slice of headings, got 100 degrees
+localize open.json --bounce 45 --anywhere
+    open.json: boundary: it has 2 distinct vertices; at least 3 are needed
+localize crossed.json --bounce 45 --anywhere
+    crossed.json: boundary: self-intersection at (2, 2); its edges may meet only at their ends
 localize @lab_a --bounce 45 --anywhere --start 2,2,0
     --start '2,2,0': (2 m, 2 m) is not in the free space
 navigate @lab_a --bounces 90 --goal 3

@@ -158,3 +158,27 @@ def test_orbits_that_diverge_lead_nowhere():
     for map, shares in ((fades, (0, 1)), (grows, (1, 0))):
         found = dynamics.basins(map, box, {})
         assert (found.attractors, found.outside_share, found.nowhere_share) == (0, *shares)
+
+
+def test_transient_chaos_is_followed_to_its_cycle():
+    def ikeda(x, p):
+        turn = 0.4 - 6 / (1 + x @ x)
+        cosine, sine = jnp.cos(turn), jnp.sin(turn)
+        return jnp.stack(
+            [1 + 0.85 * (x[0] * cosine - x[1] * sine), 0.85 * (x[0] * sine + x[1] * cosine)]
+        )
+
+    found = dynamics.basins(ikeda, Box([-2, -4], [6, 4], [201, 201]))
+    assert found.settled
+    assert found.period.tolist() == [1, 10]
+
+
+def test_remark_on_orbits_that_come_back_advises_basins_that_have_no_remark():
+    def out_and_back(x, p):
+        return jnp.where((x > 0.5) & (x < 1), 1.3, 0.25)
+
+    box = Box([0], [1], [20])
+    (remark,) = dynamics.basins(out_and_back, box).remarks
+    assert "take basins by orbits, and follow them outside" in remark
+    found = dynamics.basins(out_and_back, box, by="orbits", follow=4)
+    assert (found.fraction.tolist(), found.remarks) == ([1.0], ())

@@ -112,6 +112,22 @@ def test_committor_of_a_well_equals_quadrature(well):
     np.testing.assert_allclose(np.interp([-0.35, 0], places, found), [0.1587850585, 0.5], atol=0.01)
 
 
+def test_default_chain_has_the_exit_time_of_a_fine_chain_at_the_cost_of_16_samples():
+    box, time = Box([-2.4], [2.4], [120], "clamp"), 0.5
+    flow, places = dynamics.flow(lambda x, p: x - x**3, time / 10, 10), box.ticks(0)
+
+    def exit_time(**options):
+        chain = dynamics.chain(flow, box, noise=0.5 * np.sqrt(time), **options)
+        times = markov.hitting_times(chain, np.asarray(places >= 0.8)).value
+        return len(chain.image), np.interp(-1, places, np.asarray(times))
+
+    _, exact = exit_time(samples=64, quadrature=41)
+    branches, default = exit_time()
+    assert branches == 16
+    assert default == pytest.approx(exact, rel=0.06)
+    assert exit_time(samples=16, quadrature=0)[1] > 1.12 * exact
+
+
 def test_images_outside_the_box_go_to_the_sink():
     box = Box([0], [1], [4])
     chain = dynamics.chain(lambda x, p: x + 0.5, box, samples=8)

@@ -1,6 +1,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import lax
 
 from jaxcell import dynamics
 from jaxcell.space import Box
@@ -93,3 +94,17 @@ def test_exponent_of_cantor_boundary_is_its_codimension():
     fine = dynamics.refined(thirds, found, 9)
     assert fine.exponent == pytest.approx(1 - np.log(2) / np.log(3), abs=0.03)
     np.testing.assert_allclose(fine.fraction, 0.5, atol=0.005)
+
+
+def newton(x, p):
+    """Newton's method for z^3 = 1: near 0, a step leads far out of the box."""
+    z = lax.complex(x[0], x[1])
+    z = z - (z**3 - 1) / (3 * z**2)
+    return jnp.stack([z.real, z.imag])
+
+
+def test_refined_points_are_followed_outside_the_box_as_the_basins_were():
+    found = dynamics.basins(newton, Box([-2, -2], [2, 2], [101, 101]), by="orbits", follow=64)
+    fine = dynamics.refined(newton, found, 2)
+    np.testing.assert_allclose(fine.fraction, found.fraction, atol=0.01)
+    assert fine.fraction.sum() > 0.999

@@ -56,13 +56,44 @@ def test_the_angle_with_the_smaller_expected_set_is_chosen():
     assert np.median(votes) == np.argmin(expected)
 
 
-def test_looking_two_bumps_ahead_chooses_among_the_same_angles():
-    filter = walls.WallFilter.of(HALL, headings=8, step=0.5)
-    state = filter.observe(None, [1.0, 2.0])
-    rng = np.random.default_rng(4)
+def brute_force(filter, state, angles, aim, ahead):
+    """The extent after a turn by each angle, over all numbers of steps that may be counted."""
+    place, heading, _ = walls.draw_places(filter, state, 1, 400, np.random.default_rng(9))
+    extents = []
+    for angle in angles:
+        turned = filter.turn(state, angle)
+        _, _, run = walls.run_to_wall(filter.boundary, place, heading + angle)
+        steps, count = np.unique(np.floor(run / filter.step + 1e-9), return_counts=True)
+        after = [filter.observe(turned, step * filter.step) for step in steps]
+        extent = [
+            filter.extent(state, 1)[0]
+            if ahead == 1
+            else min(brute_force(filter, state, angles, aim, ahead - 1))
+            for state in after
+        ]
+        extents.append(max(extent) if aim == "worst" else np.average(extent, weights=count))
+    return extents
+
+
+@pytest.mark.parametrize("aim", ["worst", "mean"])
+def test_chosen_angles_are_as_good_as_each_fixed_angle_and_better_two_bumps_ahead(aim):
+    filter = walls.WallFilter.of(HALL, headings=8, step=1.0)
     angles = np.radians([45.0, 90.0, 135.0]).tolist()
-    chosen = walls.choose_angles(filter, state, 2, angles, rng, ahead=2)
-    assert set(chosen.tolist()) <= {0, 1, 2}
+    fixed = np.zeros((3, len(angles)))
+    chosen = np.zeros((3, 3))
+    for run in range(6):
+        state = filter.observe(None, float(run))
+        extents = np.array([brute_force(filter, state, angles, aim, ahead) for ahead in (1, 2)])
+        fixed[1:] += extents
+        for ahead in (1, 2):
+            rng = np.random.default_rng(run)
+            best = walls.choose_angles(
+                filter, state, 1, angles, rng, aim=aim, ahead=ahead, draws=60 // ahead**2
+            )
+            chosen[ahead, 1:] += extents[:, best[0]]
+    for ahead in (1, 2):
+        assert chosen[ahead, ahead] <= fixed[ahead].min() + 1e-6
+    assert chosen[2, 2] < chosen[1, 2]
 
 
 def test_robots_come_home_from_anywhere():

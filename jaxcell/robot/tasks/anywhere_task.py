@@ -7,7 +7,7 @@ from typing import Any
 
 from ...base.documents import Fields, checked_number, refused
 from ...space import Workspace
-from ...walls import Errors, Homing, WallFilter
+from ...walls import Aim, Errors, Homing, WallFilter
 from ..anywhere import AnywhereSettings
 from .task import Task, common_fields, write_task
 
@@ -32,6 +32,8 @@ class AnywhereTask(Task):
     "The distance within which the robot is to be known, in metres."
     goal: tuple[float, float] | None
     goal_radius: float
+    aim: Aim
+    ahead: int
 
     @functools.cached_property
     def settings(self) -> AnywhereSettings:
@@ -46,7 +48,7 @@ class AnywhereTask(Task):
         homing = None
         if self.goal is not None:
             homing = Homing(filter, self.goal, self.goal_radius, self.bounces)
-        return AnywhereSettings(filter, self.bounces, self.known, homing)
+        return AnywhereSettings(filter, self.bounces, self.known, homing, self.aim, self.ahead)
 
     @property
     def strides(self) -> None:
@@ -65,7 +67,8 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
     - `path`: the file, which is replaced.
     - `workspace`: the room, for a robot of its radius.
     - `fields`: `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
-        `counted_m`, `known_m`, and `goal_m` and `goal_radius_m` where there is a goal.
+        `counted_m`, `known_m`, `goal_m` and `goal_radius_m` where there is a goal, and `aim` and
+        `ahead` of the choice among angles where there is none.
     """
     write_task(
         path,
@@ -115,4 +118,6 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
         known=fields.number("known_m", 0.0),
         goal=None if goal is None else tuple(fields.numbers("goal_m", (2,), whole=False).tolist()),
         goal_radius=0.0 if goal is None else fields.number("goal_radius_m", 0.0),
+        aim="worst" if values.get("aim") == "worst" else "mean",
+        ahead=fields.whole("ahead", 1, 3) if "ahead" in values else 1,
     )
