@@ -73,4 +73,4 @@ def test_news_of_a_vertex_that_is_never_visited_are_infinitely_old():
 @pytest.mark.parametrize("base", [-1, 4])
 def test_a_base_that_is_no_vertex_is_refused(base):
     with pytest.raises(ValueError, match=f"base: expected a vertex, 0 to 3, got {base}"):
-        age_of_news(GRAPH, np.full((1, 4, 4), 0.25), base)
+        age_of_news(GRAPH, random_walk(GRAPH, np.ones(5)).to_scipy().toarray()[None], base)
