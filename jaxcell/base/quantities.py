@@ -77,6 +77,11 @@ class Quantity:
     attributes: Mapping[str, Any]
     "More attributes of its variable in datasets."
 
+    @property
+    def label(self) -> str:
+        """The units as a label for people; empty for a quantity without units."""
+        return "" if self.units in (None, "1") else str(self.units)
+
 
 def quantity(
     dims: str,

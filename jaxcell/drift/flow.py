@@ -37,8 +37,8 @@ class Flow:
     """Seconds from the first record to the last, which repeats the first; `None` if the current is
     not periodic."""
     diffusivity: float = dataclasses.field(default=0.0, metadata={"static": True})
-    """Of unresolved motion, in m²/s: over a time `t` drifters spread by `sqrt(2 diffusivity t)`
-    along each axis."""
+    """The diffusivity of unresolved motion, in m²/s: over a time `t` drifters spread by
+    `sqrt(2 diffusivity t)` along each axis."""
 
     @classmethod
     def of(

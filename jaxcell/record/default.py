@@ -40,7 +40,7 @@ def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
 
 def _log_map(map: CellMap, name: str, about: Quantity, value: Any, timeline: str) -> rrb.Container:
     numbers = np.asarray(value, float)
-    scale = Scale.over(numbers, f"{{}} {_unit(about)}".rstrip().format)
+    scale = Scale.over(numbers, f"{{}} {about.label}".rstrip().format)
     levels = scale.levels(np.where(np.isfinite(numbers), numbers, scale.bounds[-1]))
     over_time = (timeline, np.arange(len(numbers))) if numbers.ndim == 2 else ()
     picture = map.picture(name, scale.classes, levels, *over_time)
@@ -49,9 +49,5 @@ def _log_map(map: CellMap, name: str, about: Quantity, value: Any, timeline: str
 
 
 def _titled(about: Quantity) -> str:
-    units = f" ({_unit(about)})" if _unit(about) else ""
+    units = f" ({about.label})" if about.label else ""
     return about.meaning[:1].upper() + about.meaning[1:] + units
-
-
-def _unit(about: Quantity) -> str:
-    return "" if about.units in (None, "1") else str(about.units)

@@ -35,8 +35,8 @@ class Component:
     "The numbers of the levels to read, or `None` if there is only one."
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
-    """Of the values to read. Values on the sides of cells, which are averaged, extend beyond the
-    block by a cell where the file does."""
+    """The rows and columns of the values to read. Values on the sides of cells, which are averaged,
+    extend beyond the block by a cell where the file does."""
     inner: Int[np.ndarray, " block"]
     "The block among the centres that are computed."
     mask: Mask | None

@@ -23,10 +23,10 @@ class Convention:
     """A `"velocity"`, a `"wind"` and a Stokes drift of waves (`"stokes"`) have two names, the first
     towards the East or along x."""
     names: tuple[str, ...] = ()
-    """Of the variable or dimension in small letters, the preferred first; in that of a flag, `{}`
+    """Names of the variable or dimension in small letters, the preferred first; in a flag's, `{}`
     stands for the name of the flagged variable."""
     standard_names: tuple[str, ...] = ()
-    "Of CF."
+    "Standard names of CF."
     units: tuple[str, ...] = ()
     "Units that no other role has."
     along: Along = "dims"

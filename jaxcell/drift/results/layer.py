@@ -134,7 +134,7 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
-        """Of some other settings, the one whose map is nearest to drifters.
+        """The setting whose map is nearest to drifters, among a few others.
 
         `None` if the map is not far from drifters, or no setting is nearer.
         """

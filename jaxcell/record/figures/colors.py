@@ -54,11 +54,8 @@ class Drawn:
     @property
     def label(self) -> str:
         """The label of an axis or a colour bar: the units, because the title has the meaning."""
-        if self.about.units not in (None, "1"):
-            return str(self.about.units)
-        return {"share": "share", "distribution": "share", "count": "number"}.get(
-            self.about.kind, ""
-        )
+        kinds = {"share": "share", "distribution": "share", "count": "number"}
+        return self.about.label or kinds.get(self.about.kind, "")
 
     def colored(self) -> Colored:
         """Choose colours for numbers; indices and flags are labels, the most frequent first."""

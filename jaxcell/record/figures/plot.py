@@ -101,7 +101,10 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
     found = {
         prefix + name: (result, name, about)
         for name, about in quantities(type(result)).items()
-        if about.dims and about.kind not in ("coordinate", "text")
+        if about.dims
+        and about.kind not in ("coordinate", "text")
+        # Arrays that were not asked for are `None`; derived ones are not computed here.
+        and vars(result).get(name, name) is not None
     }
     for name, part in parts(result).items():
         if isinstance(part, Result):
