@@ -18,7 +18,7 @@ from .order import reachable, recurrent_components
 
 
 # Largest number of cells of a picture.
-_DRAWN = 1 << 22
+_DRAWN = 1 << 18
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +58,7 @@ class MorseSets(Result):
     picture: ClassVar[str] = "drawn"
 
     box: Box
-    "The cells of the picture, at most about 4 million."
+    "The cells of the picture: those of the start, or of bisections up to 262,144 cells."
     params: Any
     "The parameters of the map."
     lower: Annotated[

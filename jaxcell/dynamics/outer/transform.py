@@ -68,11 +68,16 @@ def enclose(
         # Any point of the box may be its centre.
         centre = point(jnp.clip(lower / 2 + upper / 2, lower, upper))
         plain = jaxpr_as_fun(traced)
-        (slope,) = evaluate(program(jax.jacfwd(lambda x: plain(x)[0])), [box], [])
-        (middle,) = evaluate(traced, [centre], [])
-        away = interval.sub(box, centre)
-        moved = interval.total(interval.mul(slope, Interval(away[0][None], away[1][None])), 1)
-        nearer = interval.add(middle, moved)
+        (nearer,) = evaluate(traced, [centre], [])
+        for axis in range(lower.size):
+            along = jnp.zeros_like(lower).at[axis].set(1.0)
+
+            def slope(x, along=along):  # type: ignore[no-untyped-def]
+                return jax.jvp(plain, (x,), (along,))[1][0]
+
+            (column,) = evaluate(program(slope), [box], [])
+            away = interval.sub(*(Interval(a.lower[axis], a.upper[axis]) for a in (box, centre)))
+            nearer = interval.add(nearer, interval.mul(column, away))
         smooth = functools.reduce(jnp.logical_and, decided)
         nearer = where(smooth, nearer, LINE)
         image = Interval(
@@ -262,7 +267,7 @@ def _remainder(_: Any, decided: list[Any], a: Interval, b: Interval) -> Interval
 
 def _sum(step: JaxprEqn, _: Any, a: Interval) -> Interval:
     for axis in sorted(step.params["axes"], reverse=True):
-        a = interval.total(a, axis)
+        a = interval.total(a, int(axis))
     return a
 
 
@@ -287,7 +292,10 @@ def _converted(step: JaxprEqn, decided: list[Any], a: Any) -> Interval:
 
 
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
-    return lambda _, __, *values: function(*values)
+    """Make a rule of a function of intervals; whole numbers are intervals of one point."""
+    return lambda _, __, *values: function(
+        *(value if isinstance(value, Interval) else Interval(value, value) for value in values)
+    )
 
 
 _PLAIN: dict[str, Callable[..., Interval]] = {

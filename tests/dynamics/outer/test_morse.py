@@ -144,7 +144,103 @@ def test_order_is_transitive_and_sets_that_end_orbits_come_first():
     assert {*nx.transitive_closure(graph).edges} == {*map(tuple, np.argwhere(leads).tolist())}
 
 
-def test_sets_cover_cycles_and_fixed_points():
-    """Every periodic point of Henon's map with a period up to 6 lies in a box of a set."""
-    sets = dynamics.morse_sets(dynamics.systems.henon.map, Box([-2, -2], [2, 2], [4, 4]), {"a": 1.4, "b": 0.3}, depth=10)
-    points = np.random.default_rng(0).uniform(-1.5, 1.5, (2000, 2))
+def henon(x, p):
+    return jnp.stack([1 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]])
+
+
+HENON = Box([-2, -2], [2, 2], [4, 4])
+
+
+def members(sets, points):
+    """The set of each point, -1 for none; a face belongs to both sides."""
+    inside = (sets.lower <= points[:, None]) & (points[:, None] <= sets.upper)
+    box = inside.all(axis=-1)
+    return np.where(box.any(axis=1), sets.member[box.argmax(axis=1)], -1)
+
+
+def test_sets_contain_periodic_points_and_the_attractor():
+    sets = dynamics.morse_sets(henon, HENON, depth=16)
+    fixed = np.array([(-0.7 + s * np.sqrt(0.49 + 5.6)) / 2.8 for s in (1, -1)])
+    found = members(sets, np.stack([fixed, 0.3 * fixed], axis=1))
+    assert (found >= 0).all()
+    # The second one is a saddle outside the attractor, whose unstable set leads to it.
+    assert sets.leads[found[1], found[0]]
+    x, orbit = np.array([0.1, 0.1]), []
+    for k in range(2000):
+        x = np.array([1 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]])
+        orbit += [x] if k > 100 else []
+    assert (members(sets, np.array(orbit)) == found[0]).all()
+    assert sets.leads_to[found[0]].max() == -1
+    assert sets.share.sum() < 0.01
+
+
+def test_more_bisections_only_remove_volume():
+    coarse, fine = (dynamics.morse_sets(henon, HENON, depth=depth) for depth in (6, 9))
+    centre = (fine.lower + fine.upper) / 2
+    assert (members(coarse, centre) >= 0).all()
+    assert fine.share.sum() < coarse.share.sum()
+
+
+def test_images_of_samples_contain_images_of_boxes():
+    """The bound of slopes holds on the box, and the samples are enough for the same sets."""
+    axis = np.linspace(-2, 2, 161)
+    points = np.array(list(itertools.product(axis, axis)))
+    values = np.stack([1 - 1.4 * points[:, 0] ** 2 + points[:, 1], 0.3 * points[:, 0]], axis=1)
+    samples = dynamics.Samples(points, values, np.array([[5.6, 1.0], [0.3, 0.0]]))
+    rng = np.random.default_rng(0)
+    lower = rng.uniform(-2, 1.9, (200, 2))
+    images, wanted = (
+        outer.images(lower, lower + 0.1) for outer in (samples, dynamics.Intervals(henon))
+    )
+    inner = dynamics.Corners(henon, points=5).images(lower, lower + 0.1)
+    assert (images[0] <= inner[0]).all()
+    assert (inner[1] <= images[1]).all()
+    assert np.median(images[1] - images[0]) < 8 * np.median(wanted[1] - wanted[0])
+    sets = dynamics.morse_sets(samples, HENON, depth=6)
+    exact = dynamics.morse_sets(henon, HENON, depth=6)
+    assert (members(sets, (exact.lower + exact.upper) / 2) >= 0).all()
+    assert sets.proved
+    assert "lipschitz" in sets.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: dynamics.Samples(np.zeros((1, 1)), np.full((1, 1), np.nan), 1.0), "finite"),
+        (
+            lambda: dynamics.Samples(np.array([[0.0], [1.0]]), np.array([[0.0], [2.0]]), 1.5),
+            "samples 0 and 1 contradict the bound: along axis 0 images differ by 0.5 more",
+        ),
+        (lambda: dynamics.morse_sets(henon, HENON, depth=-1), "depth: expected a number from 0"),
+        (lambda: dynamics.morse_sets(henon, Box([0], [1], [4])), "map: "),
+        (
+            lambda: dynamics.morse_sets(lambda x, p: p * x, HENON, np.float64(np.inf)),
+            "expected finite numbers",
+        ),
+        (
+            lambda: dynamics.morse_sets(lambda x, p: x, Box([1], [1 + 1e-15], [1]), depth=4),
+            "bisections leave cells without width",
+        ),
+    ],
+)
+def test_wrong_input_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_map_that_leaves_the_box_has_no_sets():
+    sets = dynamics.morse_sets(lambda x, p: x + 3, Box([0], [1], [8]), depth=2)
+    assert (sets.sets, sets.boxes.size, sets.leads_to.shape) == (0, 0, (0, 1))
+    assert sets.drawn.max() == -1
+
+
+def test_spurious_sets_are_left_out_by_a_test():
+    """A slow passage through a gap looks recurrent to coarse boxes."""
+
+    def passage(x, p):
+        return x + 0.02 + x * x / 2
+
+    box = Box([-1], [1], [8])
+    assert dynamics.morse_sets(passage, box).sets > 0
+    assert dynamics.morse_sets(passage, box, check=8).sets == 0
+    assert dynamics.morse_sets(passage, box, check=8, limit=1).sets > 0
