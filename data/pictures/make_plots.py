@@ -1,4 +1,4 @@
-"""Make the plot of README, `plot.png`, the sheet of plots of the gallery, `plots.png`, and `morse.png`.
+"""Make the plots of README and of a page, and the sheet of plots of the gallery, `plots.png`.
 
 python data/pictures/make_plots.py [FOLDER] [STYLE]
 """

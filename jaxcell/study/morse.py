@@ -52,13 +52,18 @@ class Morse(Study):
         if self.cells:
             cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
             box = Box(box.lower, box.upper, cells, box.axes)
-        images = {
+        kinds: dict[str, dynamics.OuterMap] = {
             "intervals": dynamics.Intervals(map, mean_value=False),
             "mean-value": dynamics.Intervals(map),
             "corners": dynamics.Corners(map),
-        }[self.images]
-        options: dict[str, Any] = {"depth": self.depth, "check": self.check, "say": say}
-        return dynamics.morse_sets(images, box, params, labels=system.labels, **options)
+        }
+        options: dict[str, Any] = {
+            "depth": self.depth,
+            "check": self.check,
+            "labels": system.labels,
+            "say": say,
+        }
+        return dynamics.morse_sets(kinds[self.images], box, params, **options)
 
     def headline(self, spec: dict[str, Any]) -> str:
         return load_system(self.system).about or f"The system {self.system}"

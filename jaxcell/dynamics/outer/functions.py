@@ -107,7 +107,7 @@ def _wave(a: Interval, first: float) -> Interval:
     lower, upper = (polynomial(jnp.clip(x, -_FARTHEST, _FARTHEST), first) for x in a)
     low = jnp.minimum(lower, upper) - _SINE_ERROR
     high = jnp.maximum(lower, upper) + _SINE_ERROR
-    # Whether a crest or a trough is inside; 1e-9 of a turn beside it, the sine is 1 to 1e-16.
+    # A crest or a trough counts as inside to 1e-9 of a turn, where the sine is 1 to 1e-16.
     turns = [x / (2 * math.pi) + first / 2 for x in a]
     crest, trough = (
         jnp.floor(turns[1] - shift + 1e-9) > jnp.floor(turns[0] - shift - 1e-9)

@@ -45,7 +45,7 @@ class Intervals:
 
     map: Map
     mean_value: bool = True
-    "Whether images are intersected with those of the mean value theorem."
+    "If true, images are intersected with those of the mean value theorem."
     proof = "interval arithmetic, rounded outward"
 
     def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:

@@ -34,7 +34,7 @@ class MorseCertificate:
 
     @property
     def proved(self) -> bool:
-        """Whether the images contain all images of points."""
+        """True if images of boxes contain all images of points."""
         return bool(self.proof)
 
     @property
@@ -126,13 +126,17 @@ class MorseSets(Result):
         return self.certificate.proved
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the axes."""
+        return tuple(axis_name(axis, self.labels) for axis in range(self.box.dimensions))
+
+    @property
     def attributes(self) -> Mapping[str, Any]:
-        names = (axis_name(axis, self.labels) for axis in range(self.box.dimensions))
         return {
             "box_lower": list(self.box.lower),
             "box_upper": list(self.box.upper),
             "box_axes": " ".join(self.box.axes),
-            "box_labels": ", ".join(names),
+            "box_labels": ", ".join(self.names),
         }
 
     @property

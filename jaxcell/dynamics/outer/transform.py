@@ -42,7 +42,7 @@ def enclose(
 
     **Returns:** the corners of a box that contains the image.
 
-    **Raises:** `ValueError` that names the primitive, if one has no rule.
+    **Raises:** `ValueError` that names a primitive without a rule.
 
     The sine has a crest in this interval:
 
