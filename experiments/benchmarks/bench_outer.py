@@ -4,8 +4,8 @@
 
 Both bisect the box, one axis after the other, and keep the boxes that recur. By intervals CMGDB
 maps boxes in C++, with ends that are not rounded outward; by corners, with a batch of NumPy. The
-numbers of boxes of all Morse sets, and of pairs of sets in the order, must be equal. Without CMGDB
-only ours is timed.
+numbers of boxes of all Morse sets, and of pairs of sets in the order, must be equal. If CMGDB is
+not installed, only ours is timed.
 """
 
 import importlib.util
@@ -72,7 +72,7 @@ def agree(results: dict[str, Counts]) -> None:
 
 def main() -> None:
     arguments = options(__doc__, repeats=5).parse_args()
-    begin("jax", "numpy", "CMGDB")
+    begin("jax", "numpy", "cmgdb")
     found = importlib.util.find_spec("CMGDB") is not None
     rows = []
     for kind, axes, images in (
