@@ -88,9 +88,18 @@ def cos(a: Interval) -> Interval:
 
 def tanh(a: Interval) -> Interval:
     def at(x):  # type: ignore[no-untyped-def]
-        return sub(ONE, div(_TWO, add(exp(Interval(*[2 * x] * 2)), ONE)))
+        return sub(ONE, div(_TWO, add(exp(_point(2 * x)), ONE)))
 
     return within(monotone(at, a), -1.0, 1.0)
+
+
+def sinh(a: Interval) -> Interval:
+    return div(sub(exp(a), exp(neg(a))), _TWO)
+
+
+def cosh(a: Interval) -> Interval:
+    low, high = (div(add(exp(x), exp(neg(x))), _TWO) for x in map(_point, absolute(a)))
+    return within(Interval(low.lower, high.upper), 1.0, jnp.inf)
 
 
 def logistic(a: Interval) -> Interval:
@@ -116,6 +125,10 @@ def _wave(a: Interval, first: float) -> Interval:
     far = absolute(a).upper > _FARTHEST
     low = jnp.where(trough | far, -1.0, low)
     return within(Interval(low, jnp.where(crest | far, 1.0, high)), -1.0, 1.0)
+
+
+def _point(x):  # type: ignore[no-untyped-def]
+    return Interval(x, x)
 
 
 def _two_to(exponent):  # type: ignore[no-untyped-def]

@@ -186,10 +186,10 @@ def morse_sets(
     A saddle in the middle leads to both ends:
 
         >>> from jaxcell import dynamics, space
-        >>> box = space.Box([-1.2], [1.2], cells=[3])
-        >>> sets = dynamics.morse_sets(lambda x, p: x + x * (1 - x) * (1 + x) / 4, box, depth=6)
+        >>> box = space.Box([0], [1], cells=[7], axes="clamp")
+        >>> sets = dynamics.morse_sets(lambda x, p: 4 * x - 1.5, box, depth=3)
         >>> sets.boxes.tolist(), sets.leads_to.tolist(), sets.proved
-        ([2, 2, 2], [[-1, -1], [-1, -1], [0, 1]], True)
+        ([1, 1, 2], [[-1, -1], [-1, -1], [0, 1]], True)
     """
     outer = map if isinstance(map, OuterMap) else Intervals(map)
     if isinstance(inner := getattr(outer, "map", None), Map):

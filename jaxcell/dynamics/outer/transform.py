@@ -75,7 +75,13 @@ def enclose(
             def slope(x, along=along):  # type: ignore[no-untyped-def]
                 return jax.jvp(plain, (x,), (along,))[1][0]
 
-            (column,) = evaluate(program(slope), [box], [])
+            try:
+                (column,) = evaluate(program(slope), [box], [])
+            except ValueError as error:
+                raise ValueError(
+                    f"{error}; this is in its derivative, which Intervals(map, mean_value=False) "
+                    "does not use"
+                ) from None
             away = interval.sub(*(Interval(a.lower[axis], a.upper[axis]) for a in (box, centre)))
             nearer = interval.add(nearer, interval.mul(column, away))
         smooth = functools.reduce(jnp.logical_and, decided)
@@ -121,6 +127,8 @@ def _results(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
         return _scan(step, values, decided)
     if name == "cond":
         return _cond(step, values, decided)
+    if name in _OWN_DERIVATIVE:
+        decided.append(jnp.array(False))
     if name in _CALLS:
         inner = inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
         return evaluate(inner, values, decided)
@@ -159,9 +167,8 @@ def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
 
     intervals = [value for value in values if isinstance(value, Interval)]
     lower = at([v.lower if isinstance(v, Interval) else v for v in values])
-    if all(a.lower is a.upper for a in intervals):
-        return [Interval(end, end) for end in lower]
-    upper = at([v.upper if isinstance(v, Interval) else v for v in values])
+    points = all(a.lower is a.upper for a in intervals)
+    upper = lower if points else at([v.upper if isinstance(v, Interval) else v for v in values])
     name, results = step.primitive.name, [*map(Interval, lower, upper)]
     if name in _STEPS:
         decided += [jnp.all(a.lower == a.upper) for a in results]
@@ -302,6 +309,7 @@ _PLAIN: dict[str, Callable[..., Interval]] = {
     "add": interval.add,
     "add_any": interval.add,
     "cos": functions.cos,
+    "cosh": functions.cosh,
     "div": interval.div,
     "eq": _equal,
     "exp": functions.exp,
@@ -319,9 +327,11 @@ _PLAIN: dict[str, Callable[..., Interval]] = {
     "pow": functions.power,
     "rsqrt": lambda a: interval.div(ONE, interval.sqrt(a)),
     "sin": functions.sin,
+    "sinh": functions.sinh,
     "sqrt": interval.sqrt,
     "square": interval.square,
     "sub": interval.sub,
+    "tan": lambda a: interval.div(functions.sin(a), functions.cos(a)),
     "tanh": functions.tanh,
 }
 _RULES: dict[str, Callable[..., Interval]] = {
@@ -346,6 +356,8 @@ _ENDS = _STEPS | {
 }
 # Primitives whose floating-point results are exact for whole numbers.
 _EXACT = {"convert_element_type", "iota"}
+# Calls whose derivative need not be that of their values: the mean value theorem is not applied.
+_OWN_DERIVATIVE = {"custom_jvp_call", "custom_vjp_call", "stop_gradient"}
 _CALLS = {
     *("checkpoint", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit"),
     *("pjit", "remat", "remat2"),

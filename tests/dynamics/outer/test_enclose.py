@@ -36,6 +36,7 @@ MAPS = {
     "powers": lambda m, x, y: (x**3 - y**4, (x * x + 0.5) ** 1.7 - x**5),
     "roots": lambda m, x, y: (m.sqrt(x * x + y * y), m.log(x * x + 1e-3)),
     "steep": lambda m, x, y: (m.tanh(2 * x - y), m.exp(10 * x) * m.exp(-20 * y)),
+    "hyperbolic": lambda m, x, y: (m.sinh(x) - m.cosh(y), m.tan(0.3 * x) + m.cosh(x - y)),
     "kinks": lambda m, x, y: (m.absolute(x - y), m.maximum(x, y * y) - m.minimum(x, 0.5 * y)),
     "branches": lambda m, x, y: (m.where(x > y, x * y, x - 2 * y), m.where(x <= 1.0, x, -y)),
     "steps": lambda m, x, y: (m.mod(x, 0.7), m.floor(3 * y) * x),
@@ -193,6 +194,22 @@ def test_ends_of_domains(map, lower, upper, image):
     assert ends[0] <= image[0]
     assert ends[1] >= image[1]
     np.testing.assert_allclose(np.ravel(ends), image, rtol=1e-14, atol=1e-14)
+
+
+def test_derivatives_that_a_program_replaces_are_not_used():
+    """The image of `x` with a derivative of 0 is not a point."""
+    stopped = dynamics.Intervals(lambda x, p: jax.lax.stop_gradient(x))
+
+    @jax.custom_jvp
+    def flat(x):
+        return 2 * x
+
+    flat.defjvp(lambda x, along: (flat(*x), 0 * along[0]))
+    replaced = dynamics.Intervals(lambda x, p: flat(x))
+    for images, slope in ((stopped, 1.0), (replaced, 2.0)):
+        lower, upper = images.images(np.zeros((1, 1)), np.ones((1, 1)))
+        assert lower <= 0
+        assert upper >= slope
 
 
 def test_enclose_is_a_program_of_jax():
