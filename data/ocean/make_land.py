@@ -41,9 +41,11 @@ def land(topology: dict) -> np.ndarray:
     """The polygons within 180 degrees East and West."""
     polygons = []
     for outer, *holes in rings(topology):
-        shape = shapely.make_valid(shapely.Polygon(outer, [hole for hole in holes if len(hole) > 3]))
+        shape = shapely.make_valid(
+            shapely.Polygon(outer, [hole for hole in holes if len(hole) > 3])
+        )
         for turn in (-360, 0, 360):
-            turned = shapely.transform(shape, lambda points, turn=turn: points + [turn, 0])
+            turned = shapely.transform(shape, lambda points, turn=turn: np.add(points, [turn, 0]))
             inside = shapely.intersection(turned, shapely.box(-180, -90, 180, 90))
             polygons += [part for part in shapely.get_parts(inside) if part.area > 0]
     coarse = shapely.set_precision(shapely.simplify(np.array(polygons), TOLERANCE), DIGITS)

@@ -162,18 +162,23 @@ def _extended(
         rate[..., gaps] = rate[..., row, column]
     if water.coast == "slip":
         # Along x from the water beside in y, and along y from that beside in x: no water crosses.
-        for axis, across in ((0, 1), (1, 2)):
-            total, count = np.zeros(rate[:, axis].shape), np.zeros(wet.shape)
-            for shift in (1, -1):
-                beside, known = np.roll(rate[:, axis], shift, across), np.roll(wet, shift, across - 1)
-                ends = [slice(None)] * 2
-                ends[across - 1] = 0 if shift == 1 else -1
-                if across == 1 or not water.wraps:
-                    known[tuple(ends)] = False
-                total += np.where(known, beside, 0.0)
-                count += known
+        for axis, across in ((0, -2), (1, -1)):
+            wraps = water.wraps and across == -1
+            total = _beside(np.where(wet, rate[:, axis], 0.0), across, wraps)
+            count = _beside(wet.astype(float), across, wraps)
             rate[:, axis] = np.where(water.land, total / np.maximum(count, 1), rate[:, axis])
     return rate
+
+
+def _beside(
+    values: Float[np.ndarray, "*records rows columns"], axis: int, wraps: bool
+) -> Float[np.ndarray, "*records rows columns"]:
+    """Add the values in the two squares beside each along an axis, with 0 off the grid."""
+    width = [(0, 0)] * values.ndim
+    width[axis] = 1, 1
+    padded = np.pad(values, width, mode="wrap" if wraps else "constant")
+    size = values.shape[axis]
+    return padded.take(range(size), axis) + padded.take(range(2, size + 2), axis)
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:

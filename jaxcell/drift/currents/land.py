@@ -32,7 +32,10 @@ class Land:
     "Of shapely, in degrees."
 
     def within(
-        self, lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"], some: Bool[np.ndarray, "y x"]
+        self,
+        lon: Float[np.ndarray, "y x"],
+        lat: Float[np.ndarray, "y x"],
+        some: Bool[np.ndarray, "y x"],
     ) -> Bool[np.ndarray, "y x"]:
         """Mark those of some squares of a grid that hold land.
 
@@ -43,11 +46,14 @@ class Land:
         row, column = np.nonzero(some & ~marks)
         if row.size:
             across, along = (
-                np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column] / 2
+                np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column]
+                / 2
                 for axis in (1, 0)
             )
             centre = np.stack([lon, lat], axis=-1)[row, column]
-            corners = [centre + i * across + j * along for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+            corners = [
+                centre + i * across + j * along for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+            ]
             tree = shapely.STRtree(shapely.polygons(np.stack(corners, axis=1)))
             holds = np.unique(tree.query(self.polygons, predicate="intersects")[1])
             marks[row[holds], column[holds]] = True
@@ -67,10 +73,12 @@ class Land:
             for line in lines:
                 points = shapely.get_coordinates(line)
                 # Polygons are cut at the antimeridian and the South pole, where there is no coast.
-                cut = (np.abs(points[:, 0]) > 180 - _DIGITS / 2) | (points[:, 1] < -90 + _DIGITS / 2)
+                cut = (np.abs(points[:, 0]) > 180 - _DIGITS / 2) | (
+                    points[:, 1] < -90 + _DIGITS / 2
+                )
                 for part in np.split(points, np.flatnonzero(cut[1:] & cut[:-1]) + 1):
                     if len(part) > 1:
-                        yield part + [turn, 0.0]
+                        yield np.add(part, [turn, 0.0])
 
 
 def read_land(path: str | os.PathLike[str] | None = None) -> Land:
@@ -110,7 +118,7 @@ def _read_land(path: str | None) -> Land:
         )
     polygons = shapely.get_parts(shapely.make_valid(polygons))
     beyond = [
-        shapely.transform(polygons[mask], lambda points, turn=turn: points + [turn, 0.0])
+        shapely.transform(polygons[mask], lambda points, turn=turn: np.add(points, [turn, 0.0]))
         for mask, turn in (
             (shapely.bounds(polygons)[:, 2] > 180, -360.0),
             (shapely.bounds(polygons)[:, 0] < -180, 360.0),

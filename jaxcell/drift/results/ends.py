@@ -5,6 +5,7 @@ import functools
 from collections.abc import Mapping
 from typing import ClassVar
 
+import jax
 import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
@@ -177,7 +178,7 @@ class LayerEnds(Ends):
         Without a solve it is known where no drifter can leave (0) or every drifter must (1).
         """
         behaviour, cells = self.behaviour, self.water.cells
-        possible, sure = self.exits.any(axis=1), self.begins.sure_to_leave
+        possible, sure = np.any(self.exits, axis=1), self.begins.sure_to_leave
         shares = np.where(possible[:, None], sure, 0.0)
         if possible.sum() <= 1:
             if not np.isnan(sure).any():
@@ -191,6 +192,7 @@ class LayerEnds(Ends):
         stay = scipy.sparse.eye_array(count)
         chain = Chain.from_scipy(scipy.sparse.block_array([[matrix, out], [None, stay]]))
         group = np.append(np.asarray(behaviour.groups.group).clip(-1, 0), 1 + np.arange(count))
+        group = jax.device_put(group.astype(np.int32))
         ends = dataclasses.replace(behaviour.groups, group=group, count=1 + count)
         solved = absorption_probabilities(chain, ends, throw=False)
         if solved.certificate.outcome is not Outcome.CONVERGED:
