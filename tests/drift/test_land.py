@@ -250,7 +250,7 @@ def test_simulated_drifters_leave_as_the_map_says(coast):
         jax.random.key(0), water, flow, np.ones(water.cells, bool), 2000, 8, drifters=5000
     )
     gone = (moved.cell < 0).mean(axis=1)
-    # Those that have left do not come back.
+    # A drifter that left does not come back.
     assert (np.diff((moved.cell < 0).astype(int), axis=0) >= 0).all()
     share = chain.push(np.full(water.cells, 1 / water.cells))
     assert gone[1] == pytest.approx(1 - float(share.sum()), abs=0.02)
