@@ -36,6 +36,7 @@ from .observed.observed_drift import ObservedDrift as ObservedDrift
 from .observed.trajectories import (
     Trajectories as Trajectories,
     open_trajectories as open_trajectories,
+    save_trajectories as save_trajectories,
 )
 from .reachability import (
     reachable as reachable,
