@@ -107,7 +107,7 @@ HOLE[2, 2:4] = False
 def test_a_hole_in_the_open_sea_is_land_only_if_a_file_or_the_caller_says_so():
     here = {"seen": HOLE, **PACIFIC}
     np.testing.assert_array_equal(gaps(currents_where(**here)), ~HOLE)
-    assert not gaps(currents_where(**here, land="gaps")).any()
+    assert not gaps(currents_where(**here, gaps="land")).any()
     dims = ("latitude", "longitude")
     mask = {"m": (dims, HOLE.astype("i1"), {"standard_name": "sea_binary_mask"})}
     assert not gaps(currents_where(**here, variables=mask)).any()

@@ -14,8 +14,6 @@ from ...base.bundled import bundled
 from .sphere import wrapped
 
 
-GAPS = "gaps"
-"""In place of a file: every square without a velocity is land."""
 _BUNDLED = "Natural Earth 1:10 million"
 # Of the bundled corners, in degrees.
 _DIGITS = 0.001

@@ -90,32 +90,51 @@ class Ends(Result):
     def mean_leaving(self) -> float:
         return float(np.concatenate([layer.leaving for layer in self._layers]).mean())
 
-    @derived("", "... into sea without data", kind="share", padding="NaN: not known")
+    @derived(
+        "",
+        "probability of leaving into sea without data, mean",
+        kind="share",
+        padding="NaN: not known",
+    )
     def mean_leaving_into_gaps(self) -> float | None:
         return self._mean_by_way(0) if self.gap_squares else None
 
-    @derived("", "... off the edge of the grid", kind="share", padding="NaN: not known")
+    @derived(
+        "",
+        "probability of leaving off the edge of the grid, mean",
+        kind="share",
+        padding="NaN: not known",
+    )
     def mean_leaving_off_edge(self) -> float | None:
         return self._mean_by_way(1)
 
-    @derived("", "... by stranding on land", kind="share", padding="NaN: not known")
+    @derived("", "probability of stranding on land, mean", kind="share", padding="NaN: not known")
     def mean_stranding(self) -> float | None:
         strand = any(layer.water.coast == "strand" for layer in self._layers)
         return self._mean_by_way(2) if strand else None
 
     @derived("", "squares of land or sea bed", kind="count")
-    def land_squares(self) -> int:
+    def land_squares(self) -> int | None:
+        if not self._tells_ways:
+            return None
         return sum(int(layer.water.land.sum()) for layer in self._layers)
 
     @derived("", "squares of sea without data", kind="count")
-    def gap_squares(self) -> int:
+    def gap_squares(self) -> int | None:
+        if not self._tells_ways:
+            return None
         waters = [layer.water for layer in self._layers]
         return sum(int(((water.number < 0) & ~water.land).sum()) for water in waters)
 
+    @property
+    def _tells_ways(self) -> bool:
+        """True if the ways out are told apart, as in a current."""
+        return all(len(layer.exits) == len(EXITS) for layer in self._layers)
+
     def _mean_by_way(self, way: int) -> float | None:
-        by_way = [layer.leaving_by_way for layer in self._layers]
-        if any(len(of_layer) < len(EXITS) for of_layer in by_way):
+        if not self._tells_ways:
             return None
+        by_way = [layer.leaving_by_way for layer in self._layers]
         return float(np.concatenate(by_way, axis=1)[way].mean())
 
 
