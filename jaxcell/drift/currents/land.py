@@ -41,20 +41,20 @@ class Land:
         without a position count too.
         """
         marks = some & ~np.isfinite(lon + lat)
+        centre = np.nonzero(some & ~marks)
+        tree = shapely.STRtree(shapely.points(lon[centre], lat[centre]))
+        inland = np.unique(tree.query(self.polygons, predicate="contains")[1])
+        marks[tuple(index[inland] for index in centre)] = True
         row, column = np.nonzero(some & ~marks)
-        if row.size:
-            across, along = (
-                np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column]
-                / 2
-                for axis in (1, 0)
-            )
-            centre = np.stack([lon, lat], axis=-1)[row, column]
-            corners = [
-                centre + i * across + j * along for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-            ]
-            tree = shapely.STRtree(shapely.polygons(np.stack(corners, axis=1)))
-            holds = np.unique(tree.query(self.polygons, predicate="intersects")[1])
-            marks[row[holds], column[holds]] = True
+        across, along = (
+            np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column] / 2
+            for axis in (1, 0)
+        )
+        middle = np.stack([lon, lat], axis=-1)[row, column]
+        corners = [middle + i * across + j * along for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        tree = shapely.STRtree(shapely.polygons(np.stack(corners, axis=1)))
+        holds = np.unique(tree.query(self.polygons, predicate="intersects")[1])
+        marks[row[holds], column[holds]] = True
         return marks
 
     def coasts(
