@@ -13,8 +13,8 @@ from .flags import LEAST_PRESENT, fill_gaps
 from .grid import OceanGrid
 from .land import Land, read_land
 from .masks import Mask, read_mask
+from .models.roms import at_height
 from .netcdf import OceanFile
-from .roms import at_height
 from .velocity import Velocity
 
 

@@ -13,8 +13,8 @@ from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
 from .land import read_land
+from .models.roms import turned
 from .netcdf import OceanFile
-from .roms import turned
 from .sources import Source, open_source, source_name
 from .surface import Push, read_surface
 from .velocity import Velocity, choose_velocity
