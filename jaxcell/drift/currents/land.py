@@ -11,6 +11,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from ...base.bundled import bundled
+from .netcdf import error_line
 from .sphere import wrapped
 
 
@@ -84,15 +85,17 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
     **Raises:** `FileNotFoundError`, or `ValueError` for a file without polygons in degrees.
     """
-    return _read_land(None if path is None else os.fspath(path))
-
-
-@functools.lru_cache(maxsize=4)
-def _read_land(path: str | None) -> Land:
     if path is None:
         return Land(_BUNDLED, _bundled_polygons())
     if not Path(path).is_file():
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise FileNotFoundError(f"{os.fspath(path)}: there is no such file")
+    about = os.stat(path)
+    return _read_land(os.fspath(path), (about.st_mtime_ns, about.st_size))
+
+
+@functools.lru_cache(maxsize=2)
+def _read_land(path: str, version: tuple[int, int]) -> Land:
+    """Read a file, again if its time or size has changed."""
     shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     try:
         shapes = _shapefile(path) if shapefile else shapely.from_geojson(Path(path).read_text())
@@ -102,7 +105,9 @@ def _read_land(path: str | None) -> Land:
             "the file to GeoJSON"
         ) from error
     except Exception as error:  # the exceptions for damaged files are not documented
-        raise ValueError(f"{path}: cannot be read as GeoJSON or a shapefile: {error!r}") from error
+        raise ValueError(
+            f"{path}: cannot be read as GeoJSON or a shapefile: {error_line(error)}"
+        ) from error
     # Twice: polygons may be in collections within the collection of the file.
     parts = shapely.get_parts(shapely.get_parts(np.atleast_1d(shapes)))
     polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
@@ -125,6 +130,7 @@ def _read_land(path: str | None) -> Land:
     return Land(Path(path).name, np.concatenate([polygons, *beyond]))
 
 
+@functools.cache
 def _bundled_polygons() -> np.ndarray:
     with np.load(bundled("ocean/land.npz")) as arrays:
         steps = np.stack([arrays["east"], arrays["north"]], axis=1)
