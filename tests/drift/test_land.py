@@ -12,6 +12,8 @@ from hypothesis import given, settings, strategies as st
 from seas import sea
 
 from jaxcell import drift
+from jaxcell.base.formatting import format_value
+from jaxcell.base.quantities import quantities
 from jaxcell.drift import open_currents
 from jaxcell.drift.currents.land import read_land
 
@@ -231,6 +233,16 @@ def test_the_probability_of_leaving_is_known_if_the_table_of_all_groups_is_too_l
     assert layer.persistent_groups > 0
     assert layer.ends is None
     assert 0 < layer.mean_leaving < 1
+    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_BY_CELL", 1)
+    large = drift.Layer.of(water, flow, drift.METHODS["drifters"].lasting(3000))
+    assert np.isnan(large.leaving).any()
+    np.testing.assert_allclose(large.mean_by_way, layer.leaving_by_way.mean(axis=1), atol=1e-9)
+
+
+def test_an_unknown_probability_of_leaving_does_not_read_as_none():
+    about = quantities(drift.SeaDrift)["mean_leaving"]
+    assert format_value(float("nan"), about) == "not known"
+    assert format_value(0.0, about) == "0 %"
 
 
 def test_without_gaps_drifters_that_cannot_cross_a_coast_stay():

@@ -15,6 +15,7 @@ from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part
 from ...mapping import Chain
 from ...mapping.generalized import leaving_rows
 from ...markov import Absorption, absorption_probabilities
+from ...markov.transient import Transient
 from ..behaviour import LongTermBehaviour
 from ..maps import EXITS
 from ..water import Water
@@ -22,6 +23,9 @@ from ..water import Water
 
 ALMOST_FOREVER = 10_000
 """The expected number of steps above which drifters take almost forever to end."""
+LARGEST_BY_CELL = 200_000
+"""The number of cells at all phases above which the probability of leaving is only a mean, if it
+takes a solve."""
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 
@@ -88,7 +92,8 @@ class Ends(Result):
 
     @derived("", "probability of leaving the map, mean", kind="share", padding="NaN: not known")
     def mean_leaving(self) -> float:
-        return float(np.concatenate([layer.leaving for layer in self._layers]).mean())
+        cells = [layer.water.cells for layer in self._layers]
+        return float(np.average([one.mean_by_way.sum() for one in self._layers], weights=cells))
 
     @derived(
         "",
@@ -134,8 +139,8 @@ class Ends(Result):
     def _mean_by_way(self, way: int) -> float | None:
         if not self._tells_ways:
             return None
-        by_way = [layer.leaving_by_way for layer in self._layers]
-        return float(np.concatenate(by_way, axis=1)[way].mean())
+        cells = [layer.water.cells for layer in self._layers]
+        return float(np.average([one.mean_by_way[way] for one in self._layers], weights=cells))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -205,6 +210,8 @@ class LayerEnds(Ends):
             if self.ends is not None:
                 shares[possible] = np.asarray(self.ends.leaving)[:cells]
                 return shares
+        if behaviour.unrolled.cells > LARGEST_BY_CELL:
+            return np.where(possible[:, None], np.nan, shares)
         # All persistent groups are one end, and each way out is another.
         matrix, count = behaviour.unrolled.to_scipy(), len(self.exits)
         out = scipy.sparse.csr_array(self.exits.T)
@@ -217,6 +224,21 @@ class LayerEnds(Ends):
         if solved.certificate.outcome is not Outcome.CONVERGED:
             return np.where(possible[:, None], np.nan, shares)
         return np.asarray(solved.value)[1:, :cells]
+
+    @functools.cached_property
+    def mean_by_way(self) -> Float[np.ndarray, "ways"]:
+        """The mean of `leaving_by_way` over the cells; it takes one solve if that is not known."""
+        by_cell = self.leaving_by_way.mean(axis=1)
+        if not np.isnan(by_cell).any():
+            return by_cell
+        behaviour, cells = self.behaviour, self.water.cells
+        transient = np.asarray(behaviour.groups.group) < 0
+        part = Transient.of(behaviour.unrolled.to_scipy(), transient)
+        visits, _ = part.visits((part.cells < cells) / cells)
+        mean = self.exits[:, part.cells[part.branching]] @ visits
+        # An eddy that almost holds drifters is beyond 64-bit numbers.
+        known = np.isfinite(mean).all() and mean.sum() <= 1 + PROBABILITY
+        return mean if known else np.full(mean.size, np.nan)
 
     @property
     def almost_forever(self) -> Bool[np.ndarray, "cells"]:
