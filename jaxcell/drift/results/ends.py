@@ -24,8 +24,10 @@ from ..water import Water
 ALMOST_FOREVER = 10_000
 """The expected number of steps above which drifters take almost forever to end."""
 LARGEST_BY_CELL = 200_000
-"""The number of cells at all phases above which the probability of leaving is only a mean, if it
-takes a solve."""
+"""The number of cells at all phases above which a probability of leaving that takes a solve is
+known only as a mean over the cells."""
+LARGEST_MEAN = 500_000
+"""The number above which it is not known at all, because the solve takes a minute."""
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 
@@ -227,11 +229,11 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def mean_by_way(self) -> Float[np.ndarray, "ways"]:
-        """The mean of `leaving_by_way` over the cells; it takes one solve if that is not known."""
+        """The mean of `leaving_by_way` over the cells; NaN if not known."""
         by_cell = self.leaving_by_way.mean(axis=1)
-        if not np.isnan(by_cell).any():
-            return by_cell
         behaviour, cells = self.behaviour, self.water.cells
+        if not np.isnan(by_cell).any() or behaviour.unrolled.cells > LARGEST_MEAN:
+            return by_cell
         transient = np.asarray(behaviour.groups.group) < 0
         part = Transient.of(behaviour.unrolled.to_scipy(), transient)
         visits, _ = part.visits((part.cells < cells) / cells)
