@@ -8,8 +8,10 @@ numbers of boxes of all Morse sets, and of pairs of sets in the order, must be e
 not installed, only ours is timed.
 """
 
+import contextlib
 import importlib.util
 import sys
+import tempfile
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,7 +51,8 @@ def peer(kind: str, axes: int) -> Counts:
         return np.column_stack([first, *(0.7 * points[:, k] for k in range(axes - 1))])
 
     bounds = [-0.001] * axes, UPPER[axes]
-    with no_output():
+    # It writes a file of statistics into the current folder.
+    with no_output(), tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         if kind == "intervals":
             graph = CMGDB.MorseGraphIntvalMap(*DEPTH[axes], *bounds, GROWTH[:axes], "/dev/null")
         else:
