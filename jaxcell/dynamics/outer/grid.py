@@ -5,15 +5,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from ...base import memory
 from ...space.box import Box
 
 
-# Bytes of an edge: its end and weight, and the copies of the search for components.
-_BYTES_PER_EDGE = 40
+# Bytes of an edge (its end and weight, and copies by the search for components), and of a row of
+# cells in an image.
+_BYTES_PER_EDGE, _BYTES_PER_ROW = 40, 100
 # Ranks of cells are read from a table, if it has few entries in all or per cell.
 _TABLE, _TABLE_PER_CELL = 1 << 22, 64
 
@@ -105,15 +106,6 @@ class Grid:
         nowhere = np.isnan(lower).any(axis=1) | np.isnan(upper).any(axis=1)
         return first, np.where(nowhere[:, None], first - 1, last)
 
-    def leaving(
-        self, lower: Float[np.ndarray, "images axes"], upper: Float[np.ndarray, "images axes"]
-    ) -> Bool[np.ndarray, "images"]:
-        """Return a mask of images that are not within the box, or not finite."""
-        sinks = np.array(self.box.axes) == "sink"
-        low, high = np.array(self.box.lower), np.array(self.box.upper)
-        inside = (low <= lower) & (upper <= high) | ~sinks & (lower <= upper)
-        return ~inside.all(axis=1)
-
     def graph(
         self,
         cells: Int[np.ndarray, "cells"],
@@ -134,6 +126,7 @@ class Grid:
         sizes = np.maximum(last - first + 1, 0)
         sizes[(sizes == 0).any(axis=1)] = 0
         rows = sizes[:, :-1].prod(axis=1) * (sizes[:, -1] > 0)
+        _check(int(rows.sum()) * _BYTES_PER_ROW)
         source = np.repeat(np.arange(cells.size), rows)
         place = np.arange(source.size) - np.repeat(np.cumsum(rows) - rows, rows)
         row = np.zeros(source.size, np.int64)
@@ -152,13 +145,17 @@ class Grid:
         starts, ends = before(np.array(ranges)).transpose(1, 2, 0).reshape(2, -1)
         source, number = np.repeat(source, len(ranges)), ends - starts
         edges = int(number.sum())
-        memory.check(edges * _BYTES_PER_EDGE, "the graph of images", "give a smaller depth")
+        _check(edges * _BYTES_PER_EDGE)
         indptr = np.zeros(cells.size + 1, np.int64)
         np.cumsum(np.bincount(source, number, cells.size).astype(np.int64), out=indptr[1:])
         target = np.arange(edges) - np.repeat(np.cumsum(number) - number - starts, number)
         kind = np.int32 if edges < np.iinfo(np.int32).max else np.int64
         parts = np.ones(edges), target.astype(kind), indptr.astype(kind)
         return csr_array(parts, shape=(cells.size,) * 2)
+
+
+def _check(needed: int) -> None:
+    memory.check(needed, "the graph of images", "give a smaller depth, or fewer cells")
 
 
 def _ranks(cells: Int[np.ndarray, "cells"], size: int) -> Callable[[Any], Any]:

@@ -228,6 +228,14 @@ def test_wrong_input_is_refused(make, message):
         make()
 
 
+def test_graph_that_exceeds_the_memory_is_refused(monkeypatch):
+    monkeypatch.setattr("jaxcell.base.memory.free", lambda: 10**8)
+    with pytest.raises(MemoryError, match="the graph of images needs about"):
+        dynamics.morse_sets(
+            lambda x, p: jnp.sin(200 * x), Box([-1] * 2, [1] * 2, [64] * 2), depth=2
+        )
+
+
 def test_map_that_leaves_the_box_has_no_sets():
     sets = dynamics.morse_sets(lambda x, p: x + 3, Box([0], [1], [8]), depth=2)
     assert (sets.sets, sets.boxes.size, sets.leads_to.shape) == (0, 0, (0, 1))
