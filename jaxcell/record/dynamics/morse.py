@@ -44,7 +44,7 @@ def log_morse_sets(stream: rr.RecordingStream, sets: MorseSets, spec: Spec) -> N
         colors = [_color(k) for k in sets.member]
         stream.log("space/sets", rr.Points3D(place[:, :3], colors=colors, radii=0.04), static=True)
         views.append(rrb.Spatial3DView(origin="space", name="First three axes"))
-    table = described(sets, "boxes", "share", first={"": range(sets.sets)})
+    table = described(sets, "boxes", "share", "leads_to", first={"": range(sets.sets)})
     parts = [f"# {sets.title}", _SEEN, *sets.remarks, table, numbers(sets), made_with(spec)]
     legend = [(f"set {k}", _color(k)) for k in range(min(sets.sets, len(CATEGORIES)))]
     tab = log_tab(stream, "", sets.title, views, "\n\n".join(parts), [*legend, ("no set", MARGIN)])
