@@ -212,6 +212,17 @@ def test_derivatives_that_a_program_replaces_are_not_used():
         assert upper >= slope
 
 
+def test_function_with_the_name_of_a_sine_keeps_its_values():
+    @jax.jit
+    def _sine(x):
+        return 3 * x
+
+    lower, upper = dynamics.Intervals(lambda x, p: _sine(x)).images(
+        np.ones((1, 1)), np.ones((1, 1))
+    )
+    assert lower <= 3 <= upper
+
+
 def test_enclose_is_a_program_of_jax():
     """It is batched and compiled with the boxes of a user."""
 
