@@ -116,9 +116,9 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
     **Arguments:**
 
     - `path`: `.nc` for the dataset of [`Trajectories.dataset`][]; `.parquet` for a table in the
-        layout of Parcels 4, which needs pyarrow.
+        layout of Parcels 4, which needs PyArrow.
 
-    **Raises:** `ValueError` for another suffix, or without pyarrow.
+    **Raises:** `ValueError` for another suffix; `ModuleNotFoundError` without PyArrow.
 
     Three positions of a drifter, written and read:
 
