@@ -231,8 +231,8 @@ def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
 def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
     graph, names = eight
     patrol = patrol_of(graph, names=names)
-    news = age_of_news(graph, patrol.matrices, 1, name="2")
-    kept = charged(graph, patrol.matrices, 1, 8, name="2")
+    news = age_of_news(graph, patrol.matrices, 1, names=names)
+    kept = charged(graph, patrol.matrices, 1, 8, names=names)
     file = tmp_path / "patrol.rrd"
     save_recording(dataclasses.replace(patrol, news=news, charged=kept), file)
     found = read(file)

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from ...mapping import Chain
 from ...markov import sample_walks
 from ...patrol import GraphPatrol
-from ...patrol.team import steps_between_visits
+from ...patrol.team import long_run, steps_between_visits
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix
@@ -150,10 +150,11 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
 def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
     """The vertices at which patrollers are, from starts in the stationary distribution."""
     random, walks = np.random.default_rng(patrol.seed), []
-    steps = max(1, min(_STEPS, _MAX_COLORS // patrol.stationary.size))
-    for matrix, share in zip(patrol.matrices, patrol.shares, strict=True):
+    vertices = patrol.stationary.size
+    steps = max(1, min(_STEPS, _MAX_COLORS // vertices))
+    for matrix, share in zip(patrol.walks, long_run(patrol.walks), strict=True):
         start = random.choice(share.size, 1, p=share / share.sum())
-        walks.append(sample_walks(Chain.from_scipy(matrix), start, steps, random))
+        walks.append(sample_walks(Chain.from_scipy(matrix), start, steps, random) % vertices)
     return np.concatenate(walks, axis=1)
 
 
@@ -332,8 +333,14 @@ def _more(patrol: GraphPatrol) -> str:
         parts.append(f"{numbers(patrol.news)}\n\n{ages}")
     if patrol.charged is not None:
         parts.append(f"Kept near enough to the charger:\n\n{numbers(patrol.charged)}")
+    if patrol.remembered is not None:
+        columns = "patrol", "least_capture", "any_time"
+        parts.append(
+            "The patrollers that walk here have a memory. What they capture, beside other walks:"
+            f"\n\n{numbers(patrol.remembered)}\n\n{described(patrol.remembered, *columns)}"
+        )
     if patrol.idleness is not None:
-        columns = "patrol", "mean", "worst", "longest", "least_capture"
+        columns = "patrol", "mean", "mean_error", "worst", "longest", "least_capture"
         parts.append(
             "By simulation, beside robots on a tour, those that go anywhere, and those that go "
             f"where no robot was for longest:\n\n{described(patrol.idleness, *columns)}"
