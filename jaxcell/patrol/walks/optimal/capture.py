@@ -34,6 +34,8 @@ _LITTLE = 0.02
 # Gradient steps from each start; the number of vertices above which they are halved; the hardness
 # of the minimum at first and at the end; and the least probability of a step.
 _STEPS, _LARGE, _ANNEALED, _FLOOR = 1200, 200, (1.0, 300.0), 1e-6
+# The first hardness with memory: at a softer minimum all states of the memory become equal.
+_WITH_MEMORY = 10.0
 # Relative tolerance of a value in 32 bits; and the probability of moves that are hardly ever made.
 _EQUAL, _RARE = 1e-5, 1e-5
 
@@ -197,7 +199,8 @@ def _ascend(
     """
     steps = Steps.of(graph)
     away = (1 - states_at(graph.vertices, attack.size)).astype(np.float32)
-    given = int(attack[0]), "worst", _FLOOR, _ANNEALED
+    annealed = _ANNEALED if graph.vertices == attack.size else (_WITH_MEMORY, _ANNEALED[1])
+    given = int(attack[0]), "worst", _FLOOR, annealed
     ascent = Ascent(steps, away, np.ones_like(away), *given)
     count = _STEPS // (1 + (graph.vertices > _LARGE))
     progress = np.arange(count) / count
