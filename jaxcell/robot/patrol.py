@@ -144,7 +144,7 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draw the next cell, and the state of the memory there, among those that can be reached."""
+        """Draw the next cell, with the state of the memory, among those that can be reached."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
         positions = self._task.cells.positions
         reached = wave(self._ways, self.position)[image % positions] >= 0

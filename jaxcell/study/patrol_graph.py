@@ -85,7 +85,8 @@ class PatrolGraph(GraphStudy):
 
         graph, _ = load_graph(self.file)
         weighted = self.strategy == "commute" or self.game
-        needed = estimates.walk(graph.vertices, len(graph.edges), weighted)
+        states = graph.vertices * self.memory_states
+        needed = estimates.walk(states, len(graph.edges), weighted)
         doing = f"a walk on {graph.vertices:,} vertices and {len(graph.edges):,} edges"
         memory.check(needed, doing, "expected a smaller graph, or another strategy")
         return needed
@@ -151,6 +152,11 @@ class PatrolGraph(GraphStudy):
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
                 f"computed for at most {MAX_VERTICES:,}"
+            )
+        if graph.vertices * self.memory_states > MAX_VERTICES:
+            raise ValueError(
+                f"memory_states: {graph.vertices:,} vertices times {self.memory_states} are more "
+                f"than {MAX_VERTICES:,} states; expected fewer"
             )
         apart = vertices_apart(graph.vertices, graph.edges)
         if apart is not None:

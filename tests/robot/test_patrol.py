@@ -107,7 +107,7 @@ def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
 
 
 def test_a_robot_with_memory_goes_on_in_its_direction(task_of, tmp_path):
-    """Between the ends of a corridor of three, from whose middle it goes where it did not come from."""
+    """From the middle of a corridor of three it goes to the end that it does not come from."""
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     walk = np.array([[1, 2, 4, 1, 3, 4]]), np.ones((1, 6))
     task = task_of(hall, walk)

@@ -23,8 +23,8 @@ from ..team.news import News
 from ..team.times import move_times, names_of
 from .arrival import captured_by_any, walk_capture_probabilities
 from .game import StrategyGame
-from .memory import MemoryPatrol
 from .measures import Measures, measure
+from .memory import MemoryPatrol
 from .optimal.constraints import MetConstraints
 
 

@@ -82,6 +82,7 @@ def memory_patrol(
     matrices: Float[np.ndarray, "robots vertices vertices"],
     *,
     travel_times: Any = None,
+    stay: bool = False,
     names: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> MemoryPatrol:
@@ -89,7 +90,7 @@ def memory_patrol(
 
     **Arguments:**
 
-    - `graph`, `attack_time`, `travel_times`: as in
+    - `graph`, `attack_time`, `travel_times`, `stay`: as in
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
     - `memory`: the largest number of states of the memory of a robot.
     - `matrices`: the transition matrix of each robot without memory.
@@ -110,7 +111,7 @@ def memory_patrol(
         >>> dict(zip(found.patrol, found.least_capture.round(2).tolist(), strict=True))
         {'memory 1': 0.44, 'memory 2': 0.53, 'tour': 0.0}
     """
-    given: dict[str, Any] = {"travel_times": travel_times}
+    given: dict[str, Any] = {"travel_times": travel_times, "stay": stay}
     sizes, walks = [1], [matrices]
     while sizes[-1] < memory:
         sizes.append(min(2 * sizes[-1], memory))

@@ -169,7 +169,9 @@ def test_wrong_arguments_are_refused(arguments, message):
 
 
 def test_wrong_matrices_are_refused():
-    with pytest.raises(ValueError, match=r"matrix: expected \[4, 4\], or a multiple .* got \[2, 2\]"):
+    with pytest.raises(
+        ValueError, match=r"matrix: expected \[4, 4\], or a multiple .* got \[2, 2\]"
+    ):
         walk_capture_probabilities(KITE, np.eye(2), 3)
     with pytest.raises(ValueError, match="rows of numbers of at least 0 that sum to 1"):
         walk_capture_probabilities(KITE, np.ones((4, 4)), 3)

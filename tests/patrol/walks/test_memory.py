@@ -27,7 +27,9 @@ def random_chain(graph, memory, stay, seed):
 
 
 def delays_of(graph, times):
-    return graph.matrix(np.broadcast_to(times, len(graph.edges)).astype(float)).toarray().astype(int)
+    return (
+        graph.matrix(np.broadcast_to(times, len(graph.edges)).astype(float)).toarray().astype(int)
+    )
 
 
 def walks_from(graph, delays, start, horizon):
@@ -35,7 +37,9 @@ def walks_from(graph, delays, start, horizon):
     going, ended = [((start,), 0, {})], []
     while going:
         walk, time, seen = going.pop()
-        moves = [v for v in np.flatnonzero(delays[walk[-1]]) if time + delays[walk[-1], v] <= horizon]
+        moves = [
+            v for v in np.flatnonzero(delays[walk[-1]]) if time + delays[walk[-1], v] <= horizon
+        ]
         for there in moves:
             later = time + int(delays[walk[-1], there])
             going.append(((*walk, int(there)), later, {int(there): later} | seen))
@@ -127,7 +131,8 @@ def test_walks_with_memory_against_a_simulation():
     plain = random_walk(graph, np.ones(12)).to_scipy().toarray()[None]
     found = memory_patrol(graph, 4, 2, plain, names="abcdefghi")
     assert found.patrol == ["memory 1", "memory 2", "tour"]
-    assert found.memory == 2 and found.state_vertex[:10] == [*"abcdefghia"]
+    assert found.memory == 2
+    assert found.state_vertex[:10] == [*"abcdefghia"]
     exact = walk_capture_probabilities(graph, found.chance[0], 4)
     assert found.least_capture[1] == pytest.approx(exact.min(), abs=1e-9)
     np.testing.assert_allclose(found.captured, exact.min(axis=0), atol=1e-9)
@@ -141,7 +146,9 @@ def test_walks_with_memory_against_a_simulation():
 def test_several_robots_are_independent():
     found = memory_patrol(KITE, 3, 1, np.stack([random_chain(KITE, 1, False, s) for s in (0, 1)]))
     each = [walk_capture_probabilities(KITE, matrix, 3).min(axis=0) for matrix in found.chance]
-    assert found.least_capture.tolist() == [pytest.approx((1 - (1 - each[0]) * (1 - each[1])).min())]
+    assert found.least_capture.tolist() == [
+        pytest.approx((1 - (1 - each[0]) * (1 - each[1])).min())
+    ]
     assert found.upper_bound is found.gap is None
 
 

@@ -11,6 +11,8 @@ from ..arrival import whole_numbers
 
 # Number of vertices at which attacks begin that are tried, those far from others first.
 _BEGINS = 6
+# Number of variables up to which a linear program finds the draw of attacks.
+_MOST = 500_000
 
 
 def capture_bound(
@@ -20,10 +22,11 @@ def capture_bound(
 
     An adversary waits until the robot is at a vertex, and then attacks a vertex that it draws. The
     robot cannot do better against it than to go along the walk that visits most, in probability,
-    within the attack time. A linear program finds the draw against which that is least. It counts
-    each visit of a walk, except returns to a vertex directly after leaving it. The value of the
-    draw is then computed by dynamic programming, so that the tolerance of the program does not
-    matter. The result is the least value over vertices from which an attack begins.
+    within the attack time. A linear program finds the draw against which that is least; on large
+    graphs all vertices are equally likely. It counts each visit of a walk, except returns to a
+    vertex directly after leaving it. The value of the draw is then computed by dynamic programming,
+    so that the tolerance of the program does not matter. The result is the least value over several
+    vertices from which an attack begins.
 
     **Arguments:**
 
@@ -76,8 +79,10 @@ class _Visits:
         return (in_time & ~again).astype(float)
 
     def draw(self, begin: int) -> Float[np.ndarray, "vertices"]:
-        """Find the probabilities of attacks on vertices from which the fewest are captured."""
+        """Find probabilities of attacks on vertices of which the fewest are captured."""
         moves, targets = self.tail.size, self.attack.size
+        if self.first.size * self.end > _MOST:
+            return np.full(targets, 1 / targets)
         opening = np.flatnonzero(self.tail == begin)
         in_time = self.lasts[opening] <= self.attack[self.head[opening]]
         blocks = [(opening, self.lasts[opening], np.full(opening.size, -1), in_time.astype(float))]

@@ -222,7 +222,9 @@ def _missed(
     horizon: Float[Array, "times"],
 ) -> Float[Array, ""]:
     """Compute minus a soft minimum of the logarithm of the probability of capture."""
-    captured = jax.vmap(lambda P: first_passage(P, seen, delays, attack, longest, horizon))(matrices)
+    captured = jax.vmap(lambda P: first_passage(P, seen, delays, attack, longest, horizon))(
+        matrices
+    )
     # The smallest positive number keeps the gradient finite where probabilities underflow.
     logs = jnp.log(captured + jnp.finfo(captured.dtype).tiny)
     worst = -jax.nn.logsumexp(-_HARDNESS * logs, axis=1) / _HARDNESS
