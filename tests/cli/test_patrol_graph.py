@@ -196,7 +196,7 @@ def test_walks_with_memory_stand_beside_a_tour_and_a_bound(capsys, line):
         ),
         (
             ("--strategy", "capture", "--attack-time", 9, "--memory-states", 300),
-            "memory_states: 8 vertices times 300 are more than 2,000 states; expected fewer",
+            "--memory-states: 8 vertices times 300 are more than 2,000 states; expected fewer",
         ),
     ],
 )
