@@ -83,6 +83,7 @@ def memory_patrol(
     *,
     travel_times: Any = None,
     stay: bool = False,
+    tests: int = 6,
     names: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> MemoryPatrol:
@@ -94,6 +95,7 @@ def memory_patrol(
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
     - `memory`: the largest number of states of the memory of a robot.
     - `matrices`: the transition matrix of each robot without memory.
+    - `tests`: number of tests of the upper bound, as in [`capture_bound`][].
     - `names`: names of the vertices; by default their numbers.
     - `say`: called with a line on what is sought.
 
@@ -133,7 +135,10 @@ def memory_patrol(
         tour = _on_tour(graph, attack_time, travel_times)
         captured.append((tour.min(axis=0), tour.mean(axis=0)))
         patrols.append("tour")
-    bound = None if len(matrices) > 1 else capture_bound(graph, attack_time, **given)
+    bound = None
+    if len(matrices) == 1:
+        say("bounding the capture with any memory")
+        bound = capture_bound(graph, attack_time, captured=max(least), tests=tests, **given)
     shares = long_run(walks[best]) @ states_at(walks[best].shape[1], graph.vertices)
     return MemoryPatrol(
         patrol=patrols,
