@@ -83,7 +83,7 @@ def memory_patrol(
     *,
     travel_times: Any = None,
     stay: bool = False,
-    tests: int = 6,
+    tests: int = 8,
     names: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> MemoryPatrol:

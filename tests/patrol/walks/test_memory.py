@@ -10,6 +10,7 @@ from jaxcell.patrol import maximin_capture, random_walk
 from jaxcell.patrol.perimeter import Movement, Perimeter, detection_polynomials, maximin
 from jaxcell.patrol.team import simulate_idleness
 from jaxcell.patrol.walks import capture_bound, memory_patrol, walk_capture_probabilities
+from jaxcell.patrol.walks.optimal import capture
 from jaxcell.patrol.walks.optimal.pursuit import Pursuit
 
 
@@ -70,6 +71,13 @@ def test_capture_with_memory_is_the_sum_over_all_walks_of_states(stay, times):
     np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
+@pytest.fixture
+def brief(monkeypatch):
+    """Searches take a third of their steps, from which linear programs complete them."""
+    monkeypatch.setattr(capture, "_STEPS", 400)
+
+
+@pytest.mark.usefixtures("brief")
 @pytest.mark.parametrize("attack", [5, 6])
 def test_two_states_are_a_direction_on_a_ring(attack):
     """Of the directional model on a perimeter, whose best probability of turning is exact."""
@@ -78,6 +86,7 @@ def test_two_states_are_a_direction_on_a_ring(attack):
     assert found.value >= best.value * (1 - 1e-3)
 
 
+@pytest.mark.usefixtures("brief")
 def test_memory_helps_and_no_walk_exceeds_the_bound():
     graph, attack = grid(3, 3), 4
     without, found = (
@@ -154,7 +163,7 @@ def test_the_bound_against_the_games_with_all_walks(graph, attack, times, tight)
         assert bound == pytest.approx(min(values), abs=1e-9)
 
 
-@pytest.mark.usefixtures("unchecked")
+@pytest.mark.usefixtures("unchecked", "brief")
 def test_walks_with_memory_against_a_simulation():
     graph = grid(2, 3)
     plain = random_walk(graph, np.ones(7)).to_scipy().toarray()[None]

@@ -14,8 +14,9 @@ from .pursuit import Pursuit
 _BEGINS = 6
 # Number of variables up to which a linear program finds the draw of attacks.
 _MOST = 500_000
-# Number of moves times the longest attack up to which cuts are sought.
-_PROMISES = 1500
+# Number of moves times the longest attack up to which cuts are sought; the largest number of cuts,
+# and this number times the cuts.
+_PROMISES, _CUTS, _WORK = 1500, 1500, 240_000
 
 
 def capture_bound(
@@ -26,7 +27,7 @@ def capture_bound(
     stay: bool = False,
     captured: float = 0.0,
     tests: int = 0,
-    cuts: int = 300,
+    cuts: int | None = None,
 ) -> float:
     """Compute an upper bound on the least probability of capture by one robot, with any memory.
 
@@ -49,7 +50,7 @@ def capture_bound(
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
     - `captured`: the least capture of a known walk, below which there is no bound.
     - `tests`: number of tests; each halves the range above `captured` in which the bound may be.
-    - `cuts`: number of cuts of a test.
+    - `cuts`: number of cuts of a test; by default up to 1,500, and fewer on larger graphs.
 
     **Returns:** the bound, at most 1.
 
@@ -69,8 +70,10 @@ def capture_bound(
     apart = scipy.sparse.csgraph.shortest_path(delays.astype(float))
     begins = np.argsort(-apart.sum(axis=1), kind="stable")[:_BEGINS]
     bound = min(1.0, *(visits.most(visits.draw(begin), begin) for begin in begins.tolist()))
-    if tests == 0 or visits.tail.size * visits.end > _PROMISES or bound <= captured:
+    size = visits.tail.size * visits.end
+    if tests == 0 or size > _PROMISES or bound <= captured:
         return bound
+    cuts = min(_CUTS, _WORK // size) if cuts is None else cuts
     ends = [int(end) for end in np.unravel_index(apart.argmax(), apart.shape)]
     return Pursuit(delays, attack, ends).bound(captured, bound, tests, cuts)
 
