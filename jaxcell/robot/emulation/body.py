@@ -107,6 +107,11 @@ class Body:
         self._stretch = (0, 0)
         self._slip = (0.0, 0.0)
 
+    @property
+    def glide(self) -> float:
+        """0: the noise of each tick is drawn."""
+        return 0.0
+
     @classmethod
     def in_cell(
         cls,
