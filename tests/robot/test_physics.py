@@ -226,3 +226,15 @@ def test_a_robot_leaps_only_while_it_rolls_steadily_out_of_reach_of_walls():
     assert body.bump_left
     assert body.glide == 0
     assert PhysicsBody(HALL, (0.0, 0.0, 0.0), leaps=False).glide == 0
+
+
+@pytest.mark.parametrize("degrees", [0, 30, -45, 60])
+def test_wheels_skid_at_a_bump_by_the_squared_cosine_of_the_incidence(degrees):
+    start = toward_the_north_wall(math.radians(degrees), 0.3)
+    robot = driven(PhysicsBody(HALL, start))
+    there = robot.forward(1.0, tolerance=0.003)
+    back = robot.forward(-there.distance, tolerance=0.003)
+    x, y, _ = robot.robot.pose
+    along = (x - start[0]) * math.cos(start[2]) + (y - start[1]) * math.sin(start[2])
+    expected = 0.012 * math.cos(math.radians(degrees)) ** 2
+    assert there.distance + back.distance - along == pytest.approx(expected, abs=0.003)
