@@ -19,7 +19,7 @@ _ROUNDING = 1e-6
 _CLEAR = 0.01
 # Seconds at one speed after which only the lag of the wheels changes, and the least of a leap.
 _SETTLED, _LEAP = 0.1, 0.01
-# The engine meets walls up to this far from the shell. After this way, it is told of others.
+# The engine meets the walls up to this far from the shell, and after this way others.
 _NEAR, _AGAIN = 0.3, 0.2
 
 
@@ -129,10 +129,11 @@ class PhysicsBody:
             ramped = self._speeds == (left, right)
             if not ramped:
                 most = self.physics.acceleration * step
-                self._speeds = tuple(
+                first, second = (
                     now + min(max(wanted - now, -most), most)
                     for now, wanted in zip(self._speeds, (left, right), strict=True)
                 )
+                self._speeds = first, second
             # The left wheel has two motors, and so has the right one.
             self._data.ctrl[:] = [speed / WHEEL for speed in self._speeds for _ in range(2)]
             if math.dist(self._looked, self.pose[:2]) > _AGAIN:
