@@ -23,9 +23,9 @@ so that the sea is a finite Markov chain over cells, a generalized cell map `p(n
 5.5). A `DriftStep` has the duration and the rules. The rules of the source spread drifters much
 more than water does, and close the edges of the grid. `METHODS` has them, and rules that agree with
 drifters: many points of each cell drift by the Runge-Kutta method over open edges, to an explicit
-sink. `exit_shares` divides it among the ways out. `distances` compares a map with drifters in the current as it changes with time, and
-`nearest_step` chooses `dt` for the least distance. `drift_maps` maps each phase of a periodic
-current (`Flow.repeated`).
+sink. `exit_shares` divides it among the ways out. `distances` compares a map with drifters in the
+current as it changes with time, and `nearest_step` chooses `dt` for the least distance.
+`drift_maps` maps each phase of a periodic current (`Flow.repeated`).
 
 **Long-term behaviour** (Alg. 5.1), `long_term_behaviour`, apart from the solves in time
 proportional to the number of edges:

@@ -79,10 +79,9 @@ class SeaDrift(SeaCurrents):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("persistent_groups", "mean_leaving", "mean_leaving_into_gaps", "mean_leaving_off_edge"),
-        *("mean_stranding", "coast", "gap_squares"),
-        *("median_hours", "drifters_left", "distance_24h"),
+        *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
         *("distance_6h", "map_left", "compared_hours", "compared_cells"),
+        *("mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding", "coast"),
         *("drifter_count", "fewest_count", "cells", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
