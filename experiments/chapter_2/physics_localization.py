@@ -291,7 +291,8 @@ def row(name: str, by: str, runs: list[Run]) -> dict[str, Any]:
     )
     percent = 100 / max(count.sum(), 1)
     summary = {"map": name, "by": by, "runs": len(runs), **shares, "bumps": bumps, "s": seconds}
-    summary |= {"holds, %": percent * held.sum()}
+    # A policy has cells at bumps only.
+    summary["holds, %"] = math.nan if by == POLICY else percent * held.sum()
     if "belief" in by or by == PARTICLES:
         # Robots are independent, and observations of one are not.
         share = exactly.sum() / max(count.sum(), 1)
