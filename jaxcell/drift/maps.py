@@ -12,7 +12,8 @@ from ..base.precision import require_x64
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import slots_of
 from .advection import carried
-from .flow import Flow
+from .drifting import drifted
+from .flow import Flow, crossing_time
 from .step import DriftStep
 from .water import NEIGHBORS, Water, square
 
@@ -101,6 +102,10 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
     def ends(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Carry one point of all cells for each offset from the centre, in parts of a cell."""
         x, y = water.column + right[:, None], water.row + up[:, None]
+        if exits and step.method == "rk4":
+            longest = abs(duration) / step.substeps
+            places = drifted(water, flow, x.ravel(), y.ravel(), start, start + duration, longest)
+            return places[0].reshape(x.shape), places[1].reshape(x.shape)
         return carried(flow, x, y, duration, start, step.method, step.substeps)
 
     if step.spread == "sampled":
@@ -139,8 +144,8 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 
     - `water`, `flow`: as for [`drift_map`][]; a periodic flow is made by [`Flow.repeated`][].
     - `step`: a step whose duration divides the period or is a multiple of it, as
-        [`Flow.fitted`][] gives it. The substeps are doubled until they are as many as the records
-        in a step.
+        [`Flow.fitted`][] gives it. The substeps of the Runge-Kutta method are doubled until they
+        are as many as the records in a step, and each is at most half a cell long on average.
 
     **Returns:** the chains of the phases, one after the other; or the one chain of a flow that is
     not periodic, or of a step of whole periods.
@@ -154,21 +159,26 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
         >>> tide.shape
         (2, 538)
     """
-    if flow.period is None:
-        return drift_map(water, flow, step)
     duration = step.seconds(water, flow)
+    needed = 2 * abs(duration) / crossing_time(water, flow) if step.method == "rk4" else 1.0
+    if flow.period is None:
+        return drift_map(water, flow, _refined(step, duration, needed))
     if not np.isclose(flow.fitted(duration), duration, rtol=1e-9):
         raise ValueError(
             f"duration: expected a whole part or multiple of the period, {float(flow.period):g} s, "
             f"such as {flow.fitted(duration):g} s, got {duration:g} s"
         )
     records = duration / float(np.diff(np.asarray(flow.time)).min())
-    # Few different numbers of substeps, so that few programs are compiled.
-    finer = 2 ** max(0, math.ceil(math.log2(records / step.substeps) - 1e-9))
-    step = dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
+    step = _refined(step, duration, max(needed, records))
     starts = np.asarray(flow.time)[0] + np.arange(flow.phases(duration)) * duration
     chains = [drift_map(water, flow, step, start=start) for start in starts.tolist()]
     return chains[0] if len(chains) == 1 else ChainSequence.of(chains)
+
+
+def _refined(step: DriftStep, duration: float, needed: float) -> DriftStep:
+    """Set the duration, and double the substeps until they are as many as needed."""
+    finer = 2 ** max(0, math.ceil(math.log2(needed / step.substeps) - 1e-9))
+    return dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
 
 
 def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:

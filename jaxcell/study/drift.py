@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from .parameters import AtLeastOne, Duration, Length, Limit, Metres, Only, Share
+from .parameters import AtLeastOne, Days, Duration, Length, Limit, Metres, Only, Share
 from .sea_study import SeaStudy
 from .study import Say, about, numbers, silent
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
+# Number of nearly closed sets by default, and of the cells at all phases up to which it takes
+# seconds.
+_USUAL_SETS, _MAX_FOR_SETS = 3, 30_000
 _PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
 
 
@@ -70,6 +73,9 @@ class Drift(SeaStudy):
     default uniform with --method source, and else exit."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
+    until: Annotated[Days | None, Limit(gt=0)] = None
+    """Days that the answer is about; by default the median time until drifters are in a group or
+    off the map, in whole days up to 30."""
     backward: bool = False
     """Follow drifters back in time from the last record, to find where they come from."""
     start: str | None = None
@@ -90,7 +96,8 @@ class Drift(SeaStudy):
     """Seconds to search for the fewest views; by default views are chosen greedily."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
-    leave in a day. They depend less on the duration of a step than persistent groups."""
+    leave in a day. They depend less on the duration of a step than persistent groups. By default 3,
+    and none in large maps."""
     discount: Annotated[float, Limit(gt=0, lt=1), Only(goal=True)] = 0.99
     """Discount factor per step."""
     seed: int = 0
@@ -118,7 +125,7 @@ class Drift(SeaStudy):
         return needed
 
     def run(self, say: Say = silent) -> "SeaDrift":
-        from ..drift import ClosedSets, Exchange, SeaDrift, Stranded, Water, read_regions
+        from ..drift import Exchange, SeaDrift, Stranded, Water, read_regions
         from ..drift.deployment import check_reach
 
         self.memory()
@@ -139,6 +146,7 @@ class Drift(SeaStudy):
             mean=self._mean,
             backward=self.backward,
             diffusivity=self.diffusivity,
+            until=None if self.until is None else 24 * self.until,
             say=say,
         )
         surface = result.layers[0].behaviour
@@ -156,11 +164,15 @@ class Drift(SeaStudy):
                     f"do not strand; give a --duration below the {self.beaching:g} s of --beaching."
                 )
                 more["notices"] = (*result.notices, rough)
-        if (count := self.nearly_closed) is not None:
-            say("finding nearly closed sets")
-            chains = [layer.behaviour.chain for layer in result.layers]
-            more["nearly_closed_sets"] = ClosedSets.of(result.waters, chains, result.step, count)
         result = dataclasses.replace(result, **more)
+        states = sum(layer.behaviour.unrolled.cells for layer in result.layers)
+        if self.nearly_closed is not None or states <= _MAX_FOR_SETS:
+            say("finding nearly closed sets")
+            try:
+                result = result.with_closed_sets(self.nearly_closed or min(_USUAL_SETS, fewest))
+            except RuntimeError:
+                if self.nearly_closed is not None:
+                    raise
         if goal is not None:
             say(f"finding the way to the goal from {result.cells:,} cells")
             result = result.towards(goal, self.discount)

@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -8,10 +8,8 @@ import numpy.typing as npt
 import xarray as xr
 from jaxtyping import Bool, Int
 
-from ...base import memory
 from ...base.quantities import derived, from_part
 from ...mapping import Chain
-from ...space import estimates
 from ..beaches import Stranded
 from ..closed_sets import ClosedSets
 from ..deployment import (
@@ -27,10 +25,13 @@ from ..flow import Flow, crossing_time
 from ..reachability import reachable_at_depth, reachable_by_layer
 from ..regions import Exchange
 from ..step import DriftStep
-from ..validation.distance import nearest_maps
+from ..validation.distance import nearest_maps, whole_days
+from ..validation.markov_test import MarkovTest
 from ..voyage import Voyage, discounted_voyage, surest_voyage
 from ..water import Water
+from .answer import answer
 from .layer import Layer
+from .planned import too_large
 from .sea_currents import SeaCurrents
 from .sea_voyage import SeaVoyage
 
@@ -79,10 +80,11 @@ class SeaDrift(SeaCurrents):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
-        *("distance_6h", "map_left", "compared_hours", "compared_cells"),
-        *("drifter_count", "fewest_count", "cells", "step"),
-        *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
+        *("asked_hours", "distance", "distance_noise", "drifters_left", "map_left"),
+        *("compared_hours", "distance_by_time", "compared_cells"),
+        *("persistent_groups", "mean_leaving", "median_hours", "cells", "step"),
+        *("period_hours", "diffusivity", "grid_diffusivity"),
+        *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
     largest: ClassVar[int] = 2_500_000
     "The number of cells at all phases above which solves would take minutes."
@@ -103,6 +105,10 @@ class SeaDrift(SeaCurrents):
     "Drifters of the surface that strand at coasts."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
+    markov_test: MarkovTest | None = None
+    "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
+    until: float | int | None = None
+    "The time that is asked, in hours; `None` for the median time to the end, up to 30 days."
     notices: tuple[str, ...] = ()
     "Differences from the request, in sentences."
 
@@ -130,6 +136,7 @@ class SeaDrift(SeaCurrents):
         mean: bool = False,
         backward: bool = False,
         diffusivity: float | int = 0.0,
+        until: float | int | None = None,
         say: Callable[..., None] = lambda *_: None,
     ) -> "SeaDrift":
         """Compute the long-term behaviour in each layer.
@@ -153,6 +160,8 @@ class SeaDrift(SeaCurrents):
         - `mean`: whether to map by the mean of the records.
         - `backward`: whether drifters go back in time from the last record, by the reversed flow.
         - `diffusivity`: of unresolved motion, in m²/s; for sampled maps.
+        - `until`: the time that is asked, in hours; by default
+            [`jaxcell.drift.asked_hours`][].
         - `say`: called with each stage of the computation.
         """
         step = step or DriftStep()
@@ -178,7 +187,7 @@ class SeaDrift(SeaCurrents):
             if step.spread != "sampled":
                 return step.lasting(by[0].fitted(max(map(crossing_time, waters, by)))), None
             say("choosing the duration of a step")
-            return nearest_maps(waters, flows, by, step)
+            return nearest_maps(waters, flows, by, step, until)
 
         if (records := currents.attrs.get("mean_of", 1)) > 1:
             notices.append(
@@ -187,7 +196,7 @@ class SeaDrift(SeaCurrents):
             )
         chosen, made = planned()
         if by is not means and (
-            why := _too_large(waters, by[0].phases(chosen.duration or 0), cls.largest)
+            why := too_large(waters, by[0].phases(chosen.duration or 0), cls.largest)
         ):
             notices.append(f"{why}; this is by the mean of the records, as if nothing changed.")
             by = means
@@ -202,7 +211,13 @@ class SeaDrift(SeaCurrents):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")
             known = None if made is None else made[k]
             layers.append(Layer.of(water, flows[k], chosen, by=by[k], made=known))
-        return cls(tuple(layers), currents, start, reach, seconds, notices=tuple(notices))
+        if made is None:
+            # Layers are compared at the same times.
+            ends = np.concatenate([layer.transient_hours for layer in layers])
+            asked = whole_days(ends) if until is None else until
+            layers = [dataclasses.replace(layer, asked=asked) for layer in layers]
+        drift = cls(tuple(layers), currents, start, reach, seconds)
+        return dataclasses.replace(drift, notices=tuple(notices), until=until)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """Add voyages to a goal, with a discount factor per step."""
@@ -216,6 +231,21 @@ class SeaDrift(SeaCurrents):
             voyage=on_sea(discounted_voyage(self.sea, goal, discount)),
             surest=on_sea(surest_voyage(self.sea, goal)),
         )
+
+    def with_closed_sets(self, count: int) -> "SeaDrift":
+        """Add nearly closed sets of each layer, and the test of the maps on them."""
+        chains = [layer.behaviour.chain for layer in self.layers]
+        sets = ClosedSets.of(self.waters, chains, self.step, count)
+        tests, first = [], 0
+        for layer, labels, of_layer in zip(self.layers, sets.labels, sets.layers, strict=True):
+            tests.append(layer.tested(np.where(labels < 0, -1, labels - first), first))
+            first += of_layer.count
+        test = MarkovTest.joined(tests)
+        return dataclasses.replace(self, nearly_closed_sets=sets, markov_test=test)
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        return answer(self)
 
     @property
     def answered(self) -> bool:
@@ -361,19 +391,3 @@ class SeaDrift(SeaCurrents):
         if self.voyage is None:
             return None
         return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)
-
-
-def _too_large(waters: Sequence[Water], phases: int, largest: int) -> str | None:
-    """Explain why the maps of all phases are too large, or return `None` if they are not."""
-    cells = [phases * water.cells for water in waters]
-    needed, available = estimates.drift(cells), memory.free()
-    if sum(cells) > largest:
-        limit = f"and {largest:,} are as many as take minutes"
-    elif available is not None and needed > available:
-        limit = (
-            f"which need about {memory.gigabytes(needed)} of memory, and "
-            f"{memory.shortage(available)}"
-        )
-    else:
-        return None
-    return f"The current has {sum(cells):,} cells at its {phases} phases, {limit}"
