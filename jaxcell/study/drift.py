@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import functools
 import math
@@ -166,13 +167,13 @@ class Drift(SeaStudy):
                 more["notices"] = (*result.notices, rough)
         result = dataclasses.replace(result, **more)
         states = sum(layer.behaviour.unrolled.cells for layer in result.layers)
-        if self.nearly_closed is not None or states <= _MAX_FOR_SETS:
+        count = self.nearly_closed
+        if count is not None or states <= _MAX_FOR_SETS:
             say("finding nearly closed sets")
-            try:
-                result = result.with_closed_sets(self.nearly_closed or min(_USUAL_SETS, fewest))
-            except RuntimeError:
-                if self.nearly_closed is not None:
-                    raise
+            # Sets that were not requested are left out if their solve stalls.
+            with contextlib.suppress(*([] if count else [RuntimeError])):
+                wanted = count or min(_USUAL_SETS, fewest)
+                result = result.with_closed_sets(wanted, listed=count is not None)
         if goal is not None:
             say(f"finding the way to the goal from {result.cells:,} cells")
             result = result.towards(goal, self.discount)

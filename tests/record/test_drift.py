@@ -506,7 +506,7 @@ def test_layers_and_starts_of_other_seas_are_refused(gyres):
 def altered(layer, **fields):
     """A layer with other fields in its behaviour."""
     behaviour = dataclasses.replace(layer.behaviour, **fields)
-    return dataclasses.replace(layer, behaviour=behaviour, measured=layer.distance)
+    return dataclasses.replace(layer, behaviour=behaviour, measured=layer.compared)
 
 
 def test_a_layer_that_contradicts_itself_is_refused(gyres):

@@ -81,8 +81,7 @@ class SeaDrift(SeaCurrents):
 
     brief: ClassVar[tuple[str, ...]] = (
         *("asked_hours", "distance", "distance_noise", "drifters_left", "map_left"),
-        *("compared_hours", "distance_by_time", "compared_cells"),
-        *("persistent_groups", "mean_leaving", "median_hours", "cells", "step"),
+        *("compared_cells", "persistent_groups", "mean_leaving", "median_hours", "cells", "step"),
         *("period_hours", "diffusivity", "grid_diffusivity"),
         *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
@@ -105,6 +104,8 @@ class SeaDrift(SeaCurrents):
     "Drifters of the surface that strand at coasts."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
+    sets_listed: bool = True
+    "Whether a terminal shows the nearly closed sets as a table, in addition to the answer."
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
@@ -232,7 +233,7 @@ class SeaDrift(SeaCurrents):
             surest=on_sea(surest_voyage(self.sea, goal)),
         )
 
-    def with_closed_sets(self, count: int) -> "SeaDrift":
+    def with_closed_sets(self, count: int, *, listed: bool = True) -> "SeaDrift":
         """Add nearly closed sets of each layer, and the test of the maps on them."""
         chains = [layer.behaviour.chain for layer in self.layers]
         sets = ClosedSets.of(self.waters, chains, self.step, count)
@@ -241,7 +242,12 @@ class SeaDrift(SeaCurrents):
             tests.append(layer.tested(np.where(labels < 0, -1, labels - first), first))
             first += of_layer.count
         test = MarkovTest.joined(tests)
-        return dataclasses.replace(self, nearly_closed_sets=sets, markov_test=test)
+        more: dict[str, Any] = {"nearly_closed_sets": sets, "markov_test": test}
+        return dataclasses.replace(self, sets_listed=listed, **more)
+
+    @property
+    def quiet(self) -> tuple[str, ...]:
+        return ("markov_test", *(() if self.sets_listed else ("nearly_closed_sets",)))
 
     @property
     def answer(self) -> tuple[str, ...]:
