@@ -85,6 +85,8 @@ class Drift(SeaStudy):
     """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None
     """GeoJSON file of polygons between which drifters at the surface are followed."""
+    drifters: Annotated[AtLeastOne, Only(regions=True)] = 10_000
+    """Number of drifters that are simulated from each region, for confidence intervals."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
     """Seconds after which drifters are counted in the regions and on beaches."""
     beaching: Duration | None = None
@@ -154,7 +156,9 @@ class Drift(SeaStudy):
         more: dict[str, Any] = {}
         if regions is not None:
             say("following drifters between regions")
-            more["exchange"] = Exchange.of(surface, *regions, self.after)
+            exchange = Exchange.of(surface, *regions, self.after)
+            going = waters[0], result.layers[0].flow, self.drifters, self.seed
+            more["exchange"] = exchange.with_drifters(*going)
         if self.beaching is not None:
             say("stranding drifters")
             halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}

@@ -5,6 +5,7 @@ import json
 import jax
 import numpy as np
 import pytest
+import scipy.stats
 import shapely
 from seas import sea
 
@@ -104,3 +105,21 @@ def test_invalid_regions_are_refused(tmp_path, currents):
         path.write_text(text)
         with pytest.raises(ValueError, match="expected a GeoJSON FeatureCollection"):
             drift.read_regions(path, water)
+
+
+def test_intervals_of_simulated_drifters_are_those_of_scipy(currents):
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(3600.0))
+    inside = np.stack([water.column < 5, (water.column >= 5) & (water.column < 9)])
+    exchange = drift.Exchange(np.array(["west", "east"]), inside, chain, 1.0, 4)
+    assert exchange.share_of_drifters is exchange.low is exchange.high is None
+    found = exchange.with_drifters(water, flow, 500)
+    for row, (seen, low, high) in enumerate(zip(found.arrived, found.low, found.high, strict=True)):
+        for column, count in enumerate(seen.tolist()):
+            interval = scipy.stats.binomtest(count, 500).proportion_ci(0.95, "exact")
+            np.testing.assert_allclose([low[column], high[column]], interval, atol=1e-9)
+            assert found.share_of_drifters[row, column] == count / 500
+    # In four hours at 0.3 m/s drifters go 4.32 cells to the East, also beyond the second region.
+    expected = np.array([[0.68 / 5, 4 / 5], [0.0, 0.0]])
+    assert (found.low <= expected + 1e-12).all()
+    assert (expected <= found.high).all()

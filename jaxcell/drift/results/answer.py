@@ -113,10 +113,12 @@ def _reach(drift: "SeaDrift") -> str | None:
     """Say how many cells a few drifters may visit."""
     if (curve := drift.curve) is None:
         return None
-    cells, size = drift.layers[0].cells, curve.covered.size
-    counts = [count for count in _FEW if count < size] + [size]
-    shares = [f"{count:,} reach{'es' * (count == 1)} {curve.covered[count - 1] / cells:.0%}"
-              for count in counts[:4] + counts[4:][-1:]]  # fmt: skip
+    cells, last = drift.layers[0].cells, curve.covered.size
+    counts = [count for count in _FEW if curve.covered[min(count, last) - 1] < curve.covered[-1]]
+    shares = [
+        f"{count:,} reach{'es' * (count == 1)} {curve.covered[count - 1] / cells:.0%}"
+        for count in [*counts[:4], last]
+    ]
     return f"Drifters to drop: {', '.join(shares)} of the cells."
 
 

@@ -105,13 +105,15 @@ class SeaDrift(SeaCurrents):
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     sets_listed: bool = True
-    "Whether a terminal shows the nearly closed sets as a table, in addition to the answer."
+    "Whether a terminal shows a table of the nearly closed sets."
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
     "The time that is asked, in hours; `None` for the median time to the end, up to 30 days."
+    backward: bool = False
+    "Whether drifters go back in time."
     notices: tuple[str, ...] = ()
-    "Differences from the request, in sentences."
+    "Differences from the request."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for parts of other cells or layers."""
@@ -218,7 +220,7 @@ class SeaDrift(SeaCurrents):
             asked = whole_days(ends) if until is None else until
             layers = [dataclasses.replace(layer, asked=asked) for layer in layers]
         drift = cls(tuple(layers), currents, start, reach, seconds)
-        return dataclasses.replace(drift, notices=tuple(notices), until=until)
+        return dataclasses.replace(drift, notices=tuple(notices), until=until, backward=backward)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """Add voyages to a goal, with a discount factor per step."""
@@ -242,8 +244,8 @@ class SeaDrift(SeaCurrents):
             tests.append(layer.tested(np.where(labels < 0, -1, labels - first), first))
             first += of_layer.count
         test = MarkovTest.joined(tests)
-        more: dict[str, Any] = {"nearly_closed_sets": sets, "markov_test": test}
-        return dataclasses.replace(self, sets_listed=listed, **more)
+        with_sets = dataclasses.replace(self, nearly_closed_sets=sets, sets_listed=listed)
+        return dataclasses.replace(with_sets, markov_test=test)
 
     @property
     def quiet(self) -> tuple[str, ...]:
