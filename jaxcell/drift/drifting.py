@@ -28,7 +28,7 @@ def drifted(
     longest: float | int,
     key: jax.Array | None = None,
 ) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
-    """Move points from one time to another; those that have left the grid stay beyond its edge.
+    """Move points from one time to another; those that have left the map stay where they left.
 
     **Arguments:**
 
@@ -39,7 +39,7 @@ def drifted(
     """
     moves = max(1, math.ceil(abs(end - start) / (longest * _SUBSTEPS)))
     length = (end - start) / moves
-    sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
+    sides, wet, gone = np.stack([water.dx, water.dy]), ~water.closed, water.gone
     ends_x, ends_y = np.empty(x.size), np.empty(x.size)
     # Chunks that fit a processor's cache are several times faster.
     for first in range(0, x.size, CHUNK):
@@ -47,15 +47,16 @@ def drifted(
         size = max(_FEW, bucket(x[part].size))
         chunk = None if key is None else jax.random.fold_in(key, first)
         places = (np.resize(place[part], size) for place in (x, y))
-        moved = _drifted(flow, sides, wet, *places, chunk, float(start), length, moves)
+        moved = _drifted(flow, sides, wet, gone, *places, chunk, float(start), length, moves)
         ends_x[part], ends_y[part] = (np.asarray(end)[: x[part].size] for end in moved)
     return ends_x, ends_y
 
 
 @jax.jit
-def _drifted(flow, sides, wet, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
+def _drifted(flow, sides, wet, gone, x, y, key, start, length, moves):  # type: ignore[no-untyped-def]
     def move(number, place):  # type: ignore[no-untyped-def]
         on = on_grid(wet.shape, flow.wraps, *place)
+        on &= ~gone[nearest_square(gone.shape, flow.wraps, *place)]
         after = advect(
             flow, *place, length, start=start + number * length, method="rk4", steps=_SUBSTEPS
         )

@@ -5,13 +5,18 @@ import functools
 from collections.abc import Mapping
 from typing import ClassVar
 
+import jax
 import numpy as np
+import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Outcome
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part
+from ...mapping import Chain
+from ...mapping.generalized import leaving_rows
 from ...markov import Absorption, absorption_probabilities
 from ..behaviour import LongTermBehaviour
+from ..maps import EXITS
 from ..water import Water
 
 
@@ -85,6 +90,34 @@ class Ends(Result):
     def mean_leaving(self) -> float:
         return float(np.concatenate([layer.leaving for layer in self._layers]).mean())
 
+    @derived("", "... into sea without data", kind="share", padding="NaN: not known")
+    def mean_leaving_into_gaps(self) -> float | None:
+        return self._mean_by_way(0) if self.gap_squares else None
+
+    @derived("", "... off the edge of the grid", kind="share", padding="NaN: not known")
+    def mean_leaving_off_edge(self) -> float | None:
+        return self._mean_by_way(1)
+
+    @derived("", "... by stranding on land", kind="share", padding="NaN: not known")
+    def mean_stranding(self) -> float | None:
+        strand = any(layer.water.coast == "strand" for layer in self._layers)
+        return self._mean_by_way(2) if strand else None
+
+    @derived("", "squares of land or sea bed", kind="count")
+    def land_squares(self) -> int:
+        return sum(int(layer.water.land.sum()) for layer in self._layers)
+
+    @derived("", "squares of sea without data", kind="count")
+    def gap_squares(self) -> int:
+        waters = [layer.water for layer in self._layers]
+        return sum(int(((water.number < 0) & ~water.land).sum()) for water in waters)
+
+    def _mean_by_way(self, way: int) -> float | None:
+        by_way = [layer.leaving_by_way for layer in self._layers]
+        if any(len(of_layer) < len(EXITS) for of_layer in by_way):
+            return None
+        return float(np.concatenate(by_way, axis=1)[way].mean())
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LayerEnds(Ends):
@@ -130,14 +163,41 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def leaving(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the map from each cell; NaN if not known.
+        """The probability of ending off the map from each cell; NaN if not known."""
+        return self.leaving_by_way.sum(axis=0)
 
-        It is known without `ends` where no drifter can leave (0) or every drifter must (1).
+    @functools.cached_property
+    def exits(self) -> Float[np.ndarray, "ways states"]:
+        """The probability of leaving the map in a step, for each way out that is told apart."""
+        return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
+
+    @functools.cached_property
+    def leaving_by_way(self) -> Float[np.ndarray, "ways cells"]:
+        """The probability of ending off the map from each cell, by the way out; NaN if not known.
+
+        Without a solve it is known where no drifter can leave (0) or every drifter must (1).
         """
-        sure = self.begins.sure_to_leave
-        if not np.isnan(sure).any() or self.ends is None:
-            return sure
-        return np.asarray(self.ends.leaving)[: self.water.cells]
+        behaviour, cells = self.behaviour, self.water.cells
+        possible, sure = np.any(self.exits, axis=1), self.begins.sure_to_leave
+        shares = np.where(possible[:, None], sure, 0.0)
+        if possible.sum() <= 1:
+            if not np.isnan(sure).any():
+                return shares
+            if self.ends is not None:
+                shares[possible] = np.asarray(self.ends.leaving)[:cells]
+                return shares
+        # All persistent groups are one end, and each way out is another.
+        matrix, count = behaviour.unrolled.to_scipy(), len(self.exits)
+        out = scipy.sparse.csr_array(self.exits.T)
+        stay = scipy.sparse.eye_array(count)
+        chain = Chain.from_scipy(scipy.sparse.block_array([[matrix, out], [None, stay]]))
+        group = np.append(np.asarray(behaviour.groups.group).clip(-1, 0), 1 + np.arange(count))
+        group = jax.device_put(group.astype(np.int32))
+        ends = dataclasses.replace(behaviour.groups, group=group, count=1 + count)
+        solved = absorption_probabilities(chain, ends, throw=False)
+        if solved.certificate.outcome is not Outcome.CONVERGED:
+            return np.where(possible[:, None], np.nan, shares)
+        return np.asarray(solved.value)[1:, :cells]
 
     @property
     def almost_forever(self) -> Bool[np.ndarray, "cells"]:

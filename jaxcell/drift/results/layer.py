@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from ...base.quantities import derived, from_part
 from ...mapping import Chain, ChainSequence
 from ..behaviour import long_term_behaviour
 from ..flow import Flow
-from ..maps import drift_maps
+from ..maps import drift_maps, exit_shares
 from ..step import METHODS, DriftStep
 from ..validation.diagnosis import Diagnosis, diagnose
 from ..validation.distance import (
@@ -120,6 +120,12 @@ class Layer(LayerEnds, Compared):
         *("depth", "cells", "persistent_groups", "distance", "drifters_left", "median_hours"),
     )
 
+    _ashore: ClassVar[Mapping[str, str]] = {
+        "hold": "are held at the coast",
+        "slip": "stay at the coast",
+        "strand": "strand",
+    }
+
     flow: Flow
     "The current at all records, in which simulated drifters move."
     by: Flow
@@ -157,6 +163,11 @@ class Layer(LayerEnds, Compared):
         behaviour = long_term_behaviour(chain, duration, throw=False)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
+
+    @functools.cached_property
+    def exits(self) -> Float[np.ndarray, "ways states"]:
+        """The probability of leaving the map in a step, for each of `EXITS`."""
+        return exit_shares(self.water, self.by, self.step, self.behaviour.chain)
 
     @functools.cached_property
     def compared(self) -> Distance:
@@ -253,7 +264,7 @@ class Layer(LayerEnds, Compared):
         if ashore := self.diagnosis.ashore:
             remarks.append(
                 f"{at} the current runs ashore at {ashore} of {self.persistent_groups} persistent "
-                "groups: there drifters strand."
+                f"groups, where drifters {self._ashore[self.water.coast]}."
             )
         if (far := self.compared).worst > FAR:
             remarks.append(

@@ -33,6 +33,7 @@ from .answer import answer
 from .layer import Layer
 from .planned import too_large
 from .sea_currents import SeaCurrents
+from .sea_layers import positions
 from .sea_voyage import SeaVoyage
 
 
@@ -41,21 +42,6 @@ _MAX_FOR_CURVE = 20_000
 # The number of remarks that fit a screen.
 _MAX_REMARKS = 4
 _SQUARES = "layer y x"
-
-
-def _positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Describe the longitudes and latitudes of the cells in a quantity."""
-
-    def along(axis: int) -> Callable[[Any], Any]:
-        def value(drift: Any) -> Any:
-            numbers = getattr(drift, cells)
-            return None if numbers is None else drift._lon_lat(numbers)[axis]
-
-        return value
-
-    lon = derived(dim, "longitude", "degrees_east", standard_name="longitude")
-    lat = derived(dim, "latitude", "degrees_north", standard_name="latitude")
-    return lon(along(0)), lat(along(1))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,8 +67,9 @@ class SeaDrift(SeaCurrents):
 
     brief: ClassVar[tuple[str, ...]] = (
         *("asked_hours", "distance", "distance_noise", "drifters_left", "map_left"),
-        *("compared_cells", "persistent_groups", "mean_leaving", "median_hours", "cells", "step"),
-        *("period_hours", "diffusivity", "grid_diffusivity"),
+        *("compared_cells", "persistent_groups", "mean_leaving", "mean_leaving_into_gaps"),
+        *("mean_leaving_off_edge", "mean_stranding", "coast", "gap_squares"),
+        *("median_hours", "cells", "step", "period_hours", "diffusivity", "grid_diffusivity"),
         *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
     largest: ClassVar[int] = 2_500_000
@@ -140,6 +127,7 @@ class SeaDrift(SeaCurrents):
         backward: bool = False,
         diffusivity: float | int = 0.0,
         until: float | int | None = None,
+        coast: str = "hold",
         say: Callable[..., None] = lambda *_: None,
     ) -> "SeaDrift":
         """Compute the long-term behaviour in each layer.
@@ -165,12 +153,13 @@ class SeaDrift(SeaCurrents):
         - `diffusivity`: of unresolved motion, in m²/s; for sampled maps.
         - `until`: the time that is asked, in hours; by default
             [`jaxcell.drift.asked_hours`][].
+        - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
         - `say`: called with each stage of the computation.
         """
         step = step or DriftStep()
         count = range(currents.sizes["layer"])
-        waters = [Water.of(currents, k) for k in count]
-        flows = [Flow.of(currents, k, diffusivity=diffusivity) for k in count]
+        waters = [Water.of(currents, k, coast) for k in count]
+        flows = [Flow.of(currents, k, diffusivity=diffusivity, coast=coast) for k in count]
         notices = []
         if backward:
             flows = [flow.reversed() for flow in flows]
@@ -339,7 +328,7 @@ class SeaDrift(SeaCurrents):
     deployment_cell = from_part(
         "deployment.cells", "drifter", "cell to drop a drifter in", kind="index"
     )
-    deployment_lon, deployment_lat = _positions("deployment_cell", "drifter")
+    deployment_lon, deployment_lat = positions("deployment_cell", "drifter")
     deployment_group = from_part(
         "deployment.group", "drifter", "persistent group, -1 if transient", kind="index"
     )
@@ -353,7 +342,7 @@ class SeaDrift(SeaCurrents):
         kind="count",
     )
     minimum_cell = from_part("minimum", "fewest", "cell of the smallest deployment", kind="index")
-    minimum_lon, minimum_lat = _positions("minimum_cell", "fewest")
+    minimum_lon, minimum_lat = positions("minimum_cell", "fewest")
     curve_cell = from_part(
         "curve.cells", "drifters", "cell to drop the first, second, ... drifter in", kind="index"
     )
@@ -367,7 +356,7 @@ class SeaDrift(SeaCurrents):
     views_cell = from_part(
         "views.cover", "view", "cell from which the sea bed is seen", kind="index"
     )
-    views_lon, views_lat = _positions("views_cell", "view")
+    views_lon, views_lat = positions("views_cell", "view")
 
     @derived("view", "whether a drifter is dropped there", kind="flag")
     def views_kept(self) -> Bool[np.ndarray, "views"] | None:

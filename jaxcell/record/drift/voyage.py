@@ -16,7 +16,8 @@ from ..canvas.palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEX
 from ..canvas.prose import described
 from ..canvas.scale import Scale
 from ..canvas.stream import send_changing
-from .map import DRIFTER, LAND, CurrentMap, place_name
+from .frame import place_name
+from .map import DRIFTER, LAND, CurrentMap
 
 
 # The numbers of squares and arrows of a layer.
