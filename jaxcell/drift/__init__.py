@@ -44,7 +44,8 @@ proportional to the number of edges:
 
 `beaching` adds a beach to each cell of a `coast`, on which drifters strand. A persistent group may
 depend on a single drifter that leaves; `nearly_closed_sets` finds sets of cells that drifters
-hardly leave in a day, with their leakage and its time scale.
+hardly leave in a day, with their leakage and its time scale, and `coherent_sets` water that moves
+together, such as vortices.
 
 `diagnose` and `group_counts` show whether groups can be trusted. `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them. `ftle` (the finite-time Lyapunov

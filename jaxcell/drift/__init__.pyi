@@ -6,6 +6,7 @@ from .behaviour import (
 )
 from .closed_sets import (
     ClosedSets as ClosedSets,
+    coherent_sets as coherent_sets,
     nearly_closed_sets as nearly_closed_sets,
 )
 from .currents.ocean import open_currents as open_currents

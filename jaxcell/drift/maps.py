@@ -213,14 +213,14 @@ def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[
     duration = step.seconds(water, flow)
     needed = 2 * abs(duration) / crossing_time(water, flow) if step.method == "rk4" else 1.0
     if flow.period is None:
-        return _refined(step, duration, needed), [0.0]
+        return refined(step, duration, needed), [0.0]
     if not np.isclose(flow.fitted(duration), duration, rtol=1e-9):
         raise ValueError(
             f"duration: expected a whole part or multiple of the period, {float(flow.period):g} s, "
             f"such as {flow.fitted(duration):g} s, got {duration:g} s"
         )
     records = duration / float(np.diff(np.asarray(flow.time)).min())
-    step = _refined(step, duration, max(needed, records))
+    step = refined(step, duration, max(needed, records))
     starts = np.asarray(flow.time)[0] + np.arange(flow.phases(duration)) * duration
     return step, starts.tolist()
 
@@ -266,7 +266,7 @@ def _ends(
             yield x, y, np.ones(x.shape)
 
 
-def _refined(step: DriftStep, duration: float, needed: float) -> DriftStep:
+def refined(step: DriftStep, duration: float, needed: float) -> DriftStep:
     """Set the duration, and double the substeps until they are as many as needed."""
     finer = 2 ** max(0, math.ceil(math.log2(needed / step.substeps) - 1e-9))
     return dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)

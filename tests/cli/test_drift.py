@@ -172,9 +172,9 @@ def test_six_layers_fit_on_a_screen_with_the_main_numbers_first(
     assert rows[:5] == [
         "time that the answer is about",
         "drifters that the map has in a wrong cell then",
-        "the same by chance, because drifters are finite",
-        "drifters that left the map then",
-        "drifters that left it then, by the map of cells",
+        "persistent groups",
+        "probability of leaving the map, mean",
+        "... into sea without data",
     ]
     # One row for each layer.
     assert rows[-6:] == [str(layer) for layer in range(6)]

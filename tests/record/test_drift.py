@@ -183,7 +183,7 @@ def found(gyres, tmp_path_factory, read):
 
 def test_the_recording_shows_groups(gyres, found):
     assert len(found.blueprints) == 1
-    assert found.timelines == {"minute"}
+    assert found.timelines == {"minute", "date"}
     scale = np.reshape(found.static("/map", "Transform3D:scale"), -1)
     np.testing.assert_array_equal(scale, [1, -1, 1])
     for layer, water in enumerate(gyres.waters):

@@ -66,10 +66,10 @@ class SeaDrift(SeaCurrents):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("asked_hours", "distance", "distance_noise", "drifters_left", "map_left"),
-        *("compared_cells", "persistent_groups", "mean_leaving", "mean_leaving_into_gaps"),
-        *("mean_leaving_off_edge", "mean_stranding", "coast", "gap_squares"),
-        *("median_hours", "cells", "step", "period_hours", "diffusivity", "grid_diffusivity"),
+        *("asked_hours", "distance", "compared_cells"),
+        *("persistent_groups", "mean_leaving", "mean_leaving_into_gaps", "mean_leaving_off_edge"),
+        *("mean_stranding", "coast", "gap_squares"),
+        *("median_hours", "cells", "step", "period_hours", "diffusivity"),
         *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
     largest: ClassVar[int] = 2_500_000
