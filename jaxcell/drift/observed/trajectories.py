@@ -55,7 +55,7 @@ class Trajectories:
     since: str = ""
     "The date from which seconds count, such as `2020-01-01`; empty if it is not known."
     drogued: Bool[np.ndarray, "observations"] | None = None
-    "Whether the drifter still had its drogue; `None` if it is not known."
+    "True for drifters that still had their drogue; `None` if it is not known."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for observations that are not in order."""
@@ -143,6 +143,17 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
         layout of Parcels 4, which needs pyarrow.
 
     **Raises:** `ValueError` for another suffix, or without pyarrow.
+
+    A drifter that is observed twice:
+
+        >>> import pathlib, tempfile, numpy as np
+        >>> from jaxcell import drift
+        >>> lon, time = np.array([4.0, 4.1]), np.array([0.0, 3600.0])
+        >>> seen = drift.Trajectories(lon, lon + 56, time, np.zeros(2, int))
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "seen.nc"
+        >>> drift.save_trajectories(seen, path)
+        >>> drift.open_trajectories(path).lon.round(6).tolist()
+        [4.0, 4.1]
     """
     suffix = Path(path).suffix.lower()
     if suffix not in (".nc", ".parquet"):

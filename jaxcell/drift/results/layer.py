@@ -117,7 +117,7 @@ class Layer(LayerEnds, Compared):
     """
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("depth", "cells", "persistent_groups", "distance", "drifters_left", "median_hours"),
+        *("depth", "cells", "persistent_groups", "distance", "median_hours"),
     )
 
     _ashore: ClassVar[Mapping[str, str]] = {

@@ -92,13 +92,13 @@ class SeaDrift(SeaCurrents):
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     sets_listed: bool = True
-    "Whether a terminal shows a table of the nearly closed sets."
+    "If true, a terminal shows a table of the nearly closed sets."
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
     "The time that is asked, in hours; `None` for the median time to the end, up to 30 days."
     backward: bool = False
-    "Whether drifters go back in time."
+    "True if drifters go back in time."
     notices: tuple[str, ...] = ()
     "Differences from the request."
 

@@ -142,14 +142,14 @@ def distances_by_cell(
     In a current that stands still almost everywhere, each drifter stays where it is:
 
         >>> import numpy as np
-        >>> from jaxcell import drift
-        >>> from jaxcell.drift.validation.distance import distances_by_cell
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import drift, mapping
         >>> number, side = np.arange(4, dtype=np.int32).reshape(1, 4), np.full((1, 4), 1000.0)
         >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
-        >>> flow = drift.Flow(np.full((1, 2, 1, 4), 1e-9), np.zeros(1))
-        >>> away = drift.mapping.Chain(np.int32([[1, 1, 2, 3]]), np.ones((1, 4)))
+        >>> flow = drift.Flow(jnp.full((1, 2, 1, 4), 1e-9), jnp.zeros(1))
+        >>> away = mapping.Chain(np.int32([[1, 1, 2, 3]]), np.ones((1, 4)))
         >>> (one,) = drift.distances(water, flow, [(away, 3600.0)])
-        >>> distances_by_cell(water, away, 3600.0, one)[0].tolist()
+        >>> drift.distances_by_cell(water, away, 3600.0, one)[0].tolist()
         [1.0, 0.0, 0.0, 0.0]
     """
     row, column = (_PARTS * place // size for place, size in _places(water))
@@ -216,7 +216,7 @@ def nearest_step(
         >>> water, flow = examples.gyres()
         >>> step = drift.nearest_step([water], [flow], drift.METHODS["drifters"])
         >>> round(step.duration / drift.crossing_time(water, flow))
-        4
+        8
     """
     return nearest_maps(waters, flows, [mapped(flow) for flow in flows], step, hours)[0]
 
@@ -236,6 +236,8 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
 
     - `chains`: the map of each layer.
     - `seconds`: the duration of their steps.
+
+    **Returns:** the time.
 
     Drifters that leave in ten steps of six hours on average:
 
