@@ -166,7 +166,10 @@ class Stranded(Result):
         return self.water.on_grid(share)
 
     @derived(
-        "y x", "probability to be on a beach then, by the cell of release", "1", padding="NaN: land"
+        "y x",
+        "probability to be on a beach then, by the cell of release",
+        "1",
+        padding="NaN: no water",
     )
     def chance(self) -> Float[np.ndarray, "rows columns"]:
         ashore = np.arange(self.chain.cells) >= self.water.cells

@@ -70,9 +70,9 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
 
     **Returns:** the chain over the cells.
 
-    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], or for a diffusivity that is
-    too large or whose spread is not sampled; `RuntimeError` if JAX is set to 32 bits; `MemoryError`
-    if the map exceeds the free memory.
+    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], for drifters that strand at a
+    closed edge, or for a diffusivity that is too large or whose spread is not sampled;
+    `RuntimeError` if JAX is set to 32 bits; `MemoryError` if the map exceeds the free memory.
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
@@ -85,6 +85,8 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
     """
     require_x64("drift_map")
     duration = step.seconds(water, flow)
+    if water.coast == "strand" and step.edge != "exit":
+        raise ValueError(f"coast: expected the edge 'exit' with 'strand', got {step.edge!r}")
     if flow.diffusivity and step.spread != "sampled":
         raise ValueError(f"diffusivity: expected spread 'sampled' with it, got {step.spread!r}")
     deviation = diffused_cells(water, flow, duration)

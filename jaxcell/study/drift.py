@@ -77,8 +77,11 @@ class Drift(SeaStudy):
     off (hold); or the same, but water flows along coasts without friction (slip); or they have
     stranded, and leave the map (strand)."""
     land: Path | None = None
-    """GeoJSON file or shapefile of land, for currents without a mask; by default Natural Earth's.
-    With "gaps" all squares without data are land, and else they are an open edge."""
+    """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
+    Natural Earth."""
+    gaps: Literal["open", "land"] = "open"
+    """Squares without data that are not land by the mask or the coastline: an open edge (open), or
+    land too (land)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
@@ -122,7 +125,7 @@ class Drift(SeaStudy):
         """Read the currents."""
         pushes = self.windage, self.stokes
         chosen = self.time, self.depths, self.bounds, self.variables
-        return _currents(self.file, self.grid, *chosen, *pushes, self.land)
+        return _currents(self.file, self.grid, *chosen, *pushes, self.land, self.gaps)
 
     def memory(self, written: bool = False) -> float | int:
         from ..base import memory
@@ -262,6 +265,7 @@ def _currents(
     windage: float,
     stokes: bool,
     land: Path | None,
+    gaps: str,
 ) -> "xr.Dataset":
     from ..drift import open_currents
     from ..drift.currents.netcdf import TooLargeError
@@ -277,6 +281,7 @@ def _currents(
         windage=windage,
         stokes=stokes,
         land=land,
+        gaps=gaps,
     )
     try:
         return read()

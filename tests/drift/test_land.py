@@ -12,6 +12,8 @@ from hypothesis import given, settings, strategies as st
 from seas import sea
 
 from jaxcell import drift
+from jaxcell.base.formatting import format_value
+from jaxcell.base.quantities import quantities
 from jaxcell.drift import open_currents
 from jaxcell.drift.currents.land import read_land
 
@@ -107,7 +109,7 @@ HOLE[2, 2:4] = False
 def test_a_hole_in_the_open_sea_is_land_only_if_a_file_or_the_caller_says_so():
     here = {"seen": HOLE, **PACIFIC}
     np.testing.assert_array_equal(gaps(currents_where(**here)), ~HOLE)
-    assert not gaps(currents_where(**here, land="gaps")).any()
+    assert not gaps(currents_where(**here, gaps="land")).any()
     dims = ("latitude", "longitude")
     mask = {"m": (dims, HOLE.astype("i1"), {"standard_name": "sea_binary_mask"})}
     assert not gaps(currents_where(**here, variables=mask)).any()
@@ -231,6 +233,16 @@ def test_the_probability_of_leaving_is_known_if_the_table_of_all_groups_is_too_l
     assert layer.persistent_groups > 0
     assert layer.ends is None
     assert 0 < layer.mean_leaving < 1
+    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_BY_CELL", 1)
+    large = drift.Layer.of(water, flow, drift.METHODS["drifters"].lasting(3000))
+    assert np.isnan(large.leaving).any()
+    np.testing.assert_allclose(large.mean_by_way, layer.leaving_by_way.mean(axis=1), atol=1e-9)
+
+
+def test_an_unknown_probability_of_leaving_does_not_read_as_none():
+    about = quantities(drift.SeaDrift)["mean_leaving"]
+    assert format_value(float("nan"), about) == "not known"
+    assert format_value(0.0, about) == "0 %"
 
 
 def test_without_gaps_drifters_that_cannot_cross_a_coast_stay():
@@ -307,6 +319,12 @@ def test_gaps_connect_water_and_land_parts_it(seed):
                 for c in range(max(column - 1, 0), min(column + 2, 6))
             ]
     np.testing.assert_array_equal(water.piece, piece[wet])
+
+
+def test_drifters_do_not_strand_where_the_edge_is_closed():
+    water, flow, _ = strait(coast="strand")
+    with pytest.raises(ValueError, match="coast: expected the edge 'exit' with 'strand'"):
+        drift.drift_map(water, flow, drift.DriftStep(3000))
 
 
 def test_unknown_rules_at_the_coast_are_refused():

@@ -9,8 +9,8 @@ from .axes.dimensions import Axes
 from .flags import Flag, read_flags
 from .grid import OceanGrid
 from .masks import Mask, part, read_mask
+from .models.roms import to_centres
 from .netcdf import OceanFile
-from .roms import to_centres
 
 
 FASTEST_CURRENT = 10.0

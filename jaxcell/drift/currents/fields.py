@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import os
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -12,10 +11,10 @@ from .component import FASTEST_CURRENT, Component, component, read_cells
 from .conventions import find
 from .flags import LEAST_PRESENT, fill_gaps
 from .grid import OceanGrid
-from .land import GAPS, read_land
+from .land import Land, read_land
 from .masks import Mask, read_mask
+from .models.roms import at_height
 from .netcdf import OceanFile
-from .roms import at_height
 from .velocity import Velocity
 
 
@@ -46,7 +45,9 @@ class FieldReader:
     records: Int[np.ndarray, " records"]
     times: Shaped[np.ndarray, " records"]
     layers: Layers
-    land: str | os.PathLike[str] | None = None
+    coast: Land | None = None
+    "The land for files without a mask; by default that of Natural Earth."
+    gaps: str = "open"
     "As for [`jaxcell.drift.open_currents`][]."
 
     @property
@@ -176,16 +177,16 @@ class FieldReader:
             above |= self._seen_at(top)
         bed = ~seen & (deep | above)
         unknown = ~(water | seen | bed | self.grid.closed[:, None])
+        if self.gaps == "land":
+            return ~water, []
         if not unknown.any():
             land, by = np.zeros(self.grid.lon.shape, bool), ""
         elif self.mask is not None:
             land, by = ~self.mask.water, self.mask.name
-        elif self.land == GAPS:
-            land, by = np.ones(self.grid.lon.shape, bool), "land without a velocity, as asked"
         elif (dry := ~(self.bed > 0)).any() and not dry.all():
             land, by = dry, "the depth of the sea bed"
         else:
-            coast = read_land(self.land)
+            coast = self.coast or read_land()
             some = unknown.any(axis=0)
             land, by = coast.within(self.grid.lon, self.grid.lat, some), coast.name
         land = ~water & (bed | self.grid.closed[:, None] | (unknown & land))

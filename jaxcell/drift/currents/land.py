@@ -11,11 +11,10 @@ import shapely
 from jaxtyping import Bool, Float
 
 from ...base.bundled import bundled
+from .netcdf import error_line
 from .sphere import wrapped
 
 
-GAPS = "gaps"
-"""In place of a file: every square without a velocity is land."""
 _BUNDLED = "Natural Earth 1:10 million"
 # Of the bundled corners, in degrees.
 _DIGITS = 0.001
@@ -43,20 +42,20 @@ class Land:
         without a position count too.
         """
         marks = some & ~np.isfinite(lon + lat)
+        centre = np.nonzero(some & ~marks)
+        tree = shapely.STRtree(shapely.points(lon[centre], lat[centre]))
+        inland = np.unique(tree.query(self.polygons, predicate="contains")[1])
+        marks[tuple(index[inland] for index in centre)] = True
         row, column = np.nonzero(some & ~marks)
-        if row.size:
-            across, along = (
-                np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column]
-                / 2
-                for axis in (1, 0)
-            )
-            centre = np.stack([lon, lat], axis=-1)[row, column]
-            corners = [
-                centre + i * across + j * along for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-            ]
-            tree = shapely.STRtree(shapely.polygons(np.stack(corners, axis=1)))
-            holds = np.unique(tree.query(self.polygons, predicate="intersects")[1])
-            marks[row[holds], column[holds]] = True
+        across, along = (
+            np.stack([_steps(lon, axis, turn=True), _steps(lat, axis)], axis=-1)[row, column] / 2
+            for axis in (1, 0)
+        )
+        middle = np.stack([lon, lat], axis=-1)[row, column]
+        corners = [middle + i * across + j * along for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        tree = shapely.STRtree(shapely.polygons(np.stack(corners, axis=1)))
+        holds = np.unique(tree.query(self.polygons, predicate="intersects")[1])
+        marks[row[holds], column[holds]] = True
         return marks
 
     def coasts(
@@ -86,15 +85,17 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
     **Raises:** `FileNotFoundError`, or `ValueError` for a file without polygons in degrees.
     """
-    return _read_land(None if path is None else os.fspath(path))
-
-
-@functools.lru_cache(maxsize=4)
-def _read_land(path: str | None) -> Land:
     if path is None:
         return Land(_BUNDLED, _bundled_polygons())
     if not Path(path).is_file():
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise FileNotFoundError(f"{os.fspath(path)}: there is no such file")
+    about = os.stat(path)
+    return _read_land(os.fspath(path), (about.st_mtime_ns, about.st_size))
+
+
+@functools.lru_cache(maxsize=2)
+def _read_land(path: str, version: tuple[int, int]) -> Land:
+    """Read a file, again if its time or size has changed."""
     shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     try:
         shapes = _shapefile(path) if shapefile else shapely.from_geojson(Path(path).read_text())
@@ -104,7 +105,9 @@ def _read_land(path: str | None) -> Land:
             "the file to GeoJSON"
         ) from error
     except Exception as error:  # the exceptions for damaged files are not documented
-        raise ValueError(f"{path}: cannot be read as GeoJSON or a shapefile: {error!r}") from error
+        raise ValueError(
+            f"{path}: cannot be read as GeoJSON or a shapefile: {error_line(error)}"
+        ) from error
     # Twice: polygons may be in collections within the collection of the file.
     parts = shapely.get_parts(shapely.get_parts(np.atleast_1d(shapes)))
     polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
@@ -127,6 +130,7 @@ def _read_land(path: str | None) -> Land:
     return Land(Path(path).name, np.concatenate([polygons, *beyond]))
 
 
+@functools.cache
 def _bundled_polygons() -> np.ndarray:
     with np.load(bundled("ocean/land.npz")) as arrays:
         steps = np.stack([arrays["east"], arrays["north"]], axis=1)

@@ -12,9 +12,9 @@ from .axes.depths import choose_layers
 from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
-from .land import GAPS
+from .land import read_land
+from .models.roms import turned
 from .netcdf import OceanFile
-from .roms import turned
 from .sources import Source, open_source, source_name
 from .surface import Push, read_surface
 from .velocity import Velocity, choose_velocity
@@ -37,6 +37,7 @@ def open_currents(
     windage: float | int = 0.0,
     stokes: bool = False,
     land: str | os.PathLike[str] | None = None,
+    gaps: str = "open",
 ) -> xr.Dataset:
     """Read ocean currents (Alam 2018, section 5.4.1).
 
@@ -87,8 +88,8 @@ def open_currents(
         if the file has the wind: some 0.01 to 0.04 for objects that project from the water.
     - `stokes`: whether to add the Stokes drift of waves to the first layer, if the file has it.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
-        land of Natural Earth, whose coasts are off by some kilometres. `"gaps"` takes every square
-        without a velocity for land.
+        land of Natural Earth, whose coasts are off by some kilometres.
+    - `gaps`: `"open"`, or `"land"` if all squares without a velocity are land.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
@@ -116,6 +117,9 @@ def open_currents(
     """
     if not 0 <= windage <= 1:
         raise ValueError(f"windage: expected a share from 0 to 1, got {windage}")
+    if gaps not in ("open", "land"):
+        raise ValueError(f"gaps: expected 'open' or 'land', got {gaps!r}")
+    coast = None if land is None else read_land(land)
     with open_source(path, grid) as file:
         file, velocity = choose_velocity(file, variables)
         axes = velocity.u_axes
@@ -127,7 +131,7 @@ def open_currents(
         records = choose_records(file, times, time)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
         chosen = times.values[records]
-        field = FieldReader(file, velocity, cells, records, chosen, layers, land).read(mean)
+        field = FieldReader(file, velocity, cells, records, chosen, layers, coast, gaps).read(mean)
         _check_positions(file, axes.lon, cells, field)
         shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
         pushes = [
@@ -152,7 +156,7 @@ def open_currents(
         "north_from": _origin(velocity, "North", cells),
         "notes": "\n".join(note for note in notes if note),
         "mean_of": len(records) if mean else 1,
-        "coastline": "" if land in (None, GAPS) else os.fspath(land),
+        "coastline": "" if land is None else os.fspath(land),
     }
     field = dataclasses.replace(field, u=u, v=v)
     return _dataset(field, cells, chosen[:1] if mean else chosen, attributes)

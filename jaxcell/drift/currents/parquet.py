@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from .netcdf import error_line
+
 
 # Parcels 4 calls the coordinates x, y and t.
 _NAMES = {"x": "lon", "y": "lat", "t": "time"}
@@ -23,8 +25,8 @@ def read_parquet(path: str | os.PathLike[str]) -> xr.Dataset:
         columns = [name for name in pa.parquet.read_schema(path).names if name in _NEEDED]
         table = pa.parquet.read_table(path, columns=columns)
     except (pa.ArrowException, OSError) as error:
-        why = " ".join(str(error).split())
-        raise ValueError(f"{os.fspath(path)}: cannot be read as Parquet: {why}") from error
+        why = f"{os.fspath(path)}: cannot be read as Parquet: {error_line(error)}"
+        raise ValueError(why) from error
     variables = {}
     for name in table.column_names:
         about = table.field(name).metadata or {}

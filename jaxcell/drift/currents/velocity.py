@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from . import mitgcm, nemo
 from .axes.dimensions import Axes, find_axes, is_rectangular, on_nodes, unstructured
 from .conventions import table
+from .models import mitgcm, nemo
 from .netcdf import OceanFile
 
 

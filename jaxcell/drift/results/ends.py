@@ -15,6 +15,7 @@ from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part
 from ...mapping import Chain
 from ...mapping.generalized import leaving_rows
 from ...markov import Absorption, absorption_probabilities
+from ...markov.transient import Transient
 from ..behaviour import LongTermBehaviour
 from ..maps import EXITS
 from ..water import Water
@@ -22,6 +23,11 @@ from ..water import Water
 
 ALMOST_FOREVER = 10_000
 """The expected number of steps above which drifters take almost forever to end."""
+LARGEST_BY_CELL = 200_000
+"""The number of cells at all phases above which a probability of leaving that takes a solve is
+known only as a mean over the cells."""
+LARGEST_MEAN = 500_000
+"""The number above which it is not known at all, because the solve takes a minute."""
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 
@@ -88,35 +94,55 @@ class Ends(Result):
 
     @derived("", "probability of leaving the map, mean", kind="share", padding="NaN: not known")
     def mean_leaving(self) -> float:
-        return float(np.concatenate([layer.leaving for layer in self._layers]).mean())
+        cells = [layer.water.cells for layer in self._layers]
+        return float(np.average([one.mean_by_way.sum() for one in self._layers], weights=cells))
 
-    @derived("", "... into sea without data", kind="share", padding="NaN: not known")
+    @derived(
+        "",
+        "probability of leaving into sea without data, mean",
+        kind="share",
+        padding="NaN: not known",
+    )
     def mean_leaving_into_gaps(self) -> float | None:
         return self._mean_by_way(0) if self.gap_squares else None
 
-    @derived("", "... off the edge of the grid", kind="share", padding="NaN: not known")
+    @derived(
+        "",
+        "probability of leaving off the edge of the grid, mean",
+        kind="share",
+        padding="NaN: not known",
+    )
     def mean_leaving_off_edge(self) -> float | None:
         return self._mean_by_way(1)
 
-    @derived("", "... by stranding on land", kind="share", padding="NaN: not known")
+    @derived("", "probability of stranding on land, mean", kind="share", padding="NaN: not known")
     def mean_stranding(self) -> float | None:
         strand = any(layer.water.coast == "strand" for layer in self._layers)
         return self._mean_by_way(2) if strand else None
 
     @derived("", "squares of land or sea bed", kind="count")
-    def land_squares(self) -> int:
+    def land_squares(self) -> int | None:
+        if not self._tells_ways:
+            return None
         return sum(int(layer.water.land.sum()) for layer in self._layers)
 
     @derived("", "squares of sea without data", kind="count")
-    def gap_squares(self) -> int:
+    def gap_squares(self) -> int | None:
+        if not self._tells_ways:
+            return None
         waters = [layer.water for layer in self._layers]
         return sum(int(((water.number < 0) & ~water.land).sum()) for water in waters)
 
+    @property
+    def _tells_ways(self) -> bool:
+        """True if the ways out are told apart, as in a current."""
+        return all(len(layer.exits) == len(EXITS) for layer in self._layers)
+
     def _mean_by_way(self, way: int) -> float | None:
-        by_way = [layer.leaving_by_way for layer in self._layers]
-        if any(len(of_layer) < len(EXITS) for of_layer in by_way):
+        if not self._tells_ways:
             return None
-        return float(np.concatenate(by_way, axis=1)[way].mean())
+        cells = [layer.water.cells for layer in self._layers]
+        return float(np.average([one.mean_by_way[way] for one in self._layers], weights=cells))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -186,6 +212,8 @@ class LayerEnds(Ends):
             if self.ends is not None:
                 shares[possible] = np.asarray(self.ends.leaving)[:cells]
                 return shares
+        if behaviour.unrolled.cells > LARGEST_BY_CELL:
+            return np.where(possible[:, None], np.nan, shares)
         # All persistent groups are one end, and each way out is another.
         matrix, count = behaviour.unrolled.to_scipy(), len(self.exits)
         out = scipy.sparse.csr_array(self.exits.T)
@@ -198,6 +226,21 @@ class LayerEnds(Ends):
         if solved.certificate.outcome is not Outcome.CONVERGED:
             return np.where(possible[:, None], np.nan, shares)
         return np.asarray(solved.value)[1:, :cells]
+
+    @functools.cached_property
+    def mean_by_way(self) -> Float[np.ndarray, "ways"]:
+        """The mean of `leaving_by_way` over the cells; NaN if not known."""
+        by_cell = self.leaving_by_way.mean(axis=1)
+        behaviour, cells = self.behaviour, self.water.cells
+        if not np.isnan(by_cell).any() or behaviour.unrolled.cells > LARGEST_MEAN:
+            return by_cell
+        transient = np.asarray(behaviour.groups.group) < 0
+        part = Transient.of(behaviour.unrolled.to_scipy(), transient)
+        visits, _ = part.visits((part.cells < cells) / cells)
+        mean = self.exits[:, part.cells[part.branching]] @ visits
+        # An eddy that almost holds drifters is beyond 64-bit numbers.
+        known = np.isfinite(mean).all() and mean.sum() <= 1 + PROBABILITY
+        return mean if known else np.full(mean.size, np.nan)
 
     @property
     def almost_forever(self) -> Bool[np.ndarray, "cells"]:

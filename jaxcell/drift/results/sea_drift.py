@@ -68,7 +68,7 @@ class SeaDrift(SeaCurrents):
     brief: ClassVar[tuple[str, ...]] = (
         *("asked_hours", "distance", "compared_cells"),
         *("persistent_groups", "mean_leaving", "mean_leaving_into_gaps", "mean_leaving_off_edge"),
-        *("mean_stranding", "coast", "gap_squares"),
+        *("mean_stranding", "coast"),
         *("median_hours", "cells", "step", "period_hours", "diffusivity"),
         *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )

@@ -94,9 +94,12 @@ def _coasts(water: Water, coastline: str) -> Iterator[Float[np.ndarray, "points 
     wide = room / max(0.1, math.cos(math.radians(float(np.abs(lat[known]).max()))))
     west, south = middle + east.min() - wide, max(-90.0, lat[known].min() - room)
     box = west, south, middle + east.max() + wide, min(90.0, lat[known].max() + room)
-    for line in read_land(coastline or None).coasts(*box):
-        place, _ = on_the_grid(water, *line.T)
-        limits = np.array([columns, rows]) - 0.5
+    lines = [*read_land(coastline or None).coasts(*box)]
+    if not lines:
+        return
+    places, _ = on_the_grid(water, *np.concatenate(lines).T)
+    limits = np.array([columns, rows]) - 0.5
+    for place in np.split(places, np.cumsum([len(line) for line in lines])[:-1]):
         on = np.all((place >= -0.5) & (place <= limits), axis=1)
         # A line ends at the edge of the map, and at the seam of a grid round the Earth.
         jump = np.abs(np.diff(place, axis=0)).max(axis=1) > max(columns, rows) / 2

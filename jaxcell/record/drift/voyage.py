@@ -109,7 +109,7 @@ def _log_land(space: _Space) -> None:
     """Log the land of each layer, and its depth."""
     stream = space.surface.stream
     for layer, water in enumerate(space.surface.drift.waters):
-        row, column = np.nonzero(water.number < 0)
+        row, column = np.nonzero(water.land)
         stride = max(1, math.ceil(math.sqrt(row.size / _MAX_SQUARES)))
         some = (row % stride == stride // 2) & (column % stride == stride // 2)
         at = np.stack([column[some], row[some]], axis=1).astype(float)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..models.roms import ALONE, SLevels, read_s_levels
 from ..netcdf import OceanFile
-from ..roms import ALONE, SLevels, read_s_levels
 from .dimensions import axis_kind
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import xarray as xr
 
-from .netcdf import OceanFile
+from ..netcdf import OceanFile
 
 
 # The dimensions of sides and of the centres beside them, by diagnostics, by ECCO, and by mnc.
