@@ -174,7 +174,7 @@ def test_six_layers_fit_on_a_screen_with_the_main_numbers_first(
         "drifters that the map has in a wrong cell then",
         "persistent groups",
         "probability of leaving the map, mean",
-        "... into sea without data",
+        "probability of leaving off the edge of the grid, mean",
     ]
     # One row for each layer.
     assert rows[-6:] == [str(layer) for layer in range(6)]
