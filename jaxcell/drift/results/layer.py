@@ -198,7 +198,7 @@ class Layer(LayerEnds, Compared):
 
         `None` if the map is not far from drifters, or no setting is nearer.
         """
-        if self.compared.worst <= FAR:
+        if self.compared.worst <= FAR or self._large:
             return None
         duration, most = self.behaviour.duration, longest_duration(self.water, self.by)
         longer = [self.by.fitted(factor * duration) for factor in (2, 4)]
@@ -269,13 +269,21 @@ class Layer(LayerEnds, Compared):
         if (far := self.compared).worst > FAR:
             remarks.append(
                 f"{at} after {in_time(far.worst_hours)} the map has {far.worst:.0%} of drifters in "
-                f"a wrong cell; {_instead(self.closer)}."
+                f"a wrong cell; {self._instead}."
             )
         return (*remarks, *super().remarks)
 
+    @property
+    def _large(self) -> bool:
+        """True for a map for which others take too long to try."""
+        return self.behaviour.unrolled.cells > MOST_CELLS
 
-def _instead(closer: tuple[str, Distance] | None) -> str:
-    if closer is None:
-        return "no other duration or method that was tried brings it closer"
-    setting, distance = closer
-    return f"by {setting} it is {distance.worst:.0%} at most, after {in_time(distance.worst_hours)}"
+    @property
+    def _instead(self) -> str:
+        if self._large:
+            return "a longer duration may bring it closer"
+        if self.closer is None:
+            return "no other duration or method that was tried brings it closer"
+        setting, distance = self.closer
+        when = in_time(distance.worst_hours)
+        return f"by {setting} it is {distance.worst:.0%} at most, after {when}"
