@@ -7,6 +7,10 @@ from .quantities import Quantity
 
 
 _MAX_TEXT = 60
+# Hours from which a time is given in days.
+_DAYS = 72
+# Hours from which it is given in years.
+_YEARS = 10 * 24 * 365.25
 _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}
 
 
@@ -44,8 +48,25 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
         return f"{round(100 * number, 9):z.4g} %"
     if about.kind == "residual":
         return f"{number:z.1e}"
+    if about.units == "h" and number >= _DAYS:
+        return in_time(number)
     text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
     return text + _UNITS.get(about.units, f" {about.units}")
+
+
+def in_time(hours: float) -> str:
+    """Write a time in hours, from three days on in days, and from ten years on in years.
+
+    >>> from jaxcell.base.formatting import in_time
+    >>> in_time(16.9), in_time(720.0), in_time(200_000.0)
+    ('16.9 h', '30 days', '22.8 years')
+    """
+    if hours < _DAYS:
+        return f"{hours:.3g} h"
+    if hours < _YEARS:
+        return f"{hours / 24:.3g} days"
+    years = hours / (24 * 365.25)
+    return f"{years:.3g} years" if years < 1e6 else "over 1,000,000 years"
 
 
 def configuration(cells: Any, z: int, heading: bool = True) -> str:

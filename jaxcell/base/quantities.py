@@ -197,6 +197,16 @@ class Result:
         return True
 
     @property
+    def quiet(self) -> tuple[str, ...]:
+        """Names of parts that a terminal does not show; files and JSON have them."""
+        return ()
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        """Sentences that answer the question, for people; the most important first."""
+        return ()
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences with limits of the answer, for people who rely on it."""
         return ()

@@ -142,9 +142,11 @@ def noting_warnings() -> Iterator[list[str]]:
 
 
 def show(result: "Result", heading: str, seconds: float | None = None) -> None:
-    """Print the tables of a result under a heading, with the seconds that it took."""
+    """Print the answer, and the tables of a result under a heading with the seconds it took."""
     from ..record.data.tables import tables
 
+    for line in result.answer:
+        say(line)
     for each in tables(result, heading, seconds):
         table(*each)
     if result.brief:

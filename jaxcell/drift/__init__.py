@@ -23,9 +23,13 @@ so that the sea is a finite Markov chain over cells, a generalized cell map `p(n
 5.5). A `DriftStep` has the duration and the rules. The rules of the source spread drifters much
 more than water does, and close the edges of the grid. `METHODS` has them, and rules that agree with
 drifters: many points of each cell drift by the Runge-Kutta method over open edges, to an explicit
-sink. `exit_shares` divides it among the ways out. `distances` compares a map with drifters in the
-current as it changes with time, and `nearest_step` chooses `dt` for the least distance.
-`drift_maps` maps each phase of a periodic current (`Flow.repeated`).
+sink. `exit_shares` divides it among the ways out. `drift_maps` maps each phase of a periodic
+current (`Flow.repeated`).
+
+**How sure the map is.** A `Replay` has drifters in the current as it changes with time. `distances`
+compares a map with them at the times that are asked (`asked_hours`), `distances_by_cell` for the
+drifters of each cell, and a `MarkovTest` on sets of cells (Chapman-Kolmogorov). `nearest_step`
+chooses `dt` for the least distance.
 
 **Long-term behaviour** (Alg. 5.1), `long_term_behaviour`, apart from the solves in time
 proportional to the number of edges:
@@ -40,7 +44,8 @@ proportional to the number of edges:
 
 `beaching` adds a beach to each cell of a `coast`, on which drifters strand. A persistent group may
 depend on a single drifter that leaves; `nearly_closed_sets` finds sets of cells that drifters
-hardly leave in a day, with their leakage and its time scale.
+hardly leave in a day, with their leakage and its time scale, and `coherent_sets` water that moves
+together, such as vortices.
 
 `diagnose` and `group_counts` show whether groups can be trusted. `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them. `ftle` (the finite-time Lyapunov

@@ -6,6 +6,7 @@ from .behaviour import (
 )
 from .closed_sets import (
     ClosedSets as ClosedSets,
+    coherent_sets as coherent_sets,
     nearly_closed_sets as nearly_closed_sets,
 )
 from .currents.ocean import open_currents as open_currents
@@ -62,8 +63,9 @@ from .validation.diagnosis import (
 )
 from .validation.distance import (
     Distance as Distance,
-    Sampling as Sampling,
+    asked_hours as asked_hours,
     distances as distances,
+    distances_by_cell as distances_by_cell,
     nearest_step as nearest_step,
 )
 from .validation.drifters import (
@@ -72,6 +74,8 @@ from .validation.drifters import (
     compare as compare,
     simulate_drifters as simulate_drifters,
 )
+from .validation.markov_test import MarkovTest as MarkovTest
+from .validation.replay import Replay as Replay, Sampling as Sampling
 from .voyage import (
     Tracks as Tracks,
     Voyage as Voyage,

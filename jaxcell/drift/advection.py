@@ -16,9 +16,10 @@ from .flow import Flow, between, in_squares
 # For each stage of a method: the part of the step that it is ahead, and its weight in the mean.
 _STAGES = {"euler": ((0.0, 1.0),), "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))}
 METHODS = tuple(_STAGES)
-# Up to the first number of points one compiled program serves all. From the second on a program is
-# compiled for the number of steps, which is faster.
-_FEW_POINTS, _MANY_POINTS = 1024, 1 << 18
+# Up to this number of points one compiled program serves all.
+_FEW_POINTS = 1024
+CHUNK = 1 << 16
+"""Number of points that are moved together: they fit the cache of a processor."""
 
 _Pair: TypeAlias = tuple[Array, Array]
 
@@ -75,15 +76,16 @@ def carried(
 ) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
     """Move points as [`advect`][], by one program for any number of steps and similar sizes."""
     seconds = float(duration), float(start)
-    if x.size >= _MANY_POINTS:
-        ends = advect(flow, x, y, seconds[0], start=seconds[1], method=method, steps=steps)
-        return np.asarray(ends[0]), np.asarray(ends[1])
-    size = max(_FEW_POINTS, bucket(x.size))
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)
-    ends = _carried(flow, np.resize(x, size), np.resize(y, size), *seconds, method, steps)
-    end_x, end_y = (np.asarray(end)[: x.size].reshape(x.shape) for end in ends)
-    return end_x, end_y
+    begin, ends = np.stack([x.ravel(), y.ravel()]), np.empty((2, x.size))
+    for first in range(0, x.size, CHUNK):
+        part = begin[:, first : first + CHUNK]
+        size = max(_FEW_POINTS, bucket(part.shape[1]))
+        padded = (np.resize(place, size) for place in part)
+        moved = _carried(flow, *padded, *seconds, method, steps)
+        ends[:, first : first + CHUNK] = np.stack(moved)[:, : part.shape[1]]
+    return ends[0].reshape(x.shape), ends[1].reshape(x.shape)
 
 
 def _advected(flow, x, y, duration, start, method, steps):  # type: ignore[no-untyped-def]

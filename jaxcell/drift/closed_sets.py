@@ -6,11 +6,14 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
+from .. import markov
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
-from ..markov import NearlyClosedSets, almost_invariant_sets, coherent_sets
-from .flow import steps_in
+from ..markov import NearlyClosedSets, almost_invariant_sets
+from .flow import Flow, crossing_time, steps_in
+from .maps import drift_map, refined
 from .ranks import basin_ranks
+from .step import METHODS
 from .water import Water
 
 
@@ -61,11 +64,70 @@ def nearly_closed_sets(
     steps = phases * steps_in(hours * 3600, duration * phases)
     area = water.sides.prod(axis=0)
     mass = np.where(np.bincount(water.piece)[water.piece] < _LEAST_PIECE * water.cells, 0.0, area)
+    find = markov.coherent_sets if moving else almost_invariant_sets
+    return find(chain, count, mass, steps=steps, blur=_blur(water))
+
+
+def coherent_sets(
+    water: Water,
+    flow: Flow,
+    hours: float | int,
+    count: int | None = None,
+    *,
+    start: float | int = 0.0,
+    steps: int = 1,
+    most: int = 12,
+) -> NearlyClosedSets:
+    """Find coherent sets: water that moves together, and hardly mixes with its surroundings.
+
+    They are those of [`jaxcell.markov.coherent_sets`][] over a window of time, in which the current
+    need not be periodic. Two choices decide whether vortices are found. The window is mapped in few
+    steps, at best in one, because in every step the grid spreads drifters by up to a cell. And the
+    search follows the window by a blur over neighbouring cells, because otherwise single cells are
+    the most coherent sets.
+
+    **Arguments:**
+
+    - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
+    - `hours`: the length of the window.
+    - `count`: the number of sets; by default the number of singular values before their largest
+        gap, from 2 to `most`.
+    - `start`: the beginning of the window, in seconds as in `Flow.time`.
+    - `steps`: the number of steps of the window.
+    - `most`: the largest number of sets, if it is not given.
+
+    **Returns:** [`jaxcell.markov.NearlyClosedSets`][]: `begin` has the place of each set at the
+    beginning of the window, and `end` at its end.
+
+    The surface of the bundled sea at its first record, which has three eddies:
+
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
+        >>> sets = drift.coherent_sets(water, flow, 12)
+        >>> sets.count, bool(sets.leakage.max() < 0.1)
+        (3, True)
+    """
+    length = 3600 * hours / steps
+    records = length / np.diff(np.asarray(flow.time)).min(initial=np.inf)
+    needed = max(2 * length / crossing_time(water, flow), records)
+    step = refined(METHODS["drifters"], length, needed)
+    chains = [drift_map(water, flow, step, start=start + k * length) for k in range(steps)]
+    window, area, blur = ChainSequence.of(chains), water.sides.prod(axis=0), _blur(water)
+
+    def find(number: int) -> NearlyClosedSets:
+        return markov.coherent_sets(window, number, area, steps=steps, blur=blur)
+
+    if count is not None:
+        return find(count)
+    value = find(min(most + 1, water.cells)).value
+    return find(2 + int(np.argmin(np.diff(value[1:]))))
+
+
+def _blur(water: Water) -> Chain:
+    """Make the chain that spreads drifters evenly over each cell and its neighbours."""
     every = np.arange(water.cells, dtype=np.int32)
     around = np.vstack([every, np.where(water.neighbor >= 0, water.neighbor, every)])
-    blur = Chain(around, np.full(around.shape, 1 / len(around)))
-    find = coherent_sets if moving else almost_invariant_sets
-    return find(chain, count, mass, steps=steps, blur=blur)
+    return Chain(around, np.full(around.shape, 1 / len(around)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import leaving_rows, slots_of
 from ..mapping.sequence import as_sequence
 from .advection import carried
-from .flow import Flow
+from .drifting import drifted
+from .flow import Flow, crossing_time
 from .step import DriftStep
 from .water import NEIGHBORS, Water, on_grid, square
 
@@ -132,8 +133,8 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
 
     - `water`, `flow`: as for [`drift_map`][]; a periodic flow is made by [`Flow.repeated`][].
     - `step`: a step whose duration divides the period or is a multiple of it, as
-        [`Flow.fitted`][] gives it. The substeps are doubled until they are as many as the records
-        in a step.
+        [`Flow.fitted`][] gives it. The substeps of the Runge-Kutta method are doubled until they
+        are as many as the records in a step, and each is at most half a cell long on average.
 
     **Returns:** the chains of the phases, one after the other; or the one chain of a flow that is
     not periodic, or of a step of whole periods.
@@ -211,18 +212,17 @@ def _exit_shares(
 
 def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[float]]:
     """Return the step at each phase of a flow, and the times at which the phases begin."""
-    if flow.period is None:
-        return step, [0.0]
     duration = step.seconds(water, flow)
+    needed = 2 * abs(duration) / crossing_time(water, flow) if step.method == "rk4" else 1.0
+    if flow.period is None:
+        return refined(step, duration, needed), [0.0]
     if not np.isclose(flow.fitted(duration), duration, rtol=1e-9):
         raise ValueError(
             f"duration: expected a whole part or multiple of the period, {float(flow.period):g} s, "
             f"such as {flow.fitted(duration):g} s, got {duration:g} s"
         )
     records = duration / float(np.diff(np.asarray(flow.time)).min())
-    # Few different numbers of substeps, so that few programs are compiled.
-    finer = 2 ** max(0, math.ceil(math.log2(records / step.substeps) - 1e-9))
-    step = dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
+    step = refined(step, duration, max(needed, records))
     starts = np.asarray(flow.time)[0] + np.arange(flow.phases(duration)) * duration
     return step, starts.tolist()
 
@@ -243,6 +243,10 @@ def _ends(
     def carry(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Carry one point per cell for each offset from the centre, in parts of a cell."""
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
+        if step.edge == "exit" and step.method == "rk4":
+            longest = abs(duration) / step.substeps
+            places = drifted(water, flow, x.ravel(), y.ravel(), start, start + duration, longest)
+            return places[0].reshape(x.shape), places[1].reshape(x.shape)
         return carried(flow, x, y, duration, start, step.method, step.substeps)
 
     if step.spread != "sampled":
@@ -262,6 +266,12 @@ def _ends(
                 yield _diffused(*point, deviation)
         else:
             yield x, y, np.ones(x.shape)
+
+
+def refined(step: DriftStep, duration: float, needed: float) -> DriftStep:
+    """Set the duration, and double the substeps until they are as many as needed."""
+    finer = 2 ** max(0, math.ceil(math.log2(needed / step.substeps) - 1e-9))
+    return dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
 
 
 def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:

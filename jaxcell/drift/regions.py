@@ -6,9 +6,11 @@ import os
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+import scipy.special
 import shapely
 from jaxtyping import Bool, Float, Int
 
@@ -20,10 +22,13 @@ from ..mapping.generalized import leaving_rows
 from ..mapping.sequence import as_sequence, push_on_host
 from ..markov.hitting import leaving_times
 from .behaviour import LongTermBehaviour
-from .flow import steps_in
+from .drifting import drifted
+from .flow import Flow, crossing_time, steps_in
 from .water import Water
 
 
+# The probability on either side of a confidence interval.
+_TAIL = 0.025
 # Longitudes of polygons may differ from those of the cells by a turn.
 _TURNS = (0.0, -360.0, 360.0)
 
@@ -55,6 +60,10 @@ class Exchange(Result):
     "The duration of a step."
     steps: int
     "The number of steps between release and arrival."
+    arrived: Int[np.ndarray, "regions regions"] | None = None
+    "The number of simulated drifters from each region that are in each region then."
+    released: int = 0
+    "The number of drifters that are simulated from each region."
 
     @classmethod
     def of(
@@ -67,6 +76,30 @@ class Exchange(Result):
         """Compute the exchange by the map of a layer, after a time rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
+
+    def with_drifters(self, water: Water, flow: Flow, count: int, seed: int = 0) -> "Exchange":
+        """Simulate drifters from each region in the current itself, for confidence intervals.
+
+        **Arguments:**
+
+        - `water`, `flow`: of the surface.
+        - `count`: the number of drifters from each region, released uniformly in its cells.
+        - `seed`: of the places of release, and of diffusion.
+        """
+        random = np.random.default_rng(seed)
+        origin = np.concatenate(
+            [random.choice(np.flatnonzero(region), count) for region in self.inside]
+        )
+        off = random.uniform(-0.5, 0.5, (2, origin.size))
+        x, y = water.column[origin] + off[0], water.row[origin] + off[1]
+        between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
+        longest = min(crossing_time(water, flow) / 2, between)
+        end, key = 3600 * self.after_hours, jax.random.key(seed)
+        x, y = drifted(water, flow, x, y, 0.0, end, longest, key)
+        cell = water.landing(x[None], y[None], origin=origin, exits=True)[0]
+        # The last column is for drifters that have left.
+        within = np.pad(self.inside, ((0, 0), (0, 1)))[:, cell].reshape(len(self.inside), -1, count)
+        return dataclasses.replace(self, arrived=within.sum(axis=2).T, released=count)
 
     @derived("", "time between release and arrival", "h", kind="time")
     def after_hours(self) -> float:
@@ -91,6 +124,29 @@ class Exchange(Result):
     )
     def share(self) -> Float[np.ndarray, "regions regions"]:
         return self.after @ self.inside.T
+
+    @derived("region to_region", "the same of simulated drifters", kind="share", listed=True)
+    def share_of_drifters(self) -> Float[np.ndarray, "regions regions"] | None:
+        return None if self.arrived is None else self.arrived / self.released
+
+    @derived("region to_region", "1 in 40 below", kind="share", listed=True)
+    def low(self) -> Float[np.ndarray, "regions regions"] | None:
+        return self._quantile(_TAIL, 0)
+
+    @derived("region to_region", "1 in 40 above", kind="share", listed=True)
+    def high(self) -> Float[np.ndarray, "regions regions"] | None:
+        return self._quantile(1 - _TAIL, 1)
+
+    def _quantile(self, level: float, more: int) -> Float[np.ndarray, "regions regions"] | None:
+        """Compute a bound of the exact interval of Clopper and Pearson (1934)."""
+        if self.arrived is None:
+            return None
+        seen = self.arrived
+        bound = scipy.special.betaincinv(
+            np.maximum(seen + more, 1), np.maximum(self.released - seen + 1 - more, 1), level
+        )
+        bound[seen == (self.released if more else 0)] = more
+        return np.asarray(bound)
 
     @derived("region", "share of its drifters that are off the map then", kind="share")
     def left(self) -> Float[np.ndarray, "regions"]:

@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import functools
 import math
@@ -6,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from .parameters import AtLeastOne, Duration, Length, Limit, Metres, Only, Share
+from .parameters import AtLeastOne, Days, Duration, Length, Limit, Metres, Only, Share
 from .sea_study import SeaStudy
 from .study import Say, about, numbers, silent
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
+# Number of nearly closed sets by default, and of the cells at all phases up to which it takes
+# seconds.
+_USUAL_SETS, _MAX_FOR_SETS = 3, 30_000
 _PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
 
 
@@ -80,6 +84,9 @@ class Drift(SeaStudy):
     land too (land)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
+    until: Annotated[Days | None, Limit(gt=0)] = None
+    """Days that the answer is about; by default the median time until drifters are in a group or
+    off the map, in whole days up to 30."""
     backward: bool = False
     """Follow drifters back in time from the last record, to find where they come from."""
     start: str | None = None
@@ -88,6 +95,8 @@ class Drift(SeaStudy):
     """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None
     """GeoJSON file of polygons between which drifters at the surface are followed."""
+    drifters: Annotated[AtLeastOne, Only(regions=True)] = 10_000
+    """Number of drifters that are simulated from each region, for confidence intervals."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
     """Seconds after which drifters are counted in the regions and on beaches."""
     beaching: Annotated[Duration | None, Only(coast=("hold", "slip"))] = None
@@ -100,7 +109,8 @@ class Drift(SeaStudy):
     """Seconds to search for the fewest views; by default views are chosen greedily."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
-    leave in a day. They depend less on the duration of a step than persistent groups."""
+    leave in a day. They depend less on the duration of a step than persistent groups. By default 3,
+    and none in large maps."""
     discount: Annotated[float, Limit(gt=0, lt=1), Only(goal=True)] = 0.99
     """Discount factor per step."""
     seed: int = 0
@@ -128,7 +138,7 @@ class Drift(SeaStudy):
         return needed
 
     def run(self, say: Say = silent) -> "SeaDrift":
-        from ..drift import ClosedSets, Exchange, SeaDrift, Stranded, Water, read_regions
+        from ..drift import Exchange, SeaDrift, Stranded, Water, read_regions
         from ..drift.deployment import check_reach
 
         self.memory()
@@ -150,6 +160,7 @@ class Drift(SeaStudy):
             mean=self._mean,
             backward=self.backward,
             diffusivity=self.diffusivity,
+            until=None if self.until is None else 24 * self.until,
             coast=self.coast,
             say=say,
         )
@@ -157,7 +168,9 @@ class Drift(SeaStudy):
         more: dict[str, Any] = {}
         if regions is not None:
             say("following drifters between regions")
-            more["exchange"] = Exchange.of(surface, *regions, self.after)
+            exchange = Exchange.of(surface, *regions, self.after)
+            going = waters[0], result.layers[0].flow, self.drifters, self.seed
+            more["exchange"] = exchange.with_drifters(*going)
         if self.beaching is not None:
             say("stranding drifters")
             halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}
@@ -168,11 +181,15 @@ class Drift(SeaStudy):
                     f"do not strand; give a --duration below the {self.beaching:g} s of --beaching."
                 )
                 more["notices"] = (*result.notices, rough)
-        if (count := self.nearly_closed) is not None:
-            say("finding nearly closed sets")
-            chains = [layer.behaviour.chain for layer in result.layers]
-            more["nearly_closed_sets"] = ClosedSets.of(result.waters, chains, result.step, count)
         result = dataclasses.replace(result, **more)
+        states = sum(layer.behaviour.unrolled.cells for layer in result.layers)
+        count = self.nearly_closed
+        if count is not None or states <= _MAX_FOR_SETS:
+            say("finding nearly closed sets")
+            # Sets that were not requested are left out if their solve stalls.
+            with contextlib.suppress(*([] if count else [RuntimeError])):
+                wanted = count or min(_USUAL_SETS, fewest)
+                result = result.with_closed_sets(wanted, listed=count is not None)
         if goal is not None:
             say(f"finding the way to the goal from {result.cells:,} cells")
             result = result.towards(goal, self.discount)

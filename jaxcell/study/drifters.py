@@ -1,12 +1,12 @@
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
 from .parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
 from .sea_study import SeaStudy
-from .study import Say, silent
+from .study import Say, about, silent
 
 
 if TYPE_CHECKING:
@@ -39,6 +39,9 @@ class Drifters(SeaStudy):
     date line."""
     least: AtLeastOne = 1
     """Least number of observed moves from a cell; cells with fewer are left out of the map."""
+    drogue: Literal["kept", "lost"] | None = None
+    """Drifters that still have their drogue (kept), or have lost it (lost) and go with the wind
+    too; by default all."""
     after: Days | None = None
     """Days after which the places of drifters are computed; by default in the long run."""
     nearly_closed: AtLeastOne | None = None
@@ -61,6 +64,9 @@ class Drifters(SeaStudy):
 
         say("reading trajectories")
         seen = open_trajectories(self.file)
+        if self.drogue is not None:
+            with about("drogue"):
+                seen = seen.with_drogue(self.drogue == "kept")
         water = boxes(seen, self.cell, self.bounds)
         say(f"counting moves between {water.cells:,} cells")
         moves = count_moves(seen, water, self.lag * _DAY, least=self.least)

@@ -7,7 +7,7 @@ from scipy.special import ndtr
 from seas import sea
 
 from jaxcell import drift
-from jaxcell.drift.validation.drifters import diffuse
+from jaxcell.drift.drifting import diffuse
 
 
 SIDE, STEP = 31, 3600.0

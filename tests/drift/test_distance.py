@@ -5,7 +5,8 @@ import pytest
 from seas import sea
 
 from jaxcell import bundled, drift
-from jaxcell.drift.validation.distance import Distance, Sampling, nearest_maps
+from jaxcell.drift import Sampling
+from jaxcell.drift.validation.distance import nearest_maps
 
 
 @pytest.fixture(scope="module")
@@ -52,15 +53,70 @@ def test_a_closed_edge_holds_drifters_that_leave(eastward):
     assert (found.total_variation >= found.drifters_left - 1e-12).all()
 
 
-@pytest.mark.parametrize(
-    ("hours", "near"),
-    [([5, 25], (True, True)), ([8, 32], (True, True)), ([18, 18], (False, True)),
-     ([168, 168], (False, False))],
-)  # fmt: skip
-def test_times_of_long_steps_are_not_near_6_and_24_hours(hours, near):
-    nothing = np.zeros(2)
-    found = Distance(np.array(hours, float), nothing, nothing, nothing, 1)
-    assert found.near == near
+def test_times_are_whole_steps_and_at_least_one(eddies):
+    water, flow = eddies
+    seconds = 10 * 3600.0
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
+    (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(2, 6, 24, 96))
+    assert found.hours.tolist() == [10, 20, 100]
+    assert found.replay.hours.tolist() == [10, 20, 100]
+
+
+def test_the_noise_is_the_distance_of_drifters_from_an_exact_map(eddies):
+    water, flow = eddies
+    seconds = drift.crossing_time(water, flow)
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
+    few, many = (
+        drift.distances(water, flow, [(chain, seconds)], Sampling(most=most), hours=(96,))[0]
+        for most in (3, 12)
+    )
+    exact = many.replay.share(many.hours[-1], water.cells)
+    apart = np.abs(few.replay.share(few.hours[-1], water.cells) - exact).sum() / 2
+    assert apart / 2 < few.noise[-1] < 2 * apart
+    assert many.noise[-1] < few.noise[-1] < few.total_variation[-1]
+
+
+def test_the_distance_of_a_cell_is_that_of_its_drifters(eddies):
+    water, flow = eddies
+    seconds = 4 * drift.crossing_time(water, flow)
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
+    (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(96,))
+    apart, noise = drift.distances_by_cell(water, chain, seconds, found)
+    power = np.linalg.matrix_power(
+        chain.to_scipy().toarray(), round(found.hours[0] * 3600 / seconds)
+    )
+    part = 6 * (water.row // 4) + water.column // 4
+    for cell in (0, 77, 300):
+        end = found.replay.cell[0][found.replay.origin == cell]
+        seen = np.bincount(part[end[end >= 0]], minlength=36) / end.size
+        mapped = np.bincount(part, power[cell], 36)
+        expected = (np.abs(seen - mapped).sum() + abs(seen.sum() - mapped.sum())) / 2
+        assert apart[cell] == pytest.approx(expected, abs=1e-12)
+    assert 0 < noise.mean() < apart.mean() < 1
+
+
+def test_drifters_that_leave_in_a_long_step_do_not_come_back():
+    # A part of an eddy, whose other half is off the map to the South.
+    x, y = np.meshgrid(np.arange(21) - 10.0, np.arange(10) + 0.5)
+    currents = sea(-y * 0.02, x * 0.02)
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    seconds = 1.8 * np.pi * 1000 / 0.02
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
+    (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(seconds / 3600,))
+    assert found.drifters_left[0] > 0.9
+    assert found.map_left[0] == pytest.approx(found.drifters_left[0], abs=0.02)
+
+
+def test_the_step_depends_on_the_time_that_is_asked():
+    currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    options = drift.METHODS["drifters"]
+    short, long = (drift.nearest_step([water], [flow], options, hours) for hours in (6, 48))
+    assert short.duration <= 1.5 * 3600
+    assert 2 * short.duration < long.duration <= 12 * 3600
+    maps = [(drift.drift_maps(water, flow, step), step.duration) for step in (short, long)]
+    by_short, by_long = drift.distances(water, flow, maps, hours=(48,))
+    assert by_long.total_variation[-1] < 0.5 * by_short.total_variation[-1]
 
 
 def test_the_distance_is_that_from_random_drifters():
@@ -89,7 +145,7 @@ def test_few_drifters_per_cell_give_the_same_distance(eddies):
     np.testing.assert_allclose(few.total_variation, many.total_variation, atol=0.05)
 
 
-def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward):
+def test_the_step_is_the_nearest_of_those_up_to_a_quarter_of_the_time(eastward):
     water, flow = eastward
     options = drift.METHODS["drifters"]
     # It flows across a cell in five hours on average, and turns every six hours.
@@ -100,8 +156,9 @@ def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward):
     tide = drift.Flow(rate * slow, tide.time, flow.wraps)
     steps = [5 * 3600.0 * factor for factor in (1, 2, 4)]
     maps = [(drift.drift_map(water, tide.mean(), options.lasting(step)), step) for step in steps]
-    worst = [one.total_variation.max() for one in drift.distances(water, tide, maps)]
-    found = drift.nearest_step([water], [tide], options).duration
+    compared = drift.distances(water, tide, maps, hours=(6, 24, 120))
+    worst = [one.total_variation.max() for one in compared]
+    found = drift.nearest_step([water], [tide], options, 120).duration
     assert found == pytest.approx(steps[int(np.argmin(worst))])
     found, made = nearest_maps([water], [tide], [tide.mean()], options, most_cells=0)
     assert found.duration == pytest.approx(10 * 3600)

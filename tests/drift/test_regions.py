@@ -5,6 +5,7 @@ import json
 import jax
 import numpy as np
 import pytest
+import scipy.stats
 import shapely
 from seas import sea
 
@@ -104,3 +105,23 @@ def test_invalid_regions_are_refused(tmp_path, currents):
         path.write_text(text)
         with pytest.raises(ValueError, match="expected a GeoJSON FeatureCollection"):
             drift.read_regions(path, water)
+
+
+def test_intervals_of_simulated_drifters_are_those_of_scipy(currents):
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(3600.0))
+    inside = np.stack([water.column < 5, (water.column >= 5) & (water.column < 9)])
+    exchange = drift.Exchange(np.array(["west", "east"]), inside, chain, 1.0, 4)
+    assert exchange.share_of_drifters is exchange.low is exchange.high is None
+    found = exchange.with_drifters(water, flow, 500)
+    for row, (seen, low, high) in enumerate(zip(found.arrived, found.low, found.high, strict=True)):
+        for column, count in enumerate(seen.tolist()):
+            interval = scipy.stats.binomtest(count, 500).proportion_ci(0.95, "exact")
+            np.testing.assert_allclose([low[column], high[column]], interval, atol=1e-9)
+            assert found.share_of_drifters[row, column] == count / 500
+    for region, low, high in zip(inside, found.low, found.high, strict=True):
+        moved = drift.simulate_drifters(
+            jax.random.key(0), water, flow, region, 3600.0, 4, drifters=100_000
+        )
+        expected = moved.share(water.cells)[-1] @ inside.T
+        assert ((low - 0.005 < expected) & (expected < high + 0.005)).all()

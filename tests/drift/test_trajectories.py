@@ -95,6 +95,33 @@ def test_decoded_times_of_an_open_dataset_are_read():
     same(drift.Trajectories(found.lon, found.lat, found.time - found.time[0], found.drifter))
 
 
+def drogue_status(file):
+    """Drogues that the first drifter loses after two observations, and the second has lost."""
+    return file.assign(drogue_status=("obs", np.int8([1, 1, 0, 0, 0, 0, 1, 1, 1])))
+
+
+def drogue_lost_date(file):
+    dates = ("traj", [1.577880e9, 1.0, np.nan], {"units": "seconds since 1970-01-01 00:00:00"})
+    time = ("obs", 1577836800.0 + 3600 * np.concatenate(HOURS), dates[2])
+    return file.assign_coords(time=time).assign(drogue_lost_date=dates)
+
+
+@pytest.mark.parametrize("marked", [drogue_status, drogue_lost_date])
+def test_drifters_with_and_without_a_drogue_are_told_apart(marked, tmp_path):
+    marked(global_drifter_program()).to_netcdf(tmp_path / "drogues.nc")
+    seen = drift.open_trajectories(tmp_path / "drogues.nc")
+    assert seen.drogued.tolist() == [True] * 2 + [False] * 4 + [True] * 3
+    kept, lost = seen.with_drogue(True), seen.with_drogue(False)
+    np.testing.assert_allclose(kept.lon, [*LON[0][:2], *LON[2]])
+    np.testing.assert_allclose(lost.lon, [*LON[0][2:], *LON[1]], atol=1e-9)
+    assert (kept.drifters, lost.drifters) == (2, 2)
+    with pytest.raises(ValueError, match="no drifter had lost its drogue"):
+        kept.with_drogue(False)
+    global_drifter_program().to_netcdf(tmp_path / "unknown.nc")
+    with pytest.raises(ValueError, match="not known which drifters had their drogue"):
+        drift.open_trajectories(tmp_path / "unknown.nc").with_drogue(True)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -293,6 +320,25 @@ def test_cells_lags_and_samples_out_of_range_are_refused(call, message):
     seen = drift.open_trajectories(parcels())
     with pytest.raises(ValueError, match=message):
         call(seen, drift.boxes(seen, 1.0))
+
+
+@pytest.mark.parametrize("every", [3, 6, 12])
+def test_a_track_has_no_move_longer_than_itself(every):
+    """A lag of five days, of which an observation every few hours is less than a twentieth."""
+    random, hours = np.random.default_rng(0), np.arange(0, 20 * 24 + 1, every)
+    steps = 5 * 24 // every
+    lon = 0.5 + random.integers(0, 4, (3, hours.size))
+    number = np.repeat(np.arange(3), hours.size)
+    seen = drift.Trajectories.of(
+        lon.ravel().astype(float), np.full(lon.size, 0.5), np.tile(3600.0 * hours, 3), number
+    )
+    moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 5 * 86400.0)
+    expected = [
+        (before, after)
+        for row in lon - 0.5
+        for before, after in zip(row[:-steps].astype(int), row[steps:].astype(int), strict=True)
+    ]
+    assert list(zip(moves.begin.tolist(), moves.end.tolist(), strict=True)) == expected
 
 
 def known_trajectories():

@@ -183,7 +183,7 @@ def found(gyres, tmp_path_factory, read):
 
 def test_the_recording_shows_groups(gyres, found):
     assert len(found.blueprints) == 1
-    assert found.timelines == {"minute"}
+    assert found.timelines == {"minute", "date"}
     scale = np.reshape(found.static("/map", "Transform3D:scale"), -1)
     np.testing.assert_array_equal(scale, [1, -1, 1])
     for layer, water in enumerate(gyres.waters):
@@ -507,7 +507,7 @@ def test_layers_and_starts_of_other_seas_are_refused(gyres):
 def altered(layer, **fields):
     """A layer with other fields in its behaviour."""
     behaviour = dataclasses.replace(layer.behaviour, **fields)
-    return dataclasses.replace(layer, behaviour=behaviour, measured=layer.distance)
+    return dataclasses.replace(layer, behaviour=behaviour, measured=layer.compared)
 
 
 def test_a_layer_that_contradicts_itself_is_refused(gyres):

@@ -51,6 +51,7 @@ TIMELINES = {
     "seconds",
     "second",
     "minute",
+    "date",
     "hour",
 }
 # Components with content, without those of style.

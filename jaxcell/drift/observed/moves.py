@@ -185,7 +185,8 @@ def count_moves(
     """Count the moves of drifters from cell to cell.
 
     Every observation begins a move. It ends at the observation of the same drifter that is nearest
-    in time to the lag, and counts if that is within a twentieth of the lag.
+    in time to the lag, and counts if that is within a twentieth of the lag, and if the drifter was
+    observed for the whole lag.
 
     **Arguments:**
 
@@ -296,4 +297,6 @@ def _later(seen: Trajectories, lag: float) -> Int[np.ndarray, "observations"]:
         return np.full(key.size, -1)
     after = np.searchsorted(key, wanted).clip(1, key.size - 1)
     nearest = after - (wanted - key[after - 1] < key[after] - wanted)
-    return np.where(np.abs(key[nearest] - wanted) <= _NEAR * lag, nearest, -1)
+    last = np.searchsorted(seen.drifter, seen.drifter, side="right") - 1
+    whole = wanted <= key[last] + _ROUNDING * lag
+    return np.where(whole & (np.abs(key[nearest] - wanted) <= _NEAR * lag), nearest, -1)

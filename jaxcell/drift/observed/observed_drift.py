@@ -54,7 +54,15 @@ class ObservedDrift(SeaLayers):
     title: ClassVar[str] = "Long-term behaviour of drifters that were observed"
     tables: ClassVar[Mapping[str, str]] = {"estimate": "estimates"}
     brief: ClassVar[tuple[str, ...]] = (
-        *("persistent_groups", "mean_leaving", "median_hours", "drifters", "observations", "moves"),
+        *(
+            "persistent_groups",
+            "mean_leaving",
+            "median_hours",
+            "drifters",
+            "observations",
+            "drogued_share",
+        ),
+        *("moves",),
         *("cells", "step", "estimate"),
     )
 
@@ -108,6 +116,11 @@ class ObservedDrift(SeaLayers):
         remarks = self.layers[0].remarks
         if self.after is None and not self._of_cells(self.spread.value, 2).any():
             remarks += ("In the long run all drifters have left the map; --after asks earlier.",)
+        if self.seen.drogued is not None and self.drogued_share not in (0.0, 1.0):
+            remarks += (
+                f"{1 - self.drogued_share:.0%} of the observations are of drifters that had lost "
+                "their drogue, which go with the wind too; --drogue kept leaves them out.",
+            )
         return remarks
 
     @property
@@ -117,6 +130,11 @@ class ObservedDrift(SeaLayers):
 
     drifters = from_part("seen.drifters", "", "drifters that were observed", kind="count")
     observations = from_part("seen.lon.size", "", "observations", kind="count")
+
+    @derived("", "observations of drifters with their drogue", kind="share")
+    def drogued_share(self) -> float | None:
+        return None if self.seen.drogued is None else float(self.seen.drogued.mean())
+
     moves = from_part("counted.begin.size", "", "moves between cells", kind="count")
     source = from_part("seen.source", "", "trajectories of")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.paths import replacing
 from ..currents.axes.times import SECONDS
@@ -54,6 +54,8 @@ class Trajectories:
     "The name of the source."
     since: str = ""
     "The date from which seconds count, such as `2020-01-01`; empty if it is not known."
+    drogued: Bool[np.ndarray, "observations"] | None = None
+    "True for drifters that still had their drogue; `None` if it is not known."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for observations that are not in order."""
@@ -78,6 +80,7 @@ class Trajectories:
         drifter: Int[np.ndarray, "observations"],
         source: str = "trajectories",
         since: str = "",
+        drogued: Bool[np.ndarray, "observations"] | None = None,
     ) -> "Trajectories":
         """Sort observations, and leave out invalid and repeated ones.
 
@@ -88,7 +91,28 @@ class Trajectories:
         lon, lat, time, drifter = (column[order] for column in (lon, lat, time, drifter))
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
         _, number = np.unique(drifter[new], return_inverse=True)
-        return cls(wrapped(lon[new]), lat[new], time[new], number.astype(np.int64), source, since)
+        number = number.astype(np.int64)
+        drogued = None if drogued is None else drogued[order][new]
+        places = wrapped(lon[new]), lat[new], time[new], number
+        return cls(*places, source, since, drogued)
+
+    def with_drogue(self, kept: bool) -> "Trajectories":
+        """Select the observations of drifters that still had their drogue, or had lost it.
+
+        **Raises:** `ValueError` if that is not known, or there are none.
+        """
+        if self.drogued is None:
+            raise ValueError(
+                f"{self.source}: it is not known which drifters had their drogue; expected a "
+                "variable drogue_status or drogue_lost_date"
+            )
+        chosen = self.drogued == kept
+        if not chosen.any():
+            raise ValueError(
+                f"{self.source}: no drifter {'had' if kept else 'had lost'} its drogue"
+            )
+        fields = self.lon[chosen], self.lat[chosen], self.time[chosen], self.drifter[chosen]
+        return Trajectories.of(*fields, self.source, self.since, self.drogued[chosen])
 
     def dataset(self) -> xr.Dataset:
         """Return a dataset in the convention of CF for trajectories, one after the other.
@@ -194,6 +218,8 @@ def open_trajectories(path: Source) -> Trajectories:
             for role, value in values.items()
         }
         full["drifter"] = drifter
+        if (drogued := _drogued(file, drifter, full["time"])) is not None:
+            full["drogued"] = drogued
         flat = {role: array.transpose(*lon.dims).values.ravel() for role, array in full.items()}
         dated = re.search(r" since (.+)", str(time.attrs.get("units", "")))
         since = "1970-01-01" if time.dtype.kind == "M" else dated[1].strip() if dated else ""
@@ -245,8 +271,29 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
     )
 
 
+def _drogued(file: OceanFile, drifter: xr.DataArray, seconds: xr.DataArray) -> xr.DataArray | None:
+    """Find the observations of drifters with their drogue, by their status or the date of its loss.
+
+    A missing date stands for a drogue that was never lost.
+    """
+    variables = {str(name).lower(): name for name in file.dataset.variables}
+    if (name := variables.get("drogue_status")) is not None:
+        status = file.dataset[name]
+        if set(status.dims) <= set(drifter.dims):
+            kept = xr.DataArray(file.read(status) == 1, dims=status.dims)
+            return kept.broadcast_like(drifter)
+    if (name := variables.get("drogue_lost_date")) is not None:
+        lost = file.dataset[name]
+        date = _seconds(file, lost)
+        number, drifters = drifter.values, int(drifter.max()) + 1
+        if date.shape == (drifters,):
+            never = np.where(np.isfinite(date) & (date > 0), date, np.inf)
+            return xr.DataArray(seconds.values < never[number], dims=drifter.dims)
+    return None
+
+
 def _seconds(file: OceanFile, time: xr.DataArray) -> np.ndarray:
-    """Convert times to seconds since any date, as only differences count."""
+    """Convert times to seconds since the date in their units."""
     if time.dtype.kind == "M":
         # Nanoseconds do not hold every date.
         seconds = time.values.astype("datetime64[us]").astype(np.int64) / 1e6

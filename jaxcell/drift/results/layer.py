@@ -1,11 +1,12 @@
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from ...base.formatting import in_time
 from ...base.quantities import derived, from_part
 from ...mapping import Chain, ChainSequence
 from ..behaviour import long_term_behaviour
@@ -13,7 +14,18 @@ from ..flow import Flow
 from ..maps import drift_maps, exit_shares
 from ..step import METHODS, DriftStep
 from ..validation.diagnosis import Diagnosis, diagnose
-from ..validation.distance import FAR, Distance, distances, longest_duration, mapped
+from ..validation.distance import (
+    FAR,
+    MOST_CELLS,
+    Distance,
+    compared_hours,
+    distances,
+    distances_by_cell,
+    longest_duration,
+    mapped,
+    whole_days,
+)
+from ..validation.markov_test import MarkovTest
 from ..water import Water
 from .ends import Ends, LayerEnds
 
@@ -26,25 +38,34 @@ class Compared(Ends):
         """The distance of each layer."""
         raise NotImplementedError
 
-    @derived("", "drifters that the map has in a wrong cell after about 6 h", kind="share")
-    def distance_6h(self) -> float | None:
-        return self._worst(0)
+    @property
+    def transient_hours(self) -> Float[np.ndarray, "transient"]:
+        """The times from transient cells to a group or off the map."""
+        return self._hours
 
-    @derived("", "drifters that the map has in a wrong cell after about 24 h", kind="share")
-    def distance_24h(self) -> float | None:
-        return self._worst(1)
+    @derived("", "time that the answer is about", "h", kind="time")
+    def asked_hours(self) -> float:
+        return float(self.compared_hours[-1])
 
-    @derived("", "drifters that left the map after about 24 h", kind="share")
-    def drifters_left(self) -> float | None:
-        return self._mean([float(distance.drifters_left[1]) for distance in self._distances])
+    @derived("", "drifters that the map has in a wrong cell then", kind="share")
+    def distance(self) -> float:
+        return float(self.distance_by_time[-1])
 
-    @derived("", "drifters that left it after about 24 h, by the map of cells", kind="share")
-    def map_left(self) -> float | None:
-        return self._mean([float(distance.map_left[1]) for distance in self._distances])
+    @derived("", "the same by chance, because drifters are finite", kind="share")
+    def distance_noise(self) -> float:
+        return max(float(distance.noise[-1]) for distance in self._distances)
+
+    @derived("", "drifters that left the map then", kind="share")
+    def drifters_left(self) -> float:
+        return self._mean([float(distance.drifters_left[-1]) for distance in self._distances])
+
+    @derived("", "drifters that left it then, by the map of cells", kind="share")
+    def map_left(self) -> float:
+        return self._mean([float(distance.map_left[-1]) for distance in self._distances])
 
     @derived(
         "compared",
-        "time after which the map is compared with drifters",
+        "times after which the map is compared with drifters",
         "h",
         kind="time",
         listed=True,
@@ -52,21 +73,32 @@ class Compared(Ends):
     def compared_hours(self) -> Float[np.ndarray, "times"]:
         return self._distances[0].hours
 
+    @derived(
+        "compared",
+        "drifters that the map has in a wrong cell after these times",
+        kind="share",
+        listed=True,
+    )
+    def distance_by_time(self) -> Float[np.ndarray, "times"]:
+        return np.max([distance.total_variation for distance in self._distances], axis=0)
+
     @derived("", "cells in which the compared drifters began", kind="count")
     def compared_cells(self) -> int | None:
         count = sum(distance.cells for distance in self._distances)
         return count if count < self.cells else None
 
-    def _worst(self, number: int) -> float | None:
-        """Return the largest distance at 6 h or at 24 h, or `None` if no time is near."""
-        if not self._distances[0].near[number]:
-            return None
-        return max(float(distance.total_variation[number]) for distance in self._distances)
+    @derived("", "diffusivity of drifters, as requested", "m2 s-1")
+    def diffusivity(self) -> float | None:
+        return self._layers[0].by.diffusivity or None  # type: ignore[attr-defined]
 
-    def _mean(self, of_layers: list[float]) -> float | None:
-        """Average numbers of the layers at 24 h over all cells; `None` if no time is near."""
-        if not self._distances[0].near[1]:
-            return None
+    @derived("", "diffusivity that the grid adds", "m2 s-1")
+    def grid_diffusivity(self) -> float:
+        # A step moves a drifter to an independent place in a cell: a variance of side^2 / 6.
+        side = np.concatenate([layer.water.sides.ravel() for layer in self._layers])
+        return float((side**2).mean()) / (12 * self._layers[0].behaviour.duration)
+
+    def _mean(self, of_layers: list[float]) -> float:
+        """Average numbers of the layers over all cells."""
         return float(np.average(of_layers, weights=[layer.water.cells for layer in self._layers]))
 
 
@@ -85,7 +117,7 @@ class Layer(LayerEnds, Compared):
     """
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("depth", "cells", "persistent_groups", "distance_24h", "drifters_left", "median_hours"),
+        *("depth", "cells", "persistent_groups", "distance", "median_hours"),
     )
 
     _ashore: ClassVar[Mapping[str, str]] = {
@@ -104,6 +136,8 @@ class Layer(LayerEnds, Compared):
     "Signs that the grid, rather than the flow, made the groups."
     measured: Distance | None = None
     "The distance of the map from drifters, if it is known."
+    asked: float | int | None = None
+    "The time that is asked, in hours; by default the median time to the end."
 
     @classmethod
     def of(
@@ -114,6 +148,7 @@ class Layer(LayerEnds, Compared):
         *,
         by: Flow | None = None,
         made: tuple[Chain | ChainSequence, Distance] | None = None,
+        asked: float | int | None = None,
     ) -> "Layer":
         """Compute the long-term behaviour in a flow.
 
@@ -127,7 +162,7 @@ class Layer(LayerEnds, Compared):
         # Where cells almost trap drifters, times are inaccurate; all other results are useful.
         behaviour = long_term_behaviour(chain, duration, throw=False)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
-        return cls(water, behaviour, flow, by, step, diagnosis, distance)
+        return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
@@ -135,14 +170,27 @@ class Layer(LayerEnds, Compared):
         return exit_shares(self.water, self.by, self.step, self.behaviour.chain)
 
     @functools.cached_property
-    def distance(self) -> Distance:
+    def compared(self) -> Distance:
         """The distance of the map from drifters in the current, as it changes with time."""
-        maps = [(self.behaviour.chain, self.behaviour.duration)]
-        return self.measured or distances(self.water, self.flow, maps)[0]
+        return self.measured or self._compared([(self.behaviour.chain, self.behaviour.duration)])[0]
+
+    def _compared(
+        self, maps: Sequence[tuple[Chain | ChainSequence, float]]
+    ) -> tuple[Distance, ...]:
+        asked = whole_days(self.transient_hours) if self.asked is None else self.asked
+        return distances(self.water, self.flow, maps, hours=compared_hours(asked))
 
     @property
     def _distances(self) -> list[Distance]:
-        return [self.distance]
+        return [self.compared]
+
+    @functools.cached_property
+    def by_cell(self) -> Float[np.ndarray, "2 cells"] | None:
+        """The distance for the drifters of each cell, and the noise; `None` for many cells."""
+        if self.behaviour.unrolled.cells > MOST_CELLS:
+            return None
+        chain, duration = self.behaviour.chain, self.behaviour.duration
+        return np.stack(distances_by_cell(self.water, chain, duration, self.compared))
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
@@ -150,7 +198,7 @@ class Layer(LayerEnds, Compared):
 
         `None` if the map is not far from drifters, or no setting is nearer.
         """
-        if self.distance.worst <= FAR:
+        if self.compared.worst <= FAR or self._large:
             return None
         duration, most = self.behaviour.duration, longest_duration(self.water, self.by)
         longer = [self.by.fitted(factor * duration) for factor in (2, 4)]
@@ -167,9 +215,23 @@ class Layer(LayerEnds, Compared):
             (drift_maps(self.water, self.by, step), float(step.duration or 0))
             for step in tried.values()
         ]
-        pairs = zip(tried, distances(self.water, self.flow, maps), strict=True)
-        best = min(pairs, key=lambda pair: pair[1].worst)
-        return best if best[1].worst < self.distance.worst else None
+        best = min(zip(tried, self._compared(maps), strict=True), key=lambda pair: pair[1].worst)
+        return best if best[1].worst < self.compared.worst else None
+
+    def tested(self, sets: Int[np.ndarray, "cells"], first: int = 0) -> MarkovTest:
+        """Test the map on sets of cells at the times of the comparison, against its drifters.
+
+        **Arguments:**
+
+        - `sets`: the set of each cell, -1 for none.
+        - `first`: the number of set 0 in the result.
+        """
+        replay, duration = self.compared.replay, self.behaviour.duration
+        seen = [
+            (round(3600 * hours / duration), replay.origin, replay.at(hours))
+            for hours in self.compared.hours.tolist()
+        ]
+        return MarkovTest.of(self.behaviour.chain, sets, duration, seen, self.depth, first)
 
     pieces = from_part(
         "diagnosis.pieces", "piece", "cells of connected pieces", kind="count", listed=True
@@ -179,7 +241,7 @@ class Layer(LayerEnds, Compared):
         "diagnosis.self_image", "", "cells that are mapped to themselves", kind="share"
     )
     compared_distance = from_part(
-        "distance.total_variation",
+        "compared.total_variation",
         "compared",
         "drifters that the map has in a wrong cell",
         kind="share",
@@ -204,16 +266,24 @@ class Layer(LayerEnds, Compared):
                 f"{at} the current runs ashore at {ashore} of {self.persistent_groups} persistent "
                 f"groups, where drifters {self._ashore[self.water.coast]}."
             )
-        if (far := self.distance).worst > FAR:
+        if (far := self.compared).worst > FAR:
             remarks.append(
-                f"{at} after {far.worst_hours:.3g} h the map has {far.worst:.0%} of drifters in a "
-                f"wrong cell; {_instead(self.closer)}."
+                f"{at} after {in_time(far.worst_hours)} the map has {far.worst:.0%} of drifters in "
+                f"a wrong cell; {self._instead}."
             )
         return (*remarks, *super().remarks)
 
+    @property
+    def _large(self) -> bool:
+        """True for a map for which others take too long to try."""
+        return self.behaviour.unrolled.cells > MOST_CELLS
 
-def _instead(closer: tuple[str, Distance] | None) -> str:
-    if closer is None:
-        return "no other duration or method that was tried brings it closer"
-    setting, distance = closer
-    return f"by {setting} it is {distance.worst:.0%} at most, after {distance.worst_hours:.3g} h"
+    @property
+    def _instead(self) -> str:
+        if self._large:
+            return "a longer duration may bring it closer"
+        if self.closer is None:
+            return "no other duration or method that was tried brings it closer"
+        setting, distance = self.closer
+        when = in_time(distance.worst_hours)
+        return f"by {setting} it is {distance.worst:.0%} at most, after {when}"

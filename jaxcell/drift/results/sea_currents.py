@@ -7,22 +7,23 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import derived
-from ..maps import EXITS
+from ..behaviour import long_term_behaviour
+from ..maps import EXITS, drift_maps
 from ..validation.diagnosis import group_counts
-from ..validation.distance import Distance
+from ..validation.distance import MOST_CELLS, Distance
+from .ends import LayerEnds
 from .layer import Compared, Layer
 from .sea_layers import SeaLayers
 
 
-# Counting the groups of other steps takes seconds for more cells.
-_MAX_FOR_COUNTS = 100_000
-_FACTORS = (0.5, 1.0, 2.0, 4.0)
+# The factors of other steps.
+_FACTORS = (0.5, 1.0, 2.0)
 
 
 def _by_time(name: str, meaning: str) -> Any:
     """Describe an array of the distances of all layers."""
     return derived("layer compared", meaning, "1", kind="share")(
-        lambda sea: np.stack([getattr(layer.distance, name) for layer in sea.layers])
+        lambda sea: np.stack([getattr(layer.compared, name) for layer in sea.layers])
     )
 
 
@@ -43,7 +44,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @property
     def _distances(self) -> list[Distance]:
-        return [layer.distance for layer in self.layers]
+        return [layer.compared for layer in self.layers]
 
     @derived("", "rule at the coast")
     def coast(self) -> str:
@@ -116,30 +117,78 @@ class SeaCurrents(SeaLayers, Compared):
     def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
         return None if self._counts is None else self._counts[1]
 
+    @derived("other_step", "time to a group or off the map, median", "h", kind="time")
+    def sensitivity_median_hours(self) -> Float[np.ndarray, "steps"] | None:
+        if self._by_other_steps is None:
+            return None
+        return np.array([ends.median_hours for ends in self._by_other_steps])
+
+    @functools.cached_property
+    def _by_other_steps(self) -> list[LayerEnds] | None:
+        """The ends of drifters at the surface for other steps; `None` for many cells."""
+        surface = self.layers[0]
+        if surface.cells * surface.by.phases(self._other_steps[0]) > MOST_CELLS:
+            return None
+
+        def ends(seconds: float) -> LayerEnds:
+            if np.isclose(seconds, self.step):
+                return surface
+            chain = drift_maps(surface.water, surface.by, surface.step.lasting(seconds))
+            return LayerEnds(surface.water, long_term_behaviour(chain, seconds))
+
+        return [*map(ends, self._other_steps)]
+
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
         """The numbers of groups for other steps, and by the centres of cells alone."""
         surface = self.layers[0]
-        states = surface.cells * surface.by.phases(self._other_steps[0])
         # With diffusion each piece of water is one group.
-        if states > _MAX_FOR_COUNTS or surface.by.diffusivity:
+        if self._by_other_steps is None or surface.by.diffusivity:
             return None
         # Without disturbances the centre of a cell goes to one place.
         centres = dataclasses.replace(surface.step, rho=1.0, spread="turned")
-        return np.stack(
-            [
-                group_counts(
-                    surface.water, surface.by, [step.lasting(t) for t in self._other_steps]
-                )
-                for step in (surface.step, centres)
-            ]
-        )
+        steps = [centres.lasting(seconds) for seconds in self._other_steps]
+        by_centres = group_counts(surface.water, surface.by, steps)
+        return np.stack([[one.persistent_groups for one in self._by_other_steps], by_centres])
 
     @property
     def _other_steps(self) -> list[float]:
         """The durations of other steps, in seconds; the second is that of the maps."""
         return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
+    @derived("", "time that the records cover", "h", kind="time")
+    def covered_hours(self) -> float:
+        flow = self.layers[0].flow
+        if flow.period is not None:
+            return float(flow.period) / 3600
+        return float(np.ptp(np.asarray(flow.time))) / 3600
+
+    @derived(
+        "layer y x",
+        "drifters from the cell that the map has in a wrong part of 36 at the time asked",
+        "1",
+        kind="share",
+        padding="NaN: no water, or not known",
+    )
+    def distance_by_cell(self) -> Float[np.ndarray, "layers rows columns"] | None:
+        return self._by_cell(0)
+
+    @derived(
+        "layer y x",
+        "the same by chance, because drifters are finite",
+        "1",
+        kind="share",
+        padding="NaN: no water, or not known",
+    )
+    def distance_by_cell_noise(self) -> Float[np.ndarray, "layers rows columns"] | None:
+        return self._by_cell(1)
+
+    def _by_cell(self, number: int) -> Any:
+        if any(layer.by_cell is None for layer in self.layers):
+            return None
+        return self._on_squares(lambda layer: layer.by_cell[number])  # type: ignore[attr-defined]
+
     compared_distance = _by_time("total_variation", "drifters that the map has in a wrong cell")
+    compared_noise = _by_time("noise", "the same by chance, because drifters are finite")
     compared_drifters_left = _by_time("drifters_left", "drifters that left the map")
     compared_map_left = _by_time("map_left", "drifters that left, by the map of cells")

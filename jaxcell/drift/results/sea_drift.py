@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -8,10 +8,8 @@ import numpy.typing as npt
 import xarray as xr
 from jaxtyping import Bool, Int
 
-from ...base import memory
 from ...base.quantities import derived, from_part
 from ...mapping import Chain
-from ...space import estimates
 from ..beaches import Stranded
 from ..closed_sets import ClosedSets
 from ..deployment import (
@@ -27,11 +25,15 @@ from ..flow import Flow, crossing_time
 from ..reachability import reachable_at_depth, reachable_by_layer
 from ..regions import Exchange
 from ..step import DriftStep
-from ..validation.distance import nearest_maps
+from ..validation.distance import nearest_maps, whole_days
+from ..validation.markov_test import MarkovTest
 from ..voyage import Voyage, discounted_voyage, surest_voyage
 from ..water import Water
+from .answer import answer
 from .layer import Layer
+from .planned import too_large
 from .sea_currents import SeaCurrents
+from .sea_layers import positions
 from .sea_voyage import SeaVoyage
 
 
@@ -40,21 +42,6 @@ _MAX_FOR_CURVE = 20_000
 # The number of remarks that fit a screen.
 _MAX_REMARKS = 4
 _SQUARES = "layer y x"
-
-
-def _positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Describe the longitudes and latitudes of the cells in a quantity."""
-
-    def along(axis: int) -> Callable[[Any], Any]:
-        def value(drift: Any) -> Any:
-            numbers = getattr(drift, cells)
-            return None if numbers is None else drift._lon_lat(numbers)[axis]
-
-        return value
-
-    lon = derived(dim, "longitude", "degrees_east", standard_name="longitude")
-    lat = derived(dim, "latitude", "degrees_north", standard_name="latitude")
-    return lon(along(0)), lat(along(1))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,11 +66,11 @@ class SeaDrift(SeaCurrents):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
-        *("distance_6h", "map_left", "compared_hours", "compared_cells"),
-        *("mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding", "coast"),
-        *("drifter_count", "fewest_count", "cells", "step"),
-        *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
+        *("asked_hours", "distance", "compared_cells"),
+        *("persistent_groups", "mean_leaving", "mean_leaving_into_gaps", "mean_leaving_off_edge"),
+        *("mean_stranding", "coast"),
+        *("median_hours", "cells", "step", "period_hours", "diffusivity"),
+        *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
     largest: ClassVar[int] = 2_500_000
     "The number of cells at all phases above which solves would take minutes."
@@ -104,8 +91,16 @@ class SeaDrift(SeaCurrents):
     "Drifters of the surface that strand at coasts."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
+    sets_listed: bool = True
+    "If true, a terminal shows a table of the nearly closed sets."
+    markov_test: MarkovTest | None = None
+    "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
+    until: float | int | None = None
+    "The time that is asked, in hours; `None` for the median time to the end, up to 30 days."
+    backward: bool = False
+    "True if drifters go back in time."
     notices: tuple[str, ...] = ()
-    "Differences from the request, in sentences."
+    "Differences from the request."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for parts of other cells or layers."""
@@ -131,6 +126,7 @@ class SeaDrift(SeaCurrents):
         mean: bool = False,
         backward: bool = False,
         diffusivity: float | int = 0.0,
+        until: float | int | None = None,
         coast: str = "hold",
         say: Callable[..., None] = lambda *_: None,
     ) -> "SeaDrift":
@@ -155,6 +151,8 @@ class SeaDrift(SeaCurrents):
         - `mean`: whether to map by the mean of the records.
         - `backward`: whether drifters go back in time from the last record, by the reversed flow.
         - `diffusivity`: of unresolved motion, in m²/s; for sampled maps.
+        - `until`: the time that is asked, in hours; by default
+            [`jaxcell.drift.asked_hours`][].
         - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
         - `say`: called with each stage of the computation.
         """
@@ -181,7 +179,7 @@ class SeaDrift(SeaCurrents):
             if step.spread != "sampled":
                 return step.lasting(by[0].fitted(max(map(crossing_time, waters, by)))), None
             say("choosing the duration of a step")
-            return nearest_maps(waters, flows, by, step)
+            return nearest_maps(waters, flows, by, step, until)
 
         if (records := currents.attrs.get("mean_of", 1)) > 1:
             notices.append(
@@ -190,7 +188,7 @@ class SeaDrift(SeaCurrents):
             )
         chosen, made = planned()
         if by is not means and (
-            why := _too_large(waters, by[0].phases(chosen.duration or 0), cls.largest)
+            why := too_large(waters, by[0].phases(chosen.duration or 0), cls.largest)
         ):
             notices.append(f"{why}; this is by the mean of the records, as if nothing changed.")
             by = means
@@ -205,7 +203,13 @@ class SeaDrift(SeaCurrents):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")
             known = None if made is None else made[k]
             layers.append(Layer.of(water, flows[k], chosen, by=by[k], made=known))
-        return cls(tuple(layers), currents, start, reach, seconds, notices=tuple(notices))
+        if made is None:
+            # Layers are compared at the same times.
+            ends = np.concatenate([layer.transient_hours for layer in layers])
+            asked = whole_days(ends) if until is None else until
+            layers = [dataclasses.replace(layer, asked=asked) for layer in layers]
+        drift = cls(tuple(layers), currents, start, reach, seconds)
+        return dataclasses.replace(drift, notices=tuple(notices), until=until, backward=backward)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """Add voyages to a goal, with a discount factor per step."""
@@ -219,6 +223,26 @@ class SeaDrift(SeaCurrents):
             voyage=on_sea(discounted_voyage(self.sea, goal, discount)),
             surest=on_sea(surest_voyage(self.sea, goal)),
         )
+
+    def with_closed_sets(self, count: int, *, listed: bool = True) -> "SeaDrift":
+        """Add nearly closed sets of each layer, and the test of the maps on them."""
+        chains = [layer.behaviour.chain for layer in self.layers]
+        sets = ClosedSets.of(self.waters, chains, self.step, count)
+        tests, first = [], 0
+        for layer, labels, of_layer in zip(self.layers, sets.labels, sets.layers, strict=True):
+            tests.append(layer.tested(np.where(labels < 0, -1, labels - first), first))
+            first += of_layer.count
+        test = MarkovTest.joined(tests)
+        with_sets = dataclasses.replace(self, nearly_closed_sets=sets, sets_listed=listed)
+        return dataclasses.replace(with_sets, markov_test=test)
+
+    @property
+    def quiet(self) -> tuple[str, ...]:
+        return ("markov_test", *(() if self.sets_listed else ("nearly_closed_sets",)))
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        return answer(self)
 
     @property
     def answered(self) -> bool:
@@ -304,7 +328,7 @@ class SeaDrift(SeaCurrents):
     deployment_cell = from_part(
         "deployment.cells", "drifter", "cell to drop a drifter in", kind="index"
     )
-    deployment_lon, deployment_lat = _positions("deployment_cell", "drifter")
+    deployment_lon, deployment_lat = positions("deployment_cell", "drifter")
     deployment_group = from_part(
         "deployment.group", "drifter", "persistent group, -1 if transient", kind="index"
     )
@@ -318,7 +342,7 @@ class SeaDrift(SeaCurrents):
         kind="count",
     )
     minimum_cell = from_part("minimum", "fewest", "cell of the smallest deployment", kind="index")
-    minimum_lon, minimum_lat = _positions("minimum_cell", "fewest")
+    minimum_lon, minimum_lat = positions("minimum_cell", "fewest")
     curve_cell = from_part(
         "curve.cells", "drifters", "cell to drop the first, second, ... drifter in", kind="index"
     )
@@ -332,7 +356,7 @@ class SeaDrift(SeaCurrents):
     views_cell = from_part(
         "views.cover", "view", "cell from which the sea bed is seen", kind="index"
     )
-    views_lon, views_lat = _positions("views_cell", "view")
+    views_lon, views_lat = positions("views_cell", "view")
 
     @derived("view", "whether a drifter is dropped there", kind="flag")
     def views_kept(self) -> Bool[np.ndarray, "views"] | None:
@@ -364,19 +388,3 @@ class SeaDrift(SeaCurrents):
         if self.voyage is None:
             return None
         return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)
-
-
-def _too_large(waters: Sequence[Water], phases: int, largest: int) -> str | None:
-    """Explain why the maps of all phases are too large, or return `None` if they are not."""
-    cells = [phases * water.cells for water in waters]
-    needed, available = estimates.drift(cells), memory.free()
-    if sum(cells) > largest:
-        limit = f"and {largest:,} are as many as take minutes"
-    elif available is not None and needed > available:
-        limit = (
-            f"which need about {memory.gigabytes(needed)} of memory, and "
-            f"{memory.shortage(available)}"
-        )
-    else:
-        return None
-    return f"The current has {sum(cells):,} cells at its {phases} phases, {limit}"

@@ -19,6 +19,21 @@ _LAND = "-2: no water"
 _UNKNOWN = "NaN: no such group, no water, or not known"
 
 
+def positions(cells: str, dim: str) -> tuple[Any, Any]:
+    """Describe the longitudes and latitudes of the cells in a quantity."""
+
+    def along(axis: int) -> Callable[[Any], Any]:
+        def value(drift: Any) -> Any:
+            numbers = getattr(drift, cells)
+            return None if numbers is None else drift._lon_lat(numbers)[axis]
+
+        return value
+
+    lon = derived(dim, "longitude", "degrees_east", standard_name="longitude")
+    lat = derived(dim, "latitude", "degrees_north", standard_name="latitude")
+    return lon(along(0)), lat(along(1))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaLayers(Ends):
     """The ends of drifters in some layers of the sea, on the squares of its grid."""

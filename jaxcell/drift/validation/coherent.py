@@ -8,10 +8,10 @@ import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 
 from ..advection import carried
+from ..drifting import nearest_square
 from ..flow import Flow
 from ..step import DriftStep
 from ..water import Water
-from .drifters import nearest_square
 
 
 def ftle(

@@ -1,53 +1,39 @@
 """The distance of a drift map from simulated drifters in the current itself."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 
-import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...mapping import Chain, ChainSequence
-from ...mapping.section import bucket
+from ...mapping import Chain, ChainSequence, persistent_groups
 from ...mapping.sequence import as_sequence
-from ..advection import carried
+from ...markov import absorption_times
 from ..flow import Flow, crossing_time, steps_in
 from ..maps import diffused_cells, drift_maps
 from ..step import DriftStep
-from ..water import Water, on_grid
-from .drifters import diffuse, nearest_square, total_variation
+from ..water import Water
+from .drifters import total_variation
+from .replay import SAMPLING, Replay, Sampling
 
 
 HOURS = (6.0, 24.0)
-"""The times at which maps are compared with drifters, in hours."""
-# A comparison is at about one of these times if it is off by less than this part of it.
-_NEAR = 0.34
+"""Times at which maps are compared with drifters, in hours, beside the time that is asked."""
 FAR = 0.2
 """The total variation above which a map is far from drifters."""
+MOST_CELLS = 100_000
+"""The cells at all phases above which only one step is mapped."""
+# The longest time that is asked by default, in hours.
+_MONTH = 30 * 24.0
+# The least number of steps in the time that is asked: the agreement of one step proves nothing.
+_LEAST_STEPS = 4
 # Steps in which diffusion spreads drifters over more cells are not tried.
 _MAX_DIFFUSED = 2.0
-# Runge-Kutta steps in one call.
-_SUBSTEPS = 4
-
-
-@dataclasses.dataclass(frozen=True)
-class Sampling:
-    """The points at which drifters begin: a square grid in every cell, or in every cell of a
-    sample."""
-
-    drifters: int = 1_000_000
-    "The largest number of drifters."
-    least: int = 3
-    "The least number of points along each side of a cell; if needed, fewer cells are sampled."
-    most: int = 6
-    "The largest number of points along each side of a cell; twice as many if drifters diffuse."
-    part: int = 64
-    "A sample has whole square parts of the grid, of this side in cells."
-
-
-SAMPLING = Sampling()
-"""The default of [`distances`][jaxcell.drift.distances]."""
+_FACTORS = (1, 2, 4, 8, 16, 32)
+# The number of square parts of the grid, along each side, in which single cells are compared.
+_PARTS = 6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -55,20 +41,22 @@ class Distance:
     """The distance of a map from drifters that began uniformly in the cells."""
 
     hours: Float[np.ndarray, "times"]
-    "The times of the whole numbers of steps that are nearest to 6 and 24 hours."
+    "The times, each of whole steps."
     total_variation: Float[np.ndarray, "times"]
     "The share of the drifters that the map has in a wrong cell, 0 to 1."
+    noise: Float[np.ndarray, "times"]
+    "The total variation to expect of this number of drifters, if the map were exact."
     drifters_left: Float[np.ndarray, "times"]
     "The share of the drifters that left the grid."
     map_left: Float[np.ndarray, "times"]
     "The share that left the grid by the map."
-    cells: int
-    "Number of cells in which drifters began: all, or a sample of more than 111,111."
+    replay: Replay
+    "The drifters."
 
     @property
-    def near(self) -> tuple[bool, ...]:
-        """True for the times near 6 and 24 hours; the first time of a long step is later."""
-        return tuple((np.abs(self.hours / HOURS - 1) < _NEAR).tolist())
+    def cells(self) -> int:
+        """Number of cells in which drifters began."""
+        return np.unique(self.replay.origin).size
 
     @property
     def worst(self) -> float:
@@ -86,19 +74,19 @@ def distances(
     flow: Flow,
     maps: Sequence[tuple[Chain | ChainSequence, float]],
     sampling: Sampling | None = None,
+    hours: Sequence[float | int] = HOURS,
 ) -> tuple[Distance, ...]:
     """Compare maps with drifters in the flow itself, as it changes with time.
 
     Drifters begin on an even grid of points in every cell, and move by the Runge-Kutta method and
-    the random walk of the flow's diffusivity. By default 9 to 36 begin in each cell, up to 144 if
-    they diffuse. Of more than 111,111 cells, some 100,000 in separate square parts of the grid are
-    sampled.
+    the random walk of the flow's diffusivity: see [`Replay.of`][jaxcell.drift.Replay.of].
 
     **Arguments:**
 
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
     - `maps`: chains over the cells, or sequences of chains, each with its seconds per step.
     - `sampling`: the points at which drifters begin.
+    - `hours`: the times of the comparison, each rounded to whole steps of the map, at least one.
 
     **Returns:** the [`Distance`][] of each map.
 
@@ -113,42 +101,112 @@ def distances(
         >>> source.total_variation.round(2).tolist(), drifters.total_variation.round(2).tolist()
         ([0.96, 1.0], [0.09, 0.13])
     """
-    sampling = sampling or SAMPLING
-    counts = [[steps_in(3600 * hour, seconds) for hour in HOURS] for _, seconds in maps]
-    times = sorted(
-        {n * seconds for steps, (_, seconds) in zip(counts, maps, strict=True) for n in steps}
-    )
-    begin = _begin(water, sampling)
-    share = _shares(water, flow, begin, times, sampling)
+    counts = [sorted({steps_in(3600 * hour, seconds) for hour in hours}) for _, seconds in maps]
+    times = [n * seconds for steps, (_, seconds) in zip(counts, maps, strict=True) for n in steps]
+    replay = Replay.of(water, flow, [time / 3600 for time in times], sampling or SAMPLING)
+    begin = replay.begin(water.cells)
     results = []
     for steps, (chain, seconds) in zip(counts, maps, strict=True):
-        later = as_sequence(chain).pushed(begin / begin.sum(), steps[-1])
-        kept = {count: cells for count, cells in enumerate(later) if count in steps}
-        pairs = [(kept[count], share[count * seconds]) for count in steps]
-        variation = np.array([total_variation(*pair) for pair in pairs])
-        map_left, drifters_left = (
-            1 - np.array([[cells.sum() for cells in pair] for pair in pairs]).T
-        )
-        hours = np.array(steps) * seconds / 3600
-        cells = int(begin.sum())
-        results.append(Distance(hours, variation, drifters_left, map_left.clip(0, 1), cells))
+        at = np.array(steps) * seconds / 3600
+        later = as_sequence(chain).pushed(begin, steps[-1])
+        mapped = [cells for count, cells in enumerate(later) if count in steps]
+        share = [replay.share(hour, water.cells) for hour in at]
+        halves = [
+            [replay.share(hour, water.cells, half) for half in (replay.half, ~replay.half)]
+            for hour in at
+        ]
+        left, map_left = (1 - np.array([one.sum() for one in of]) for of in (share, mapped))
+        variation = np.array([*map(total_variation, mapped, share)])
+        # Of two halves each has twice the variance of all.
+        noise = np.array([total_variation(*pair) for pair in halves]) / 2
+        results.append(Distance(at, variation, noise, left, map_left.clip(0, 1), replay))
     return tuple(results)
 
 
-def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], step: DriftStep) -> DriftStep:
+def distances_by_cell(
+    water: Water, chain: Chain | ChainSequence, seconds: float | int, distance: Distance
+) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "cells"]]:
+    """Compute the distance for the drifters of each cell, at the last time of a comparison.
+
+    The few drifters from one cell are in different cells at the end, so ends are compared in some
+    36 square parts of the grid.
+
+    **Arguments:**
+
+    - `water`, `chain`, `seconds`: the cells, the map and its seconds per step.
+    - `distance`: the distance of the map.
+
+    **Returns:** the total variation of each cell, and the total variation to expect if the map were
+    exact; NaN where no drifter began.
+
+    In a current that stands still almost everywhere, each drifter stays where it is:
+
+        >>> import numpy as np
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(4, dtype=np.int32).reshape(1, 4), np.full((1, 4), 1000.0)
+        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> flow = drift.Flow(jnp.full((1, 2, 1, 4), 1e-9), jnp.zeros(1))
+        >>> away = mapping.Chain(np.int32([[1, 1, 2, 3]]), np.ones((1, 4)))
+        >>> (one,) = drift.distances(water, flow, [(away, 3600.0)])
+        >>> drift.distances_by_cell(water, away, 3600.0, one)[0].tolist()
+        [1.0, 0.0, 0.0, 0.0]
+    """
+    row, column = (_PARTS * place // size for place, size in _places(water))
+    _, part = np.unique(row * _PARTS + column, return_inverse=True)
+    parts = int(part.max()) + 1
+    replay, hours = distance.replay, float(distance.hours[-1])
+    end = replay.at(hours)
+    stays = end >= 0
+    began = np.bincount(replay.origin, minlength=water.cells).astype(float)
+    began[began == 0] = np.nan
+    place = replay.origin[stays] * parts + part[end[stays]]
+    seen = np.bincount(place, minlength=water.cells * parts).reshape(-1, parts) / began[:, None]
+    within = (part[:, None] == np.arange(parts)).astype(float)
+    by_map = _pulled(chain, within, round(3600 * hours / seconds))
+    apart = np.abs(by_map - seen).sum(axis=1) + np.abs(by_map.sum(axis=1) - seen.sum(axis=1))
+    every = np.column_stack([by_map, (1 - by_map.sum(axis=1)).clip(0)])
+    spread = np.sqrt(2 / math.pi * every * (1 - every).clip(0) / began[:, None]).sum(axis=1)
+    return apart / 2, spread / 2
+
+
+def _places(water: Water) -> list[tuple[Int[np.ndarray, "cells"], int]]:
+    return [*zip((water.row, water.column), water.number.shape, strict=True)]
+
+
+def _pulled(
+    chain: Chain | ChainSequence, values: Float[np.ndarray, "cells parts"], steps: int
+) -> Float[np.ndarray, "cells parts"]:
+    """Compute the expected values after some steps from each cell, from phase 0 on."""
+    sequence = as_sequence(chain)
+    matrices = [sequence.at(phase).to_scipy() for phase in range(sequence.phases)]
+    for step in reversed(range(steps)):
+        values = matrices[step % sequence.phases] @ values
+    return values
+
+
+def nearest_step(
+    waters: Sequence[Water],
+    flows: Sequence[Flow],
+    step: DriftStep,
+    hours: float | int | None = None,
+) -> DriftStep:
     """Choose the duration of a step so that the maps of layers are nearest to drifters.
 
     In every step the grid spreads drifters by up to a cell, which favours few steps; but the
-    current changes during a long step. Of 1, 2, 4 and 8 times the [`jaxcell.drift.crossing_time`][]
-    of the slowest layer, up to a day, the choice has the least total variation. Maps are made of a
-    periodic flow as it changes, by the nearest durations that fit its period, and else of the mean
-    of its records. Of more than 100,000 cells at all phases nothing is tried, and the duration is
-    twice the crossing time.
+    current changes during a long step, and few points stand for all of a cell. Of 1, 2, 4 ... times
+    the [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a quarter of the time that is
+    asked, the choice has the least total variation after 6 and 24 hours and that time. Maps are
+    made of a periodic flow as it changes, by the nearest durations that fit its period, and else of
+    the mean of its records. Of more than 100,000 cells at all phases nothing is tried, and the
+    duration is twice the crossing time.
 
     **Arguments:**
 
     - `waters`, `flows`: of each layer, with all records.
     - `step`: the rules of the step; its duration has no effect.
+    - `hours`: the time that is asked; by default [`asked_hours`][jaxcell.drift.asked_hours] of the
+        map whose step is twice the crossing time.
 
     **Returns:** the step with its duration.
 
@@ -158,9 +216,9 @@ def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], step: DriftStep
         >>> water, flow = examples.gyres()
         >>> step = drift.nearest_step([water], [flow], drift.METHODS["drifters"])
         >>> round(step.duration / drift.crossing_time(water, flow))
-        4
+        8
     """
-    return nearest_maps(waters, flows, [mapped(flow) for flow in flows], step)[0]
+    return nearest_maps(waters, flows, [mapped(flow) for flow in flows], step, hours)[0]
 
 
 def mapped(flow: Flow) -> Flow:
@@ -168,12 +226,53 @@ def mapped(flow: Flow) -> Flow:
     return flow if flow.period is not None else flow.mean()
 
 
+def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -> float:
+    """Return the time that an answer about drifters is about by default, in hours.
+
+    It is the median time until drifters from a transient cell are in a persistent group or off the
+    map, in whole days, from a day to thirty.
+
+    **Arguments:**
+
+    - `chains`: the map of each layer.
+    - `seconds`: the duration of their steps.
+
+    **Returns:** the time.
+
+    Drifters that leave in ten steps of six hours on average:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> drift.asked_hours([mapping.Chain.from_scipy(np.array([[0.9]]))], 6 * 3600)
+        72.0
+    """
+    times = []
+    for chain in chains:
+        whole = chain.unrolled if isinstance(chain, ChainSequence) else chain
+        groups = persistent_groups(whole)
+        steps = np.asarray(absorption_times(whole, groups, throw=False).value)
+        times.append(steps[: chain.cells][np.asarray(groups.group)[: chain.cells] < 0])
+    return whole_days(np.concatenate(times) * seconds / 3600)
+
+
+def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
+    """Return the median of some times, in whole days from 1 to 30, as hours."""
+    median = float(np.median(hours)) if hours.size else 0.0
+    return 24.0 * min(max(1, math.ceil(median / 24 - 1e-6)), round(_MONTH / 24))
+
+
+def compared_hours(asked: float | int) -> tuple[float, ...]:
+    """Return the times of a comparison: 6 and 24 hours if they are earlier, and the time asked."""
+    return (*(hour for hour in HOURS if hour < asked), float(asked))
+
+
 def nearest_maps(
     waters: Sequence[Water],
     flows: Sequence[Flow],
     by: Sequence[Flow],
     step: DriftStep,
-    most_cells: int = 100_000,
+    hours: float | int | None = None,
+    most_cells: int = MOST_CELLS,
 ) -> tuple[DriftStep, list[tuple[Chain | ChainSequence, Distance]] | None]:
     """Choose the step as [`nearest_step`][], and return the map of each layer and its distance.
 
@@ -183,83 +282,40 @@ def nearest_maps(
     - `most_cells`: the cells at all phases above which nothing is tried, and `None` returned.
     """
     crossing = max(map(crossing_time, waters, by))
-    longest = min(3600 * HOURS[-1], *map(longest_duration, waters, by))
-    durations = {
-        by[0].fitted(factor * crossing)
-        for factor in (1, 2, 4, 8)
-        if factor == 1 or factor * crossing <= longest
-    }
+    usual = by[0].fitted(2 * crossing)
     cells = sum(water.cells for water in waters)
-    tried = [
-        step.lasting(seconds)
-        for seconds in sorted(durations)
-        if cells * by[0].phases(seconds) <= most_cells
-    ]
-    if not tried:
-        return step.lasting(by[0].fitted(2 * crossing)), None
+
+    @functools.cache
+    def chains(seconds: float) -> list[Chain | ChainSequence]:
+        return [*map(drift_maps, waters, by, [step.lasting(seconds)] * len(waters))]
+
+    if cells * by[0].phases(usual) > most_cells:
+        return step.lasting(usual), None
+    asked = asked_hours(chains(usual), usual) if hours is None else float(hours)
+    spread = min(map(longest_duration, waters, by))
+    longest = min(3600 * asked / _LEAST_STEPS, spread)
+    factors = [factor for factor in _FACTORS if factor == 1 or factor * crossing <= longest]
+    if by[0].period is None:
+        # So that a whole number of steps takes the time that is asked.
+        counts = {steps_in(3600 * asked, factor * crossing) for factor in factors}
+        durations = sorted(3600 * asked / count for count in counts)
+    else:
+        durations = sorted({by[0].fitted(factor * crossing) for factor in factors})
+    tried = [one for one in durations if cells * by[0].phases(one) <= most_cells] or [usual]
     layers = []
-    for water, flow, mean in zip(waters, flows, by, strict=True):
-        maps = [(drift_maps(water, mean, one), float(one.duration or 0)) for one in tried]
-        chains = [chain for chain, _ in maps]
-        layers.append([*zip(chains, distances(water, flow, maps), strict=True)])
+    for number, (water, flow) in enumerate(zip(waters, flows, strict=True)):
+        maps = [(chains(seconds)[number], seconds) for seconds in tried]
+        made = [chain for chain, _ in maps]
+        compared = distances(water, flow, maps, hours=compared_hours(asked))
+        layers.append([*zip(made, compared, strict=True)])
     worst = [
         max(distance.worst for _, distance in of_step) for of_step in zip(*layers, strict=True)
     ]
     best = int(np.argmin(worst))
-    return tried[best], [layer[best] for layer in layers]
+    return step.lasting(tried[best]), [layer[best] for layer in layers]
 
 
 def longest_duration(water: Water, flow: Flow) -> float:
     """Return the longest duration to try, in seconds, so that diffusion does not fill the map."""
     in_a_second = float(diffused_cells(water, flow, 1.0).max())
     return (_MAX_DIFFUSED / in_a_second) ** 2 if in_a_second else math.inf
-
-
-def _begin(water: Water, sampling: Sampling) -> Float[np.ndarray, "cells"]:
-    """Return 1 for the cells in which drifters begin, and 0 for others."""
-    every = -(-water.cells * sampling.least**2 // sampling.drifters)
-    # Along every diagonal, one in `every` square parts.
-    part = water.row // sampling.part + water.column // sampling.part
-    return (part % every == 0).astype(float)
-
-
-def _shares(
-    water: Water,
-    flow: Flow,
-    begin: Float[np.ndarray, "cells"],
-    times: Sequence[float],
-    sampling: Sampling,
-) -> dict[float, Float[np.ndarray, "cells"]]:
-    """Simulate drifters, and return the share in each cell at each time."""
-    cells = np.flatnonzero(begin)
-    most = 2 * sampling.most if flow.diffusivity else sampling.most
-    points = min(most, max(sampling.least, math.isqrt(sampling.drifters // cells.size)))
-    places = (np.arange(points) + 0.5) / points - 0.5
-    right, up = (np.tile(offset.ravel(), cells.size) for offset in np.meshgrid(places, places))
-    origin = np.repeat(cells, points**2)
-    # Layers of one grid differ in their cells; with rounded sizes one program serves all.
-    drifters, size = origin.size, bucket(origin.size)
-    origin = np.resize(origin, size)
-    x, y = water.column[origin] + np.resize(right, size), water.row[origin] + np.resize(up, size)
-    # A substep is at most half a cell long, and not longer than from one record to the next.
-    between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
-    longest, shares, now = _SUBSTEPS * min(crossing_time(water, flow) / 2, between), {}, 0.0
-    sides, wet, gone = np.stack([water.dx, water.dy]), ~water.closed, water.gone
-    key = jax.random.key(0)
-    for time in times:
-        moves = math.ceil((time - now) / longest)
-        length = (time - now) / moves
-        for start in np.linspace(now, time, moves, endpoint=False).tolist():
-            on = on_grid(water.number.shape, water.wraps, x, y)
-            on &= ~gone[nearest_square(gone.shape, water.wraps, x, y)]
-            after = carried(flow, x, y, length, start, "rk4", _SUBSTEPS)
-            if flow.diffusivity:
-                key, drawn = jax.random.split(key)
-                after = diffuse(drawn, flow, sides, wet, *after, length)
-            x, y = (np.where(on, moved, here) for moved, here in zip(after, (x, y), strict=True))
-        now = time
-        cell: Int[np.ndarray, drifters] = water.landing(
-            x[None, :drifters], y[None, :drifters], origin=origin[:drifters], exits=True
-        )[0]
-        shares[time] = np.bincount(cell[cell >= 0], minlength=water.cells) / cell.size
-    return shares

@@ -6,12 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from ...mapping import Chain
+from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
 from ..advection import advect
+from ..drifting import diffuse, nearest_square
 from ..flow import Flow
 from ..step import DriftStep
 from ..water import Water, on_grid
@@ -139,37 +140,6 @@ def _turned(key, rho, side, place, end):  # type: ignore[no-untyped-def]
     return x + (right * cos - up * sin) / dx, y + (right * sin + up * cos) / dy
 
 
-@jax.jit
-def diffuse(
-    key: jax.Array,
-    flow: Flow,
-    sides: Float[Array, "axes rows columns"],
-    wet: Bool[Array, "rows columns"],
-    x: Float[Array, "points"],
-    y: Float[Array, "points"],
-    duration: Float[Array, ""] | float,
-) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
-    """Move points by the random walk of the flow's diffusivity for a time.
-
-    A point that would go ashore stays where it was.
-    """
-    row, column = nearest_square(wet.shape, flow.wraps, x, y)
-    far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
-    right, up = far * jax.random.normal(key, (2, x.size), x.dtype) / sides[:, row, column]
-    on, to = (wet.shape, flow.wraps), (x + right, y + up)
-    ashore = on_grid(*on, *to) & ~wet[nearest_square(*on, *to)]
-    stays = ~on_grid(*on, x, y) | ashore
-    return jnp.where(stays, x, to[0]), jnp.where(stays, y, to[1])
-
-
-def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
-    """Find the row and column of the squares that hold points, or are nearest to them."""
-    rows, columns = shape
-    row, column = (jnp.round(place).astype(jnp.int32) for place in (y, x))
-    column = column % columns if wraps else jnp.clip(column, 0, columns - 1)
-    return jnp.clip(row, 0, rows - 1), column
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
     """The distance of the distribution of a chain from that of simulated drifters, by time."""
@@ -184,14 +154,17 @@ class Comparison:
 
 
 def compare(
-    water: Water, chain: Chain, drifted: Drifters, hours: Sequence[float | int] = (1, 12, 24)
+    water: Water,
+    chain: Chain | ChainSequence,
+    drifted: Drifters,
+    hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
     """Compare a drift map with simulated drifters, from their places of release on.
 
     **Arguments:**
 
     - `water`: the cells.
-    - `chain`: the map, with steps of the duration of those of the drifters.
+    - `chain`: the map, from phase 0 on, with steps of the duration of those of the drifters.
     - `drifted`: the drifters.
     - `hours`: the times of the comparison, rounded to whole steps.
 

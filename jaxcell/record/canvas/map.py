@@ -22,7 +22,7 @@ from ...space import CellSpace
 from ...space.occupancy import rasterise
 from .marks import log_lines, points
 from .palette import CLEAR, FREE, MARGIN, OBSTACLE, WALL, Color, PictureClass
-from .stream import plane, send_changing
+from .stream import Dated, plane, send_changing, time_columns
 
 
 _TOO_NEAR = "too near a wall", MARGIN
@@ -204,7 +204,7 @@ def log_pictures(
     path: str,
     classes: Sequence[PictureClass],
     pictures: UInt8[np.ndarray, "*pictures rows columns"],
-    timeline: str | None = None,
+    timeline: str | Dated | None = None,
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
@@ -229,7 +229,7 @@ def send_pictures(
     stream: rr.RecordingStream,
     path: str,
     pictures: UInt8[np.ndarray, "pictures rows columns"],
-    timeline: str,
+    timeline: str | Dated,
     times: Int[np.ndarray, "pictures"],
 ) -> None:
     """Log a picture for each time of a timeline; their classes are logged once."""
@@ -237,7 +237,7 @@ def send_pictures(
     layout = rr.components.ImageFormat(width=columns, height=rows, channel_datatype="U8")
     stream.send_columns(
         path,
-        [rr.TimeColumn(timeline, sequence=times)],
+        time_columns(timeline, times),
         rr.SegmentationImage.columns(buffer=pictures.reshape(count, -1), format=[layout] * count),
     )
 

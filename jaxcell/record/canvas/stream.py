@@ -1,11 +1,12 @@
 """The file of a recording, and the layout that the viewer opens with."""
 
 import contextlib
+import dataclasses
 import os
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -57,13 +58,33 @@ def recording_name(path: str | os.PathLike[str]) -> str:
     return f"{path.parent.name}/{path.stem}"
 
 
+@dataclasses.dataclass(frozen=True)
+class Dated:
+    """A timeline of whole units from a date on, which the viewer shows as dates."""
+
+    unit: str
+    start: np.datetime64
+    seconds: int
+    "Seconds per unit."
+    name: ClassVar[str] = "date"
+
+
+def time_columns(timeline: str | Dated, times: Int[np.ndarray, "times"]) -> list[rr.TimeColumn]:
+    """Make the columns of times, of which those of dates are a second timeline."""
+    if isinstance(timeline, str):
+        return [rr.TimeColumn(timeline, sequence=times)]
+    dates = timeline.start.astype("datetime64[ns]") + times * np.timedelta64(timeline.seconds, "s")
+    units = rr.TimeColumn(timeline.unit, sequence=times)
+    return [units, rr.TimeColumn(timeline.name, timestamp=dates)]
+
+
 def send_changing(
     stream: rr.RecordingStream,
     path: str,
     archetype: Any,
     times: Int[np.ndarray, "times"],
     lengths: npt.ArrayLike | None = None,
-    timeline: str = "step",
+    timeline: str | Dated = "step",
     /,
     *,
     style: Mapping[str, Any] | None = None,
@@ -79,7 +100,7 @@ def send_changing(
     - `style`: the components that do not change.
     - `columns`: the components that change, for all times in a row.
     """
-    index = [rr.TimeColumn(timeline, sequence=times)]
+    index = time_columns(timeline, times)
     changing = archetype.columns(**columns)
     stream.send_columns(path, index, changing if lengths is None else changing.partition(lengths))
     if style is not None:
@@ -87,11 +108,20 @@ def send_changing(
 
 
 def send_blueprint(
-    stream: rr.RecordingStream, tabs: Sequence[rrb.Container], timeline: str, speed: float
+    stream: rr.RecordingStream,
+    tabs: Sequence[rrb.Container],
+    timeline: str | Dated,
+    speed: float,
 ) -> None:
     """Send the layout of the viewer: tabs, and a timeline that plays, with its steps per second."""
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
-    play = rrb.TimePanel(timeline=timeline, fps=speed, play_state="playing", state="collapsed")
+    play = rrb.TimePanel(
+        timeline=timeline.name if isinstance(timeline, Dated) else timeline,
+        fps=None if isinstance(timeline, Dated) else speed,
+        playback_speed=speed * timeline.seconds if isinstance(timeline, Dated) else None,
+        play_state="playing",
+        state="collapsed",
+    )
     stream.send_blueprint(fixed(layout, play))
 
 

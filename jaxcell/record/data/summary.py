@@ -55,7 +55,8 @@ def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
         else summary(part, cells)
         for name, part in parts(result).items()
     }
-    return {**numbers, **nested}
+    sentences = {"answer": list(result.answer)} if result.answer else {}
+    return {**sentences, **numbers, **nested}
 
 
 def cells_of(result: Result) -> CellSpace | None:

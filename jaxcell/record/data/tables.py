@@ -57,6 +57,8 @@ def tables(
         yield Table(heading, ("quantity", "value"), single)
     yield from _tables(result, "" if single else f"{heading}: ", cells)
     for name, part in below.items():
+        if name in result.quiet:
+            continue
         title = name.replace("_", " ").capitalize()
         if isinstance(part, tuple):
             yield from _side_by_side(part, title)

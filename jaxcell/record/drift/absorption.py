@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
+from ...drift import SeaDrift
 from ...drift.results.ends import ALMOST_FOREVER, LayerEnds
 from ..canvas.palette import FREE, PLAIN, mix
 from ..canvas.prose import described
@@ -13,6 +14,8 @@ from .map import SeaMap
 
 
 _PERSISTENT = "in a persistent group"
+# Hours from which most times are given in days.
+_DAYS = 72
 _LATE = f"almost forever: over {ALMOST_FOREVER:,} steps"
 
 
@@ -22,20 +25,27 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     hours = [np.asarray(layer.begins.hours) for layer in layers]
     late = [layer.almost_forever for layer in layers]
     shown = np.concatenate([t[(t > 0) & ~is_late] for t, is_late in zip(hours, late, strict=True)])
-    # A few very long times would leave one colour for all others.
-    most = min(float(shown.max()), 3 * float(np.quantile(shown, 0.9))) if shown.size else 1.0
+    # Times over several powers of ten have a logarithmic scale.
+    days = shown.size > 0 and float(np.median(shown)) >= _DAYS
+    unit, size = ("days", 24.0) if days else ("h", 1.0)
+    drift, bounds = maps[0].drift, (1.0, 1.0)
+    if shown.size:
+        bounds = float(shown.min()) / size, float(shown.max()) / size
+    if isinstance(drift, SeaDrift) and drift.until is not None:
+        bounds = min(bounds[0], drift.until / size), min(bounds[1], drift.until / size)
     scale = Scale.over(
-        shown,
-        "{} h".format,
-        least=0.0,
-        most=most,
+        shown / size,
+        f"{{}} {unit}".format,
+        least=bounds[0],
+        most=bounds[1],
+        spaced=np.geomspace,
         special={_PERSISTENT: FREE, _LATE: mix(PLAIN, (0, 0, 0), 0.4)},
         ground="land",
         open=True,
     )
     views = []
     for map, time, is_late in zip(maps, hours, late, strict=True):
-        kind = scale.levels(time, {_PERSISTENT: time == 0, _LATE: is_late})
+        kind = scale.levels(time / size, {_PERSISTENT: time == 0, _LATE: is_late})
         picture = map.picture(f"absorption_{map.number}", scale.classes, kind)
         views.append(map.view(map.title, [picture]))
     special = [_PERSISTENT, _LATE] if np.concatenate(late).any() else [_PERSISTENT]
@@ -54,7 +64,8 @@ def _text(layers: Sequence[LayerEnds]) -> str:
     return f"""# How long it takes
 
 The *absorption time* of a cell is the expected time until a drifter from there is in a persistent
-group, or off the map. Blue is soon, yellow is late; persistent cells are light.
+group, or off the map. Blue is soon, yellow is late, on a logarithmic scale; persistent cells
+are light.
 
 {described(layers, *columns)}
 

@@ -97,7 +97,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
         rr.Arrows2D,
         times,
         sizes,
-        clock.unit,
+        clock.timeline,
         style={"colors": _ARROW, "radii": radius, "draw_order": 10},
         vectors=vector.reshape(-1, 2),
         origins=foot.reshape(-1, 2),
@@ -141,5 +141,5 @@ def _log_drifters(map: CurrentMap, seed: int) -> None:
         ("trail", rr.LineStrips2D, line, {"strips": strips}),
     ):
         send_changing(
-            stream, f"{path}/{name}", kind, at, counts, clock.unit, style=style, **columns
+            stream, f"{path}/{name}", kind, at, counts, clock.timeline, style=style, **columns
         )

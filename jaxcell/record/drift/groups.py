@@ -6,6 +6,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from jaxtyping import Int, UInt8
 
+from ...base.formatting import in_time
 from ...drift import Layer, SeaDrift
 from ...drift.results.ends import LayerEnds
 from ..canvas.marks import log_labels
@@ -38,8 +39,9 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
         _log_numbers(map, layer, ranks[number])
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         if isinstance(layer, Layer):
-            share, hours = layer.distance.total_variation[-1], layer.distance.hours[-1]
-            title += f", {100 * share:.2g} % of drifters elsewhere after {hours:.3g} h"
+            title += (
+                f", {layer.distance:.2%} of drifters elsewhere after {in_time(layer.asked_hours)}"
+            )
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
     legend = _legend(drift.layers, max(int(rank.max(initial=-1)) + 1 for rank in ranks))
     if isinstance(drift, SeaDrift):
@@ -127,7 +129,7 @@ def groups_text(drift: SeaDrift, spec: Spec) -> str:
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     ways = "mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding"
-    distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
+    distance = "asked_hours", "distance", "distance_noise", "drifters_left", "map_left"
     hours = f"**{drift.step / 3600:.3g} hours**"
     current = "the mean current" if drift.phases is None else "the current, as it changes,"
     spread = "on points of its cell"

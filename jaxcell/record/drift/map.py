@@ -23,7 +23,7 @@ from ..canvas.marks import log_arrows, log_labels
 from ..canvas.page import Legend, log_tab
 from ..canvas.palette import CLEAR, FREE, OBSTACLE, PLAIN, TEXT, Color, PictureClass, mix
 from ..canvas.scale import Scale
-from ..canvas.stream import plane
+from ..canvas.stream import Dated, plane
 from .frame import log_frame, round_below
 
 
@@ -53,18 +53,28 @@ class Clock:
     "Units from picture to picture."
     frames: int
     "Number of pictures after the first."
+    start: np.datetime64 | None = None
+    "The date of time 0, if time goes forward from a date."
 
     @classmethod
     def of(cls, drift: SeaLayers) -> "Clock":
         """Make a clock that resolves a step of the chain and covers the records of the current."""
-        total = _MIN_STEPS * drift.step
+        total, start = _MIN_STEPS * drift.step, None
         if isinstance(drift, SeaDrift):
-            time = np.asarray(drift.layers[0].flow.time)
-            total = max(float(time[-1] - time[0]), total)
+            total = max(3600 * drift.covered_hours, total)
+            if drift.until is not None:
+                total = 3600 * drift.until
+            start = None if drift.backward else drift.currents.time.values[0]
         wanted = max(drift.step / _FRAMES_PER_STEP, total / _MAX_FRAMES)
         unit = next((name for name, size in _UNITS.items() if wanted >= size), "second")
         frame = max(1, round(wanted / _UNITS[unit]))
-        return cls(unit, frame, min(math.ceil(total / (frame * _UNITS[unit])), _MAX_FRAMES))
+        frames = min(math.ceil(total / (frame * _UNITS[unit])), _MAX_FRAMES)
+        return cls(unit, frame, frames, start)
+
+    @property
+    def timeline(self) -> str | Dated:
+        """The timeline of marks: dates if they are known."""
+        return self.unit if self.start is None else Dated(self.unit, self.start, self.seconds)
 
     @property
     def seconds(self) -> int:
@@ -183,8 +193,8 @@ class SeaMap:
         squares[..., self.gaps] = len(classes)
         squares[..., water.row, water.column] = kind
         classes = [*classes, PictureClass(_GAP, CLEAR if order > -20 else GAP)]
-        path, unit = f"map/grid/{name}", self.clock.unit
-        log_pictures(self.stream, path, classes, squares, unit, times, order)
+        path, timeline = f"map/grid/{name}", self.clock.timeline
+        log_pictures(self.stream, path, classes, squares, timeline, times, order)
         return f"grid/{name}"
 
     def numbers(

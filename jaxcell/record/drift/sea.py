@@ -8,6 +8,7 @@ from .beaching import log_beaching
 from .closed_sets import log_closed_sets
 from .currents import log_currents
 from .deployment import log_deployment
+from .distances import log_distances
 from .distribution import log_distribution
 from .exchange import log_exchange
 from .groups import groups_text, log_groups
@@ -19,11 +20,12 @@ from .voyage import log_voyage
 def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
     """Log the ends of drifters in a sea.
 
-    Over a timeline from the first record, tabs show the current of each layer as arrows, drifters
-    in it, their distribution by the map of cells, and drifters that follow the policy to a goal.
-    Static tabs show persistent groups, nearly closed sets, absorption times, the deployment, the
-    exchange between regions, beaches, the reach of the start, and in three dimensions the value
-    function and the policy. The simulated drifters have the `seed` of `spec`.
+    Over a timeline of dates from the first record, tabs show the current of each layer as arrows,
+    drifters in it, their distribution by the map of cells, and drifters that follow the policy to a
+    goal. Static tabs show persistent groups, nearly closed sets, absorption times, the deployment,
+    the distance from drifters, the exchange between regions, beaches, the reach of the start, and
+    in three dimensions the value function and the policy. The simulated drifters have the `seed` of
+    `spec`.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)
@@ -33,6 +35,8 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
         tabs.insert(3, log_absorption(maps))
     if drift.nearly_closed_sets is not None:
         tabs.insert(1, log_closed_sets(maps, drift.nearly_closed_sets))
+    if drift.distance_by_cell is not None:
+        tabs.append(log_distances(maps))
     if drift.exchange is not None:
         tabs.append(log_exchange(maps[0], drift.exchange))
     if drift.beaching is not None:
@@ -42,4 +46,4 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
     if drift.voyage is not None:
         tabs.append(log_voyage(maps[0], seed))
     clock = maps[0].clock
-    send_blueprint(stream, tabs, clock.unit, clock.speed)
+    send_blueprint(stream, tabs, clock.timeline, clock.speed)

@@ -222,7 +222,9 @@ def _log_tracks(space: _Space, policy: Voyage, seed: int) -> int:
     times = np.rint(np.arange(steps + 1) * (drift.step / clock.seconds)).astype(np.int64)
     counts, style = present.sum(axis=1), {"colors": DRIFTER, "radii": 0.8 * space.surface.mark}
     path, at = "space/drifters", places[present]
-    send_changing(stream, path, rr.Points3D, times, counts, clock.unit, style=style, positions=at)
+    send_changing(
+        stream, path, rr.Points3D, times, counts, clock.timeline, style=style, positions=at
+    )
     return steps
 
 

@@ -1,0 +1,140 @@
+"""The first lines of an answer: where drifters go, by when, and how sure that is."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...base.formatting import in_time
+
+
+if TYPE_CHECKING:
+    from .sea_drift import SeaDrift
+
+
+# The period of the principal lunar tide and of a day, in hours, and the tolerance of a multiple.
+_CYCLES, _NEAR = (12.4206, 24.0), 0.05
+# The number of drifters whose reach a sentence gives, and of nearly closed sets it names.
+_FEW, _NAMED = (1, 2, 5, 10, 20, 50), 4
+
+
+def answer(drift: "SeaDrift") -> tuple[str, ...]:
+    """Write the first lines of the answer about drifters at the surface, or in the first layer."""
+    lines = [_beyond(drift), _gathering(drift), _leaving(drift), _certainty(drift)]
+    lines += [_groups(drift), _reach(drift), _diffusion(drift)]
+    return tuple(line for line in lines if line is not None)
+
+
+def _beyond(drift: "SeaDrift") -> str | None:
+    """Say that the records cover less time than the answer, and what is assumed after them."""
+    covered, asked = drift.covered_hours, drift.asked_hours
+    if covered == 0:
+        return f"There is one record: the answer is for {in_time(asked)} of a steady current."
+    if asked <= covered * (1 + 1e-9):
+        return None
+    mean = drift.layers[0].by.period is None
+    begins = f"The records cover {in_time(covered)}, and the answer is about {in_time(asked)}"
+    if mean:
+        return f"{begins} in the mean of the records."
+    whole = any(abs(covered / cycle - round(covered / cycle)) <= _NEAR and covered >= cycle * 0.9
+                for cycle in _CYCLES)  # fmt: skip
+    period = "" if whole else "; this period is no multiple of a day or of a tide (12.4 h)"
+    return f"{begins}, as if the current repeated itself after them{period}."
+
+
+def _gathering(drift: "SeaDrift") -> str:
+    """Say where drifters are at the time that is asked."""
+    surface = drift.layers[0]
+    share = surface.compared.replay.share(drift.asked_hours, surface.cells)
+    where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
+    gone = f"{1 - share.sum():.0%} have left the map"
+    sets = drift.nearly_closed_sets
+    if sets is None or not sets.layers[0].count:
+        return f"{where} {share.sum():.0%} are on the map, and {gone}."
+    label, parts = sets.labels[0], []
+    shown = min(sets.layers[0].count, _NAMED)
+    leakage = 1 - (1 - sets.leakage) ** (24 / sets.window_hours)
+    for number in range(shown):
+        place = _place(float(sets.lon[number]), float(sets.lat[number]))
+        held = float(share[label == number].sum())
+        parts.append(
+            f"{held:.0%} in set {sets.rank[number]} around {place} (which loses "
+            f"{leakage[number]:.1%} a day)"
+        )
+    listed = "; ".join(parts)
+    elsewhere = share.sum() - share[(label >= 0) & (label < shown)].sum()
+    return f"{where}, {listed}; {elsewhere:.0%} elsewhere, and {gone}."
+
+
+def _leaving(drift: "SeaDrift") -> str:
+    """Say what share has left at the compared times, by drifters and by the map."""
+    of = drift.layers[0].compared
+    pairs = zip(of.hours.tolist(), of.drifters_left, of.map_left, strict=True)
+    times = [
+        f"{left:.0%} after {in_time(hour)} (by the map {map:.0%})" for hour, left, map in pairs
+    ]
+    return f"What leaves the map: {', '.join(times)}."
+
+
+def _certainty(drift: "SeaDrift") -> str:
+    """Say how far the map is from drifters at the compared times."""
+    of = drift.layers[0].compared
+    trios = zip(of.hours.tolist(), of.total_variation, of.noise, strict=True)
+    times = [
+        f"{wrong:.0%} after {in_time(hour)} (by chance {noise:.1%})" for hour, wrong, noise in trios
+    ]
+    test = drift.markov_test
+    sets = (
+        "" if test is None else f"; shares that stay in a set are wrong by up to {test.apart:.0%}"
+    )
+    return f"How sure: the map has drifters in a wrong cell, {', '.join(times)}{sets}."
+
+
+def _groups(drift: "SeaDrift") -> str:
+    """Count the groups, and say how much they and the times depend on the step."""
+    surface = drift.layers[0]
+    count = surface.persistent_groups
+    text = f"{count:,} persistent group{'s' * (count != 1)}"
+    if drift.until is None and surface.transient_hours.size:
+        text += f", {in_time(surface.median_hours)} to a group or off the map (median)"
+    duration, groups = drift.sensitivity_duration, drift.sensitivity_groups
+    if duration is not None and groups is not None and drift.sensitivity_median_hours is not None:
+        other = [
+            f"{group:,} and {in_time(hours)} by a step of {in_time(seconds / 3600)}"
+            for seconds, group, hours in zip(
+                duration.tolist(), groups.tolist(), drift.sensitivity_median_hours, strict=True
+            )
+            if not np.isclose(seconds, drift.step)
+        ]
+        text += f" by a step of {in_time(drift.step / 3600)}; {'; '.join(other)}"
+    return f"{text}."
+
+
+def _reach(drift: "SeaDrift") -> str | None:
+    """Say how many cells a few drifters may visit."""
+    if (curve := drift.curve) is None:
+        return None
+    cells, last = drift.layers[0].cells, curve.covered.size
+    counts = [count for count in _FEW if curve.covered[min(count, last) - 1] < curve.covered[-1]]
+    shares = [
+        f"{count:,} reach{'es' * (count == 1)} {curve.covered[count - 1] / cells:.0%}"
+        for count in [*counts[:4], last]
+    ]
+    return f"Drifters to drop: {', '.join(shares)} of the cells."
+
+
+def _diffusion(drift: "SeaDrift") -> str | None:
+    """Compare the diffusivity with that of the grid."""
+    wanted, grid = drift.diffusivity, drift.grid_diffusivity
+    if wanted is None:
+        return None
+    if wanted < grid:
+        return (
+            f"This map does not show a diffusion of {wanted:g} m²/s: the grid alone spreads "
+            f"drifters by {grid:.3g} m²/s; take smaller cells or a longer --duration."
+        )
+    return f"Drifters diffuse by {wanted:g} m²/s, to which the grid adds {grid:.3g} m²/s."
+
+
+def _place(lon: float, lat: float) -> str:
+    east, north = "W" if lon < 0 else "E", "S" if lat < 0 else "N"
+    return f"{abs(lat):.2f}° {north} {abs(lon):.2f}° {east}"

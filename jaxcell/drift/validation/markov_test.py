@@ -1,0 +1,98 @@
+"""The Chapman-Kolmogorov test: several steps of a map against drifters, on sets of cells."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Annotated, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Float, Int
+
+from ...base.quantities import Result, derived, quantity
+from ...mapping import Chain, ChainSequence
+from ...mapping.sequence import as_sequence
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MarkovTest(Result):
+    """The shares of drifters from each set that are in it later, by a map and by drifters.
+
+    If drifters forget where they were, the `n`-th power of the map has the shares of `n` steps
+    (Prinz et al. 2011); each case is a set and a time. Half of the drifters of set 0 are still in
+    it by the map, and a quarter of four:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> chain = mapping.Chain.from_scipy(np.array([[0.5, 0.5], [0.0, 1.0]]))
+        >>> origin, end = np.array([0, 0, 0, 0, 1]), np.array([0, 1, 1, 1, 1])
+        >>> cases = drift.MarkovTest.of(chain, np.array([0, 1]), 3600.0, [(1, origin, end)])
+        >>> cases.by_map.tolist(), cases.by_drifters.tolist(), cases.apart
+        ([0.5, 1.0], [0.25, 1.0], 0.25)
+    """
+
+    tables: ClassVar[dict[str, str]] = {"case": "cases"}
+
+    number: Annotated[Int[np.ndarray, "cases"], quantity("case", "set", kind="index")]
+    depth: Annotated[Float[np.ndarray, "cases"], quantity("case", "depth", "m")]
+    hours: Annotated[Float[np.ndarray, "cases"], quantity("case", "time", "h", kind="time")]
+    by_map: Annotated[
+        Float[np.ndarray, "cases"],
+        quantity("case", "drifters of the set that are in it then, by the map", kind="share"),
+    ]
+    by_drifters: Annotated[
+        Float[np.ndarray, "cases"], quantity("case", "the same, by drifters", kind="share")
+    ]
+    error: Annotated[
+        Float[np.ndarray, "cases"],
+        quantity("case", "standard error, because drifters are finite", kind="share"),
+    ]
+
+    @classmethod
+    def of(
+        cls,
+        chain: Chain | ChainSequence,
+        sets: Int[np.ndarray, "cells"],
+        seconds: float | int,
+        seen: Sequence[tuple[int, npt.ArrayLike, npt.ArrayLike]],
+        depth: float | int = 0.0,
+        first: int = 0,
+    ) -> "MarkovTest":
+        """Test a map on sets of cells.
+
+        **Arguments:**
+
+        - `chain`: the map, from phase 0 on.
+        - `sets`: the set of each cell, -1 for none.
+        - `seconds`: the duration of a step.
+        - `seen`: numbers of steps, each with the cells in which drifters began and ended; -1 for a
+            drifter that has left.
+        - `depth`: of the cells, in metres.
+        - `first`: the number of set 0 in the result.
+        """
+        steps = as_sequence(chain)
+        rows = []
+        for count, *cells in seen:
+            origin, end = map(np.asarray, cells)
+            last = np.where(end >= 0, np.append(sets, -1)[end], -1)
+            for number in range(int(sets.max(initial=-1)) + 1):
+                inside = sets[origin] == number
+                if not (drifters := int(inside.sum())):
+                    continue
+                begin = np.bincount(origin[inside], minlength=steps.cells) / drifters
+                *_, later = steps.pushed(begin, count)
+                stay = float((last[inside] == number).mean())
+                error = np.sqrt(stay * (1 - stay) / drifters)
+                mapped = min(1.0, float(later[sets == number].sum()))
+                rows.append((first + number, depth, count * seconds / 3600, mapped, stay, error))
+        table = np.array(rows, float).reshape(-1, 6).T
+        return cls(table[0].astype(np.int32), *table[1:])
+
+    @classmethod
+    def joined(cls, tests: Sequence["MarkovTest"]) -> "MarkovTest":
+        """Join the tests of layers, whose sets are numbered through all layers."""
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(*(np.concatenate([getattr(test, name) for test in tests]) for name in names))
+
+    @derived("", "largest difference of the shares by the map and by drifters", kind="share")
+    def apart(self) -> float:
+        return float(np.abs(self.by_map - self.by_drifters).max(initial=0.0))

@@ -1,0 +1,113 @@
+"""Drifters that begin on an even grid of points in cells, and drift without cells."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..drifting import drifted
+from ..flow import Flow, crossing_time
+from ..water import Water
+
+
+@dataclasses.dataclass(frozen=True)
+class Sampling:
+    """The points at which drifters begin: a square grid in every cell, or in every cell of a
+    sample."""
+
+    drifters: int = 1_000_000
+    "The largest number of drifters."
+    least: int = 3
+    "The least number of points along each side of a cell; if needed, fewer cells are sampled."
+    most: int = 6
+    "The largest number of points along each side of a cell; twice as many if drifters diffuse."
+    part: int = 64
+    "A sample has whole square parts of the grid, of this side in cells."
+    moves: int = 100_000_000
+    "The largest number of Runge-Kutta steps of all drifters."
+
+
+SAMPLING = Sampling()
+"""The default of [`distances`][jaxcell.drift.distances]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Replay:
+    """The cells of drifters in the flow itself, at some times."""
+
+    hours: Float[np.ndarray, "times"]
+    "The times, ascending."
+    origin: Int[np.ndarray, "drifters"]
+    "The cell in which each drifter began."
+    cell: Int[np.ndarray, "times drifters"]
+    "Its cell at each time; -1 if it has left the grid."
+    half: Bool[np.ndarray, "drifters"]
+    "Every second point in a cell, for estimates of noise."
+
+    @classmethod
+    def of(
+        cls,
+        water: Water,
+        flow: Flow,
+        hours: Sequence[float | int],
+        sampling: Sampling = SAMPLING,
+    ) -> "Replay":
+        """Simulate drifters by the Runge-Kutta method and the random walk of the diffusivity.
+
+        By default 9 to 36 begin in each cell, up to 144 if they diffuse. Of many cells, those in
+        separate square parts of the grid are sampled.
+
+        **Arguments:**
+
+        - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
+        - `hours`: the times.
+        - `sampling`: the points at which drifters begin.
+        """
+        times = np.unique(np.asarray(hours, float)) * 3600
+        # A substep is at most half a cell long, and not longer than from one record to the next.
+        between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
+        longest = min(crossing_time(water, flow) / 2, between)
+        most = min(sampling.drifters, int(sampling.moves / max(1.0, times[-1] / longest)))
+        cells = np.flatnonzero(_begin(water, dataclasses.replace(sampling, drifters=most)))
+        densest = 2 * sampling.most if flow.diffusivity else sampling.most
+        points = min(densest, max(sampling.least, math.isqrt(most // cells.size)))
+        places = (np.arange(points) + 0.5) / points - 0.5
+        right, up = (np.tile(offset.ravel(), cells.size) for offset in np.meshgrid(places, places))
+        origin = np.repeat(cells, points**2)
+        x, y = water.column[origin] + right, water.row[origin] + up
+        cell, now, key = [], 0.0, jax.random.key(0)
+        for time in times.tolist():
+            key, drawn = jax.random.split(key)
+            x, y = drifted(water, flow, x, y, now, time, longest, drawn)
+            now = time
+            cell.append(water.landing(x[None], y[None], origin=origin, exits=True)[0])
+        row, column = (np.arange(points**2) // points, np.arange(points**2) % points)
+        half = np.tile((row + column) % 2 == 0, cells.size)
+        return cls(times / 3600, origin, np.stack(cell).astype(np.int32), half)
+
+    def at(self, hours: float) -> Int[np.ndarray, "drifters"]:
+        """Return the cells of the drifters at one of the times."""
+        return self.cell[int(np.abs(self.hours - hours).argmin())]
+
+    def share(
+        self, hours: float, cells: int, among: Bool[np.ndarray, "drifters"] | None = None
+    ) -> Float[np.ndarray, "cells"]:
+        """Compute the share of the drifters, or of some of them, in each cell at a time."""
+        cell = self.at(hours) if among is None else self.at(hours)[among]
+        return np.bincount(cell[cell >= 0], minlength=cells) / cell.size
+
+    def begin(self, cells: int) -> Float[np.ndarray, "cells"]:
+        """Compute the share of the drifters that begin in each cell."""
+        return np.bincount(self.origin, minlength=cells) / self.origin.size
+
+
+def _begin(water: Water, sampling: Sampling) -> Bool[np.ndarray, "cells"]:
+    """Mark the cells in which drifters begin."""
+    every = max(1, -(-water.cells * sampling.least**2 // max(1, sampling.drifters)))
+    # Along every diagonal, one in `every` square parts.
+    part = water.row // sampling.part + water.column // sampling.part
+    chosen = part % every == 0
+    return chosen if chosen.any() else part == part[0]

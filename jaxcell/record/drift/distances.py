@@ -1,0 +1,55 @@
+"""The tab of distances: how far the map of cells is from drifters, cell by cell."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ...base.formatting import in_time
+from ...drift import SeaDrift
+from ..canvas.palette import FREE
+from ..canvas.prose import described
+from ..canvas.scale import Scale
+from .map import CurrentMap
+
+
+_UNKNOWN = "no drifter began there"
+
+
+def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
+    """Log the distance for the drifters of each cell of each layer, at the time that is asked."""
+    drift = maps[0].drift
+    special = {_UNKNOWN: FREE}
+    values = np.zeros(1)
+    scale = Scale.over(values, "{} %".format, least=0.0, most=100.0, special=special, ground="land")
+    views = []
+    for map in maps:
+        by_cell = drift.layers[map.number].by_cell
+        assert by_cell is not None
+        percent = 100 * by_cell[0]
+        kind = scale.levels(percent, {_UNKNOWN: np.isnan(percent)})
+        picture = map.picture(f"distance_{map.number}", scale.classes, kind)
+        views.append(map.view(f"{map.title}: after {in_time(drift.asked_hours)}", [picture]))
+    legend = scale.legend(shown=[])
+    return maps[0].tab("distance", "Distance", views, _text(drift), legend)
+
+
+def _text(drift: SeaDrift) -> str:
+    noise = float(np.nanmean(drift.distance_by_cell_noise))
+    test = ""
+    if drift.markov_test is not None:
+        columns = "number", "depth", "hours", "by_map", "by_drifters", "error"
+        test = f"""## Sets of cells (Chapman-Kolmogorov)
+
+{described(drift.markov_test, *columns)}
+"""
+    return f"""# How sure the map is
+
+Drifters in the current itself begin at many points of each cell. **The map**: the share of the
+drifters from each cell that the map of cells has in a wrong part of 36 square parts, after
+**{in_time(drift.asked_hours)}**. An exact map would have {noise:.0%} on average by chance.
+
+{described(drift, "compared_hours", "distance_by_time")}
+
+{test}
+"""

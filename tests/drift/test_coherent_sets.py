@@ -1,0 +1,143 @@
+"""Coherent sets of two currents whose vortices are known."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.ndimage
+
+from jaxcell import drift
+
+
+DAY = 86400.0
+RADIUS, SPEED, WIDTH = 6.371e6, 62.66, 1.77e6
+LENGTH = np.pi * RADIUS
+
+
+def bickley(time, x, y):
+    """The Bickley jet of Rypina et al. (2007), with the waves of Hadjighasemi et al. (2016)."""
+    sech, tanh = 1 / np.cosh(y / WIDTH) ** 2, np.tanh(y / WIDTH)
+    waves = zip((0.0075, 0.15, 0.3), (2, 4, 6), (0.1446, 0.205, 0.461), strict=True)
+    along, across = np.ones_like(x), np.zeros_like(x)
+    for height, number, speed in waves:
+        phase = number / RADIUS * (x - speed * SPEED * time)
+        along += 2 * tanh * height * np.cos(phase)
+        across -= height * number / RADIUS * np.sin(phase)
+    return SPEED * sech * along, SPEED * WIDTH * sech * across
+
+
+def carried(velocity, x, y, seconds, steps):
+    """Runge-Kutta steps in the velocity itself."""
+    h = seconds / steps
+    for k in range(steps):
+        a = velocity(k * h, x, y)
+        b = velocity((k + 0.5) * h, x + h / 2 * a[0], y + h / 2 * a[1])
+        c = velocity((k + 0.5) * h, x + h / 2 * b[0], y + h / 2 * b[1])
+        d = velocity((k + 1) * h, x + h * c[0], y + h * c[1])
+        x, y = (
+            place + h / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]) for i, place in enumerate((x, y))
+        )
+    return x, y
+
+
+def on_squares(velocity, width, height, rows, columns, times, wraps):
+    """The cells of a rectangle, and a velocity at their centres."""
+    dx, dy = width / columns, height / rows
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * dx, (np.arange(rows) + 0.5) * dy)
+    whole = np.ones_like(x)
+    number = np.arange(x.size, dtype=np.int32).reshape(x.shape)
+    water = drift.Water(number, dx * whole, dy * whole, 0 * x, 0 * x, 0 * x, 0.0, wraps=wraps)
+    rate = np.stack([np.stack(velocity(time, x, y)) / [[[dx]], [[dy]]] for time in times])
+    return water, drift.Flow(jnp.asarray(rate), jnp.asarray(times), wraps), (dx, dy)
+
+
+def kept(velocity, sets, water, sides, seconds, steps, points=4000):
+    """The share of points in each set that end in its place, in the velocity itself."""
+    random = np.random.default_rng(0)
+    cell = random.integers(0, water.cells, points)
+    off = random.uniform(0, 1, (2, points))
+    x, y = carried(
+        velocity,
+        (water.column[cell] + off[0]) * sides[0],
+        (water.row[cell] + off[1]) * sides[1],
+        seconds,
+        steps,
+    )
+    rows, columns = water.number.shape
+    column = np.floor(x / sides[0]).astype(int)
+    column = column % columns if water.wraps else column.clip(0, columns - 1)
+    row = np.floor(y / sides[1]).astype(int)
+    end = np.where(
+        (row >= 0) & (row < rows), sets.end[row.clip(0, rows - 1) * columns + column], -1
+    )
+    begin = sets.begin[cell]
+    return np.array([(end[begin == k] == k).mean() for k in range(sets.count)])
+
+
+def test_the_six_vortices_of_the_bickley_jet_are_found():
+    half, days = 3e6, 40
+
+    def shifted(time, x, y):
+        return bickley(time, x, y - half)
+
+    times = np.arange(0, days * DAY + 1, DAY / 2)
+    water, flow, sides = on_squares(shifted, LENGTH, 2 * half, 20, 60, times, True)
+    sets = drift.coherent_sets(water, flow, 24 * days)
+    # Water on one side of the jet, and three vortices on each side of it.
+    assert sets.count == 7
+    vortices = []
+    for k in range(sets.count):
+        column, row = water.column[sets.begin == k], water.row[sets.begin == k]
+        around = np.exp(2j * np.pi * (column + 0.5) / 60).mean()
+        if abs(around) > 0.8:
+            vortices.append((k, float(np.angle(around)), float(row.mean() + 0.5)))
+    number, angle, row = map(np.array, zip(*vortices, strict=True))
+    assert number.size == 6
+    assert (row < 9).sum() == (row > 11).sum() == 3
+    for side in (row < 10, row > 10):
+        gaps = np.diff(np.sort(angle[side]), append=np.sort(angle[side])[0] + 2 * np.pi)
+        np.testing.assert_allclose(gaps, 2 * np.pi / 3, atol=0.4)
+    for k in number:
+        grid = water.on_grid(sets.begin == k, False)
+        _, pieces = scipy.ndimage.label(np.hstack([grid, grid]))
+        assert pieces <= 3
+    assert sets.leakage[number].max() < 0.2
+    share = kept(shifted, sets, water, sides, days * DAY, 160)
+    assert share[number].min() > 0.75
+    np.testing.assert_allclose(share[number], 1 - sets.leakage[number], atol=0.08)
+
+
+def test_the_double_gyre_has_the_two_coherent_sets_of_its_source():
+    """Froyland and Padberg-Gehle (2014): A = 0.25, period 1, amplitude 0.25, times 0 to 10.
+
+    The two sets are the left and the right gyre, whose border is not the line in the middle.
+    """
+
+    def gyre(time, x, y):
+        part = 0.25 * np.sin(2 * np.pi * time)
+        f, slope = part * x**2 + (1 - 2 * part) * x, 2 * part * x + 1 - 2 * part
+        along = -np.pi * 0.25 * np.sin(np.pi * f) * np.cos(np.pi * y)
+        return along, np.pi * 0.25 * np.cos(np.pi * f) * np.sin(np.pi * y) * slope
+
+    times = np.linspace(0, 10, 201)
+    water, flow, sides = on_squares(gyre, 2.0, 1.0, 20, 40, times, False)
+    sets = drift.coherent_sets(water, flow, 10 / 3600, 2)
+    assert sets.count == 2
+    left = sets.begin[water.number[10, 10]]
+    assert sets.begin[water.number[10, 30]] == 1 - left
+    sizes = np.bincount(sets.begin[sets.begin >= 0])
+    assert sizes.min() / sizes.max() > 0.8
+    share = kept(gyre, sets, water, sides, 10.0, 100)
+    assert share.min() > 0.8
+    np.testing.assert_allclose(share, 1 - sets.leakage, atol=0.05)
+
+
+def test_the_number_of_sets_is_that_before_the_largest_gap():
+    half = 3e6
+    times = np.arange(0, 10 * DAY + 1, DAY / 2)
+    water, flow, _ = on_squares(
+        lambda t, x, y: bickley(t, x, y - half), LENGTH, 2 * half, 12, 40, times, True
+    )
+    whole = drift.coherent_sets(water, flow, 240, 9).value
+    expected = 2 + int(np.argmax(whole[1:-1] - whole[2:]))
+    found = drift.coherent_sets(water, flow, 240, most=8)
+    assert found.value.size == pytest.approx(expected)
