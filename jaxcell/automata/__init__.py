@@ -75,8 +75,10 @@ from .formats.jflap import (
 )
 from .hidden import Estimate as Estimate, HiddenMap as HiddenMap, credible as credible
 from .homing import Homing as Homing, homing_sequence as homing_sequence
+from .machine import MooreMachine as MooreMachine
 from .minimization import minimize as minimize
 from .policy import Policy as Policy, PolicyState as PolicyState
+from .reduction.smallest import Smallest as Smallest, smallest as smallest
 from .subset import Automaton as Automaton, subset_construction as subset_construction
 
 
