@@ -81,7 +81,10 @@ class MooreMachine:
             choices = ("cells", "action")
         if output is not None and output not in choices:
             kind = "policy" if isinstance(source, Policy) else "filter"
-            raise ValueError(f"output is {output!r}; expected {' or '.join(choices)} for a {kind}")
+            raise ValueError(
+                f"output is {output!r}; expected {', '.join(choices[:-1])} or {choices[-1]} for a "
+                f"{kind}"
+            )
         if isinstance(source, Policy):
             return _of_policy(source, output or "cells")
         color = _colors(source, output or "color")

@@ -70,7 +70,9 @@ def closed(machine, label):
         if label[a] == label[b]:
             if machine.color[a] != machine.color[b]:
                 return False
-            for x, y in zip(machine.transition[a].tolist(), machine.transition[b].tolist()):
+            for x, y in zip(
+                machine.transition[a].tolist(), machine.transition[b].tolist(), strict=True
+            ):
                 if x >= 0 and y >= 0 and label[x] != label[y]:
                     return False
     return True

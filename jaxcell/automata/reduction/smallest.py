@@ -58,6 +58,11 @@ class Smallest:
         """`True` if no such machine has fewer states."""
         return self.gap == 0
 
+    @property
+    def claim(self) -> str:
+        """The proved bound, in words."""
+        return "proved least" if self.proved else f"the least has at least {self.bound}, by proof"
+
 
 def smallest(
     source: MooreMachine | Filter | Policy,
