@@ -76,7 +76,7 @@ class MooreMachine:
         **Raises:** `ValueError` for an output that the filter or the policy does not have, and with
         `runs` for an open-world filter, and for a filter that can be without a bump forever.
         """
-        choices = ("color", "count", "cells", "localized")
+        choices: tuple[str, ...] = ("color", "count", "cells", "localized")
         if isinstance(source, Policy):
             choices = ("cells", "action")
         if output is not None and output not in choices:
@@ -110,7 +110,7 @@ class MooreMachine:
         """
         angles = sorted({action for action in actions if action})
         number = {0.0: len(angles), **{angle: i for i, angle in enumerate(angles)}}
-        color = np.int32([number[action] for action in (0.0, *actions)])
+        color = np.array([number[action] for action in (0.0, *actions)], np.int32)
         color[-1] = len(angles) + 1 + (color[-1] + 1) % (len(angles) + 1)
         transition = np.full((color.size, 2), -1, np.int32)
         step = np.arange(len(actions))
@@ -171,7 +171,8 @@ def _in_runs(machine: MooreMachine, trap: int | None) -> MooreMachine:
     zero, one = machine.transition.T.tolist()
     number, queue, rows = {0: 0}, [0], []
     for state in queue:
-        row, here = [], state
+        row: list[int] = []
+        here = state
         while here >= 0:
             if len(row) == len(zero):
                 raise ValueError(f"runs: from state {state} on the robot may never bump again")

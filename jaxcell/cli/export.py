@@ -1,4 +1,5 @@
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -42,7 +43,7 @@ class Export:
         from .output import check_out, write_text
 
         check(self)
-        formats = {
+        formats: dict[str, Callable[[automata.Filter], str]] = {
             ".dot": automata.to_dot,
             ".jff": automata.to_jflap,
             ".json": automata.to_json,
@@ -84,8 +85,10 @@ class Export:
             else:
                 machine = automata.MooreMachine.of(source, self.output)
                 found = automata.smallest(machine, seconds=self.seconds, say=say)
-                write = automata.to_dot if self.file.suffix == ".dot" else automata.to_json
-                text = write(found.machine)
+                if self.file.suffix == ".dot":
+                    text = automata.to_dot(found.machine)
+                else:
+                    text = automata.to_json(found.machine)
         write_text(self.file, text)
         reads = "runs" if found.machine.runs else "observations"
         note(

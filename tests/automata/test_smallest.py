@@ -28,7 +28,7 @@ def machines(draw, states=8):
 
 
 def exists(machine, count, after=None, classes=None, queue=((0, 0),)):
-    """Whether a machine of `count` states has the same outputs, by trying all transitions."""
+    """Try all transitions of a machine of `count` states with the same outputs."""
     after, classes, queue = dict(after or {}), [set(c) for c in classes or [{0}]], list(queue)
     while queue:
         state, here = queue[0]

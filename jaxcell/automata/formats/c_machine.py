@@ -1,5 +1,5 @@
 import string
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from jaxtyping import Int
@@ -107,7 +107,9 @@ def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
             ]
         )
     )
-    rows = {table: map(str, values.tolist()) for table, values in tables.items()}
+    rows: dict[str, Iterable[str]] = {
+        table: map(str, values.tolist()) for table, values in tables.items()
+    }
     if not machine.runs:
         rows["transition"] = (f"{{{a}, {b}}}" for a, b in tables["transition"].tolist())
     return text.substitute(

@@ -32,9 +32,10 @@ def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
         "  node [shape=circle, style=filled, fillcolor=white];",
     ]
     colors = filter.color.tolist()
-    machine = isinstance(filter, MooreMachine)
-    shown = filter.color if machine else filter.uncertainty
-    final, trap = (filter.final, None) if machine else (2, filter.trap)
+    if isinstance(filter, MooreMachine):
+        shown, final, trap = filter.color, filter.final, None
+    else:
+        shown, final, trap = filter.uncertainty, 2, filter.trap
     for state, (color, uncertainty) in enumerate(zip(colors, shown.tolist(), strict=True)):
         marks = [f'label="{state}\\n{uncertainty}"']
         if state == 0:

@@ -81,11 +81,8 @@ class _Partition:
                 if onward.setdefault(symbol, target) != target:
                     pairs.append((onward[symbol], target))
             after[a] = onward
-        for mine, new in (
-            (self.parent, parent),
-            (self.apart, apart),
-            (self.members, members),
-            (self.after, after),
-        ):
-            mine.update(new)
+        self.parent.update(parent)
+        self.apart.update(apart)
+        self.members.update(members)
+        self.after.update(after)
         return True

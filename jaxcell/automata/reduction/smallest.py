@@ -90,8 +90,8 @@ def smallest(
 
     **Returns:** [`Smallest`][].
 
-    **Raises:** `ModuleNotFoundError` without python-sat, if the greedy bounds differ; `MemoryError` if the
-    pairs of states do not fit into memory.
+    **Raises:** `ModuleNotFoundError` without python-sat, if the greedy bounds differ; `MemoryError`
+    if the pairs of states do not fit into memory.
 
     The filter of three cells in a ring has one knowledge cycle, in which all observations are
     known beforehand:
@@ -133,7 +133,7 @@ def smallest(
             answer = next(attempt)
             if answer is False:
                 bound = count + 1
-            elif answer is not None:
+            elif isinstance(answer, np.ndarray):
                 classes = answer[_successors(transition, answer)[1]]
                 break
     if cover:

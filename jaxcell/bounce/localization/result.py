@@ -27,11 +27,11 @@ class States(Result):
 
     @derived("", "states, smallest", "1", kind="count")
     def smallest_states(self) -> int | None:
-        return self.smallest and self.smallest.states
+        return None if self.smallest is None else self.smallest.states
 
     @derived("", "states that are needed, by proof", "1", kind="count")
     def smallest_bound(self) -> int | None:
-        return self.smallest and self.smallest.bound
+        return None if self.smallest is None else self.smallest.bound
 
     @property
     def automaton(self) -> Filter | Policy:
