@@ -25,7 +25,7 @@ def incompatible_pairs(
     check(
         4 * states**2,
         f"comparing all pairs of {states:,} states",
-        "merge the states that have equal colours and observations, by --minimal",
+        "use larger cells or fewer directions",
     )
     apart = color[:, None] != color
     changed = np.ones(states, bool)

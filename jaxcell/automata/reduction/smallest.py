@@ -78,7 +78,7 @@ def smallest(
     into several states: the least machine is a *cover* of the states by classes, and may be smaller
     than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell 2020). A
     clique of incompatible pairs is a lower bound, a greedy partition an upper one, and a SAT solver
-    decides about the numbers between, in ascending order.
+    decides about the numbers between.
 
     **Arguments:**
 
