@@ -48,6 +48,8 @@ Functions and classes:
     `policy_to_c_header`.
 - `fastest_localization`: the shortest string that localizes a robot.
 - `minimize`: the smallest filter with the same colours.
+- `smallest`: the least `MooreMachine` with the same outputs on all strings that can occur, and the
+    proof, a `Smallest`; `machine_to_c_header`, `machine_bytes` and `fewest_bytes`, its tables in C.
 - `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other formats.
 """
 
@@ -68,6 +70,11 @@ from .equivalent import Equivalence as Equivalence, equivalence as equivalence
 from .fastest import fastest_localization as fastest_localization
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
 from .formats.c_header import to_c_header as to_c_header
+from .formats.c_machine import (
+    fewest_bytes as fewest_bytes,
+    machine_bytes as machine_bytes,
+    machine_to_c_header as machine_to_c_header,
+)
 from .formats.c_policy import policy_to_c_header as policy_to_c_header
 from .formats.export import to_dot as to_dot, to_json as to_json
 from .formats.jflap import (
@@ -75,8 +82,10 @@ from .formats.jflap import (
 )
 from .hidden import Estimate as Estimate, HiddenMap as HiddenMap, credible as credible
 from .homing import Homing as Homing, homing_sequence as homing_sequence
+from .machine import MooreMachine as MooreMachine
 from .minimization import minimize as minimize
 from .policy import Policy as Policy, PolicyState as PolicyState
+from .reduction.smallest import Smallest as Smallest, smallest as smallest
 from .subset import Automaton as Automaton, subset_construction as subset_construction
 
 

@@ -1,10 +1,16 @@
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from .terminal import note
+from ..study.parameters import Limit, Only, Seconds, check
+from .terminal import note, progress
+
+
+if TYPE_CHECKING:
+    from ..automata import Filter, Policy
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -19,13 +25,25 @@ class Export:
     """File to write; its suffix chooses the format."""
     minimal: bool = False
     """Merge states that no observation distinguishes by colour."""
+    smallest: Annotated[bool, Only(minimal=False)] = False
+    """Write the least machine with the same outputs on all observations that can occur, as .dot,
+    .json or .h; a header reads runs between bumps if its tables are then smaller."""
+    output: Annotated[
+        Literal["color", "count", "cells", "localized", "action"] | None, Only(smallest=True)
+    ] = None
+    """Output to keep: the knowledge cycle (color, the default), the number of possible cells, the
+    cells in the end, or whether the robot is localized; of a policy the action, or the cells too
+    (the default)."""
+    seconds: Annotated[Seconds, Limit(ge=0), Only(smallest=True)] = 60.0
+    """Limit of time for the proof that a machine is least."""
 
     def run(self) -> int:
         from .. import automata
         from ..automata.formats.storage import read_kind
         from .output import check_out, write_text
 
-        formats = {
+        check(self)
+        formats: dict[str, Callable[[automata.Filter], str]] = {
             ".dot": automata.to_dot,
             ".jff": automata.to_jflap,
             ".json": automata.to_json,
@@ -35,21 +53,47 @@ class Export:
             raise ValueError(f"{self.file}: expected a suffix among {', '.join(formats)}")
         check_out(self.file, folder=False, option="")
         if read_kind(self.filter) == "policy":
-            self._policy()
+            policy = automata.Policy.load(self.filter)
+            if self.smallest:
+                return self._smallest(policy)
+            if self.file.suffix != ".h" or self.minimal:
+                raise ValueError(
+                    f"{self.file}: a policy is written only as .h, and without --minimal"
+                )
+            write_text(self.file, automata.policy_to_c_header(policy))
+            note(f"{self.file}: {policy.turn.size} states")
             return 0
         filter = automata.Filter.load(self.filter)
+        if self.smallest:
+            return self._smallest(filter)
         if self.minimal:
             filter = automata.minimize(filter)
         write_text(self.file, formats[self.file.suffix](filter))
         note(f"{self.file}: {len(filter.transition)} states")
         return 0
 
-    def _policy(self) -> None:
+    def _smallest(self, source: "Filter | Policy") -> int:
         from .. import automata
         from .output import write_text
 
-        if self.file.suffix != ".h" or self.minimal:
-            raise ValueError(f"{self.file}: a policy is written only as .h, and without --minimal")
-        policy = automata.Policy.load(self.filter)
-        write_text(self.file, automata.policy_to_c_header(policy))
-        note(f"{self.file}: {policy.turn.size} states")
+        if self.file.suffix == ".jff":
+            raise ValueError(f"{self.file}: expected .dot, .json or .h with --smallest")
+        with progress("the smallest machine") as say:
+            if self.file.suffix == ".h":
+                found = automata.fewest_bytes(source, self.output, seconds=self.seconds, say=say)
+                text = automata.machine_to_c_header(found.machine)
+            else:
+                machine = automata.MooreMachine.of(source, self.output)
+                found = automata.smallest(machine, seconds=self.seconds, say=say)
+                if self.file.suffix == ".dot":
+                    text = automata.to_dot(found.machine)
+                else:
+                    text = automata.to_json(found.machine)
+        write_text(self.file, text)
+        reads = "runs" if found.machine.runs else "observations"
+        note(
+            f"{self.file}: {found.states} states, {found.claim}; {found.moore} if only equivalent "
+            f"states are merged; reads {reads}, tables of {automata.machine_bytes(found.machine)} "
+            "bytes"
+        )
+        return 0

@@ -6,7 +6,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..automata import Filter, Policy, policy_to_c_header, to_c_header
+from ..automata import (
+    Filter,
+    MooreMachine,
+    Policy,
+    machine_bytes,
+    machine_to_c_header,
+    policy_to_c_header,
+    to_c_header,
+)
 from ..automata.formats.c_policy import policy_bits
 from .create.packets import METRES_PER_COUNT, WHEEL_BASE
 from .tasks.files import FilterTask, PolicyTask
@@ -25,7 +33,13 @@ _LARGEST_TABLE = 2**15 - 1
 _NEAR_FLASH = 2**16
 
 
-def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int = FLASH) -> str:
+def filter_sketch(
+    task: FilterTask,
+    *,
+    direction: int | None = None,
+    flash: int = FLASH,
+    machine: MooreMachine | None = None,
+) -> str:
     """Write a program for an Arduino that runs a localization filter on a Create, without a host.
 
     It does what [`jaxcell.robot.FilterFollower`][] until the cycle does with a
@@ -38,6 +52,8 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
     - `direction`: the heading at the start, as a number of directions, if it is known; see
         [`jaxcell.robot.Walker`][].
     - `flash`: bytes of flash of the board.
+    - `machine`: a smaller machine with the default output of the filter or policy, to run in its
+        place; see [`jaxcell.automata.fewest_bytes`][].
 
     **Returns:** the text of an `.ino` file.
 
@@ -58,9 +74,13 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
         /* Localizes an iRobot Create 2 by its bumps: a filter of 3 states.
     """
     _check_direction(task, direction, "bounce_deg", (task.bounce,))
-    tables = table_bytes(task.filter)
+    if machine is None:
+        text, tables = to_c_header(task.filter), table_bytes(task.filter)
+        count = len(task.filter.transition)
+    else:
+        text, tables = _machine_tables(task.filter, machine)
+        count = len(machine.transition)
     strides = None if direction is None else task.strides
-    count = len(task.filter.transition)
     _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task.path, count)
     return _fill(
         title=f"Localizes an iRobot Create 2 by its bumps: a filter of {count} states.",
@@ -69,7 +89,7 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
             f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "
             f"bounces by {math.degrees(task.bounce):g} degrees",
         ],
-        tables=to_c_header(task.filter),
+        tables=text,
         table_bytes=sum(tables.values()) + (0 if strides is None else 8 * len(strides)),
         step=task.step,
         bounces=(task.bounce,),
@@ -78,7 +98,13 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
     )
 
 
-def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int = FLASH) -> str:
+def policy_sketch(
+    task: PolicyTask,
+    *,
+    direction: int | None = None,
+    flash: int = FLASH,
+    machine: MooreMachine | None = None,
+) -> str:
     """Write a program for an Arduino that lets a Create choose its angles, without a host.
 
     It does what [`jaxcell.robot.PolicyFollower`][] does with a [`jaxcell.robot.Walker`][].
@@ -86,7 +112,7 @@ def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int 
     **Arguments:**
 
     - `task`: the policy, with its cells and bouncing angles.
-    - `direction`, `flash`: as for [`filter_sketch`][].
+    - `direction`, `flash`, `machine`: as for [`filter_sketch`][].
 
     **Returns:** the text of an `.ino` file.
 
@@ -108,9 +134,13 @@ def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int 
         /* Localizes an iRobot Create 2 by its bumps: a policy of 2 states.
     """
     _check_direction(task, direction, "bounces_deg", task.bounces)
-    tables = policy_table_bytes(task.policy)
+    if machine is None:
+        text = policy_to_c_header(task.policy, name="filter")
+        tables, count = policy_table_bytes(task.policy), task.policy.turn.size
+    else:
+        text, tables = _machine_tables(task.policy, machine)
+        count = len(machine.transition)
     strides = None if direction is None else task.strides
-    count = task.policy.turn.size
     _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task.path, count)
     angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
     return _fill(
@@ -120,7 +150,7 @@ def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int 
             f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "
             f"bounces by one of {angles} degrees",
         ],
-        tables=policy_to_c_header(task.policy, name="filter"),
+        tables=text,
         table_bytes=sum(tables.values()) + (0 if strides is None else 8 * len(strides)),
         step=task.step,
         bounces=task.bounces,
@@ -167,6 +197,41 @@ def bounce_sketch(bounce: float, step: float) -> str:
         strides=None,
         direction=0,
     )
+
+
+_ANSWERS = """
+/* The number of possible configurations, by the outputs that end the run. */
+static const uint16_t filter_uncertainties[%d] FILTER_TABLE = {%s};
+
+static inline uint16_t filter_uncertainty(filter_state state) {
+    return FILTER_READ(16, filter_uncertainties[filter_color(state) - %d]);
+}
+"""
+
+_TURNS = """
+#define FILTER_NO_TURN 255
+
+static inline uint8_t filter_turn(filter_state state) {
+    if (filter_refuted(state) || state.steps > 0) return FILTER_NO_TURN;
+    return filter_color(state) < %d ? filter_color(state) : FILTER_NO_TURN;
+}
+"""
+
+
+def _machine_tables(source: Filter | Policy, machine: MooreMachine) -> tuple[str, dict[str, int]]:
+    """Write the tables of a machine in place of its source, and count their bytes."""
+    whole = MooreMachine.of(source)
+    ends = whole.color >= whole.final
+    known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))
+    answers = [str(known[color]) for color in sorted(known)]
+    text = machine_to_c_header(machine) + _ANSWERS % (
+        len(answers),
+        ", ".join(answers),
+        whole.final,
+    )
+    if isinstance(source, Policy):
+        text += _TURNS % (whole.final - 1)
+    return text, {"machine": machine_bytes(machine), "answers": 2 * len(answers)}
 
 
 def table_bytes(filter: Filter) -> dict[str, int]:

@@ -11,6 +11,7 @@ from .study import Say, silent
 
 
 if TYPE_CHECKING:
+    from ..automata import Filter, Policy, Smallest
     from ..bounce import AdaptivelyLocalized, Anywhere, Localized, OffsetLocalized, Slipped
     from ..space import CellSpace
     from ..space.extent import Extent
@@ -54,6 +55,9 @@ class Localize(AnywhereStudy):
     filter loses no robot whose walker knows the heading."""
     open_world: Annotated[bool, Only(anywhere=False, bounces=False, slip=False)] = False
     """Give the filter a trap for observations that cannot occur on the map."""
+    smallest: Annotated[bool, Only(anywhere=False, open_world=False, slip=False)] = False
+    """Find the least machine with the colours of the filter, or with the actions and answers of the
+    policy, and prove how many states it needs, for a minute at most."""
     slip: Annotated[Share | None, Only(collision="swept", anywhere=False)] = None
     """Error of the robot: the relative error of its steps and turns, and its veer in radians per
     metre. A belief then localizes the robot, in place of a filter."""
@@ -116,7 +120,9 @@ class Localize(AnywhereStudy):
         mapped = bounce_map(cells, bounce, motion=self.motion)
         say(f"building the filter of {cells.size:,} cells")
         filter = localization_filter(mapped, open_world=self.open_world)
-        return Localized(filter, cells, self.motion, bounce, localize(mapped, filter, start))
+        run = localize(mapped, filter, start)
+        small = self._smallest(filter, say)
+        return Localized(filter, cells, self.motion, bounce, run, smallest=small)
 
     def _at_any_offset(self, cells: "CellSpace", say: Say) -> "OffsetLocalized":
         from ..bounce import OffsetLocalized, Offsets, localization_filter
@@ -128,7 +134,7 @@ class Localize(AnywhereStudy):
         mapped = offsets.bounce_map(bounce)
         say(f"building the filter of {mapped.image.size:,} configurations")
         filter = localization_filter(mapped, open_world=self.open_world)
-        return OffsetLocalized(filter, cells, offsets, bounce)
+        return OffsetLocalized(filter, cells, offsets, bounce, smallest=self._smallest(filter, say))
 
     def _choose(self, cells: "CellSpace", start: int, say: Say) -> "AdaptivelyLocalized":
         import numpy as np
@@ -139,7 +145,13 @@ class Localize(AnywhereStudy):
         policy = localization_policy(
             cells, np.radians(self.bounces), self.goal, aim=self.aim, motion=self.motion
         )
-        return AdaptivelyLocalized.of(policy, start)
+        found = AdaptivelyLocalized.of(policy, start)
+        return dataclasses.replace(found, smallest=self._smallest(policy.policy, say))
+
+    def _smallest(self, source: "Filter | Policy", say: Say) -> "Smallest | None":
+        from ..automata import smallest
+
+        return smallest(source, say=say) if self.smallest else None
 
     def _slipped(self, cells: "CellSpace", start: int, say: Say) -> "Slipped":
         import numpy as np

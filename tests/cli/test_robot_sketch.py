@@ -40,6 +40,32 @@ def test_a_minimal_filter_is_smaller(filter_file, capsys):
     assert f"#define FILTER_STATES {states}u\n" in capsys.readouterr().out
 
 
+def test_smallest_machines_are_exported_with_their_proof(filter_file, tmp_path, capsys):
+    pytest.importorskip("pysat.solvers")
+    for suffix in ("h", "dot", "json"):
+        assert main(["export", str(filter_file), str(tmp_path / f"f.{suffix}"), "--smallest"]) == 0
+        told = capsys.readouterr().err
+        assert "44 states, proved least; 94 if only equivalent states are merged" in told
+    assert "#define FILTER_STATES 44u" in (tmp_path / "f.h").read_text()
+    assert RobotSketch(file=filter_file, heading=0.0, smallest=True).run() == 0
+    assert "#define FILTER_STATES 44u\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        (["f.jff", "--smallest"], "expected .dot, .json or .h with --smallest"),
+        (["f.h", "--smallest", "--output", "action"], "expected color, count, cells or localized"),
+        (["f.h", "--output", "count"], "--output: it has an effect only with --smallest"),
+        (["f.h", "--smallest", "--minimal"], "it has an effect only without --minimal"),
+        (["f.h", "--smallest", "--seconds", "-1"], "--seconds: expected at least 0 s, got -1"),
+    ],
+)
+def test_wrong_options_of_smallest_machines_are_refused(filter_file, capsys, options, cause):
+    assert main(["export", str(filter_file), *options]) == 2
+    assert cause in capsys.readouterr().err
+
+
 def test_a_choice_of_angles_becomes_a_sketch_and_a_header(tmp_path, capsys):
     file, header = tmp_path / "policy.jxf", tmp_path / "policy.h"
     spec = {**SPEC, "bounces_deg": [45.0, 135.0]}

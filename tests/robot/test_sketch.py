@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given, settings
 from wheels import body_in, bounce_filter, bounce_tables, map_cells
 
-from jaxcell.automata import Filter, subset_construction, to_c_header
+from jaxcell.automata import Filter, fewest_bytes, subset_construction, to_c_header
 from jaxcell.bounce import localization_policy
 from jaxcell.robot.create.open_interface import Command
 from jaxcell.robot.create.packets import Contact, Mode
@@ -280,6 +280,31 @@ def test_a_heading_is_not_needed_where_all_steps_are_equal(compiled):
     host = expected(ROOM, cell, ROOM_TASK, known=False)
     assert (run.observed, run.colors) == (host.observations, host.colors)
     assert run.end == host.result == "localized"
+
+
+@needs_compiler
+def test_smallest_machines_localize_where_the_filter_and_the_policy_do(compiled):
+    pytest.importorskip("pysat.solvers")
+    cell = 28
+    task = task_of(LAB_A, 45)
+    machine = fewest_bytes(task.filter).machine
+    text = filter_sketch(task, direction=cell // LAB_A.positions, machine=machine)
+    run = play(compiled(text), Robot(body_in(LAB_A, cell)), seconds=600)
+    host = expected(LAB_A, cell, task)
+    assert len(machine.color) < len(task.filter.transition)
+    assert (run.end, run.observed, run.colors) == ("localized", host.observations, host.colors)
+    assert f"configurations: {len(host.cells)}\n" in run.usb
+    choice, cell = policy_task(), 9
+    text = policy_sketch(
+        choice, direction=cell // ROOM.positions, machine=fewest_bytes(choice.policy).machine
+    )
+    runs = [
+        play(compiled(each), Robot(body_in(ROOM, cell)), seconds=600)
+        for each in (text, policy_sketch(choice, direction=cell // ROOM.positions))
+    ]
+    assert runs[0].end == runs[1].end == "localized"
+    assert runs[0].observed == runs[1].observed
+    assert runs[0].usb.splitlines()[-2:] == runs[1].usb.splitlines()[-2:]
 
 
 @functools.cache

@@ -28,6 +28,15 @@ IN_FLASH = """\
 """
 "The end of the first comment, and the macros that read tables, in both kinds of headers."
 
+OBSERVATION_NEXT = """\
+static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
+    if (state >= ${NAME}_STATES || observation > 1) return ${NAME}_IMPOSSIBLE;
+    return ${NAME}_READ($state_bits, ${name}_transition[state][observation]);
+}
+
+"""
+"""The function of a state and an observation, each of which leads to a state."""
+
 _TEMPLATE = string.Template(
     """\
 /* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.
@@ -60,11 +69,9 @@ static const uint${uncertainty_bits}_t ${name}_uncertainties[$states] ${NAME}_TA
 $uncertainty
 };
 
-static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
-    if (state >= ${NAME}_STATES || observation > 1) return ${NAME}_IMPOSSIBLE;
-    return ${NAME}_READ($state_bits, ${name}_transition[state][observation]);
-}
-
+"""
+    + OBSERVATION_NEXT
+    + """\
 static inline uint${color_bits}_t ${name}_color(${name}_state state) {
     if (state >= ${NAME}_STATES) return 0;
     return ${NAME}_READ($color_bits, ${name}_colors[state]);

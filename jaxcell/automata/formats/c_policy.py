@@ -6,17 +6,7 @@ from ..policy import Policy
 from .c_header import IN_FLASH, bits_for, identifier, rows_of
 
 
-_TEMPLATE = string.Template(
-    """\
-/* A localization policy, made by jaxcell: $states states, $ends of which are ends.
- *
- *     ${name}_state state = ${NAME}_START;
- *     state = ${name}_next(state, observation);    after each observation, 0 or 1
- *     turn = ${name}_turn(state);                  which angle to turn by now, if any
- *
-"""
-    + IN_FLASH
-    + """\
+RUN_STATE = """\
 
 /* The knowledge at the last bump, and the steps since then. */
 typedef struct {
@@ -28,11 +18,10 @@ typedef struct {
 #define ${NAME}_START {0, 0}
 /* After an observation that cannot occur in the map; nothing follows it. */
 #define ${NAME}_IMPOSSIBLE $states$suffix
-#define ${NAME}_NO_TURN $no_turn
-/* The colour until the robot is localized; the ends have 2 and more, and the last is that of
- * IMPOSSIBLE. */
-#define ${NAME}_TRANSIENT_COLOR 1
+"""
+"""The state of a machine that reads runs, and its numbers."""
 
+RUN_TABLES = """\
 /* The start of the next bumps of each state in the two tables after this. */
 static const uint${first_bits}_t ${name}_first[$bounds] ${NAME}_TABLE = {
 $first
@@ -46,18 +35,10 @@ static const uint${at_bits}_t ${name}_target[$bumps] ${NAME}_TABLE = {
 $target
 };
 
-static const uint8_t ${name}_turns[$states] ${NAME}_TABLE = {
-$turn
-};
+"""
+"""The runs after each state, and the states after them."""
 
-static const uint${color_bits}_t ${name}_colors[$states] ${NAME}_TABLE = {
-$color
-};
-
-static const uint${uncertainty_bits}_t ${name}_uncertainties[$states] ${NAME}_TABLE = {
-$uncertainty
-};
-
+RUN_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
     const ${name}_state impossible = {${NAME}_IMPOSSIBLE, 0};
     uint${first_bits}_t bump, end;
@@ -80,6 +61,46 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
     return impossible;
 }
 
+"""
+"""The function of a state and an observation, where runs lead from state to state."""
+
+_TEMPLATE = string.Template(
+    """\
+/* A localization policy, made by jaxcell: $states states, $ends of which are ends.
+ *
+ *     ${name}_state state = ${NAME}_START;
+ *     state = ${name}_next(state, observation);    after each observation, 0 or 1
+ *     turn = ${name}_turn(state);                  which angle to turn by now, if any
+ *
+"""
+    + IN_FLASH
+    + """\
+"""
+    + RUN_STATE
+    + """\
+#define ${NAME}_NO_TURN $no_turn
+/* The colour until the robot is localized; the ends have 2 and more, and the last is that of
+ * IMPOSSIBLE. */
+#define ${NAME}_TRANSIENT_COLOR 1
+
+"""
+    + RUN_TABLES
+    + """\
+static const uint8_t ${name}_turns[$states] ${NAME}_TABLE = {
+$turn
+};
+
+static const uint${color_bits}_t ${name}_colors[$states] ${NAME}_TABLE = {
+$color
+};
+
+static const uint${uncertainty_bits}_t ${name}_uncertainties[$states] ${NAME}_TABLE = {
+$uncertainty
+};
+
+"""
+    + RUN_NEXT
+    + """\
 /* The number of the angle to turn by now, or NO_TURN. */
 static inline uint8_t ${name}_turn(${name}_state state) {
     if (state.at >= ${NAME}_STATES || state.steps > 0) return ${NAME}_NO_TURN;

@@ -1,9 +1,10 @@
 import json
 
 from ..filter import Filter
+from ..machine import MooreMachine
 
 
-def to_dot(filter: Filter, *, name: str = "filter") -> str:
+def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
     """Write the filter as a Graphviz graph.
 
     A state shows its number and, below, its uncertainty; the start is a double circle, each
@@ -11,7 +12,8 @@ def to_dot(filter: Filter, *, name: str = "filter") -> str:
 
     **Arguments:**
 
-    - `filter`: a localization filter.
+    - `filter`: a localization filter, or a machine, which shows its outputs in place of
+        uncertainties.
     - `name`: the title of the graph.
 
     **Returns:** the text of a `.dot` file.
@@ -30,17 +32,19 @@ def to_dot(filter: Filter, *, name: str = "filter") -> str:
         "  node [shape=circle, style=filled, fillcolor=white];",
     ]
     colors = filter.color.tolist()
-    for state, (color, uncertainty) in enumerate(
-        zip(colors, filter.uncertainty.tolist(), strict=True)
-    ):
+    if isinstance(filter, MooreMachine):
+        shown, final, trap = filter.color, filter.final, None
+    else:
+        shown, final, trap = filter.uncertainty, 2, filter.trap
+    for state, (color, uncertainty) in enumerate(zip(colors, shown.tolist(), strict=True)):
         marks = [f'label="{state}\\n{uncertainty}"']
         if state == 0:
             marks.append("shape=doublecircle")
-        if state == filter.trap:
+        if state == trap:
             marks += ["shape=box", "fillcolor=gray"]
-        elif color > 1:
+        elif color >= final:
             # Steps of the golden ratio make the hues of any number of cycles distinct.
-            marks.append(f'fillcolor="{(color - 2) * 0.618034 % 1:.3f} 0.4 1.0"')
+            marks.append(f'fillcolor="{(color - final) * 0.618034 % 1:.3f} 0.4 1.0"')
         lines.append(f"  {state} [{', '.join(marks)}];")
     for source, row in enumerate(filter.transition.tolist()):
         for observation, target in enumerate(row):
@@ -49,17 +53,18 @@ def to_dot(filter: Filter, *, name: str = "filter") -> str:
     return "\n".join([*lines, "}", ""])
 
 
-def to_json(filter: Filter) -> str:
+def to_json(filter: Filter | MooreMachine) -> str:
     """Write the filter as one JSON object, for other programs.
 
     Fields: `transition` (rows of the states after 0 and 1, -1 for none), `color`, `uncertainty`,
     `open_world`, `trap` (a state, or null), `metadata`, and `cycles`, each with `color`,
     `uncertainty`, `word`, `states`, and `cells`, the configurations of each of its states.
-    Configurations of other states are omitted, because there are too many.
+    Configurations of other states are omitted, because there are too many. A machine has the fields
+    `transition` (by symbol), `color`, `runs` and `final`.
 
     **Arguments:**
 
-    - `filter`: a localization filter.
+    - `filter`: a localization filter, or a machine.
 
     **Returns:** the text of a `.json` file.
 
@@ -71,6 +76,11 @@ def to_json(filter: Filter) -> str:
         >>> json.loads(automata.to_json(filter))["transition"]
         [[1, 2], [3, 2], [4, -1], [-1, 2], [3, -1]]
     """
+    if isinstance(filter, MooreMachine):
+        arrays = {name: getattr(filter, name).tolist() for name in ("transition", "color")}
+        described = {"format": "jaxcell machine", "version": 1, **arrays}
+        described |= {"runs": filter.runs, "final": filter.final}
+        return json.dumps(described) + "\n"
     described = {
         "format": "jaxcell filter",
         "version": 1,

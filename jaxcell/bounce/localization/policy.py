@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...automata import Decisions, Homing, Policy, adaptive_choice, homing_sequence
+from ...automata import Decisions, Homing, Policy, Smallest, adaptive_choice, homing_sequence
 from ...automata.adaptive import Aim, levels
 from ...base.quantities import Checks, derived, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
@@ -61,6 +61,7 @@ class LocalizationPolicy(States):
     fixed: Homing
     """One sequence of angles for all starts and observations, without the first bump. With the goal
     `"position"` one place is left after some bump of the sequence, not always the last one."""
+    smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property
     def automaton(self) -> Policy:

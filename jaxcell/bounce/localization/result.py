@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...automata import Filter, Policy, minimize
+from ...automata import Filter, Policy, Smallest, minimize
 from ...base.quantities import Checks, Result, derived
 from ...space import CellSpace, Motion
 from ..dynamics import bounce_shift
@@ -21,6 +21,17 @@ class States(Result):
 
     The configurations of state `s` are `member[offset[s]:offset[s + 1]]`.
     """
+
+    smallest: Smallest | None
+    "The least machine with the same outputs, if it was searched for."
+
+    @derived("", "states, smallest", "1", kind="count")
+    def smallest_states(self) -> int | None:
+        return None if self.smallest is None else self.smallest.states
+
+    @derived("", "states that are needed, by proof", "1", kind="count")
+    def smallest_bound(self) -> int | None:
+        return None if self.smallest is None else self.smallest.bound
 
     @property
     def automaton(self) -> Filter | Policy:
@@ -52,6 +63,7 @@ class LocalizationFilter(States):
     tables: ClassVar[Mapping[str, str]] = {"cycle": "cycles"}
 
     filter: Filter
+    smallest: Smallest | None = dataclasses.field(default=None, kw_only=True)
 
     @property
     def automaton(self) -> Filter:

@@ -7,7 +7,7 @@ import tyro
 
 from ...study.parameters import Degrees, Metres, Needed, Only, check
 from ..output import write_text
-from ..terminal import note
+from ..terminal import note, progress
 from .heading import check_heading, direction_at
 
 
@@ -31,6 +31,9 @@ class RobotSketch:
     between directions, for instance because they are longer along a diagonal."""
     minimal: Annotated[bool, Only(file=True)] = False
     """Merge states of the filter that no observation distinguishes by colour."""
+    smallest: Annotated[bool, Only(file=True, minimal=False)] = False
+    """Run the least machine with the same outputs on all observations that can occur; it notices
+    few of the others."""
     flash: Annotated[int | None, Only(file=True)] = None
     """Bytes of flash of the board; by default the 32256 of an Uno."""
     out: Path | None = None
@@ -56,7 +59,7 @@ class RobotSketch:
         return 0
 
     def _filter(self, path: Path) -> str:
-        from ...automata import minimize
+        from ...automata import Filter, fewest_bytes, minimize
         from ...robot.sketch import FLASH, filter_sketch, policy_sketch
         from ...robot.tasks.files import FilterTask, PolicyTask, load_task
 
@@ -75,6 +78,18 @@ class RobotSketch:
         else:
             check_heading(task)
         flash = FLASH if self.flash is None else self.flash
+        machine = None
+        if self.smallest:
+            source = task.policy if isinstance(task, PolicyTask) else task.filter
+            if isinstance(source, Filter) and source.open_world:
+                raise ValueError(
+                    f"{path}: every observation can occur in an open world, so that its least "
+                    "filter is that of --minimal"
+                )
+            with progress("the smallest machine") as say:
+                found = fewest_bytes(source, say=say)
+            machine = found.machine
+            note(f"{found.states} states, {found.claim}")
         if isinstance(task, PolicyTask):
-            return policy_sketch(task, direction=direction, flash=flash)
-        return filter_sketch(task, direction=direction, flash=flash)
+            return policy_sketch(task, direction=direction, flash=flash, machine=machine)
+        return filter_sketch(task, direction=direction, flash=flash, machine=machine)

@@ -1,0 +1,188 @@
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Int32
+
+from .filter import Filter
+from .policy import Policy
+
+
+Output: TypeAlias = Literal["color", "count", "cells", "localized", "action"]
+"""The output of a filter or a policy that a smaller machine must keep."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MooreMachine:
+    """A filter or a policy without its configurations: states, transitions, and outputs.
+
+    State 0 is the start. The output of a state is its colour. A machine reads *observations*, 0 for
+    a step and 1 for a bump, or *runs*, the numbers of steps between two bumps.
+
+    The filter of three cells in a ring has two colours; as runs it is a counter of bumps, whose
+    first run has 0 to 2 steps, and all others have 2:
+
+        >>> from jaxcell import automata, examples
+        >>> automata.MooreMachine.of(examples.ring()).color.tolist()
+        [1, 1, 2, 2, 2]
+        >>> automata.MooreMachine.of(examples.ring(), runs=True).transition.tolist()
+        [[1, 1, 1], [-1, -1, 1]]
+    """
+
+    transition: Int32[np.ndarray, "states symbols"]
+    "The state after each symbol, or -1 if that symbol cannot occur."
+    color: Int32[np.ndarray, "states"]
+    "The output of each state."
+    runs: bool = False
+    "`True` if symbol `s` is a run of `s` steps and a bump, `False` if symbols are observations."
+    final: int = 2
+    "The least output that ends the run: the robot is localized, or has come to the end."
+
+    def __post_init__(self) -> None:
+        states = len(self.transition)
+        if not states or self.color.size != states:
+            raise ValueError(f"color: expected one per state, got {self.color.size} for {states}")
+        if self.transition.min(initial=0) < -1 or self.transition.max(initial=0) >= states:
+            raise ValueError(f"transition: expected states from 0 to {states - 1}, or -1 for none")
+        reached, new = np.zeros(states, bool), np.array([0])
+        while new.size:
+            reached[new] = True
+            after = np.unique(self.transition[new])
+            new = after[(after >= 0) & ~reached[after]]
+        if not reached.all():
+            raise ValueError(f"transition: no string reaches state {np.argmin(reached)}")
+
+    @staticmethod
+    def of(
+        source: Filter | Policy, output: Output | None = None, *, runs: bool = False
+    ) -> "MooreMachine":
+        """Make the machine of a filter or a policy.
+
+        **Arguments:**
+
+        - `source`: a filter, which reads observations, or a policy, which reads runs.
+        - `output`: the output to keep. Of a filter: `"color"`, the knowledge cycle (the default);
+            `"count"`, the number of possible configurations; `"cells"`, the configurations in a
+            knowledge cycle, and no others; `"localized"`, whether it is in a knowledge cycle. Of a
+            policy: `"cells"`, the angle of the next turn, and the configurations in the end (the
+            default); `"action"`, the angle, or the end.
+        - `runs`: whether a filter reads runs, and has outputs only at bumps.
+
+        **Returns:** [`MooreMachine`][]. The outputs of a filter are its colours, 1 outside the
+        knowledge cycles, or numbers of configurations. Those of a policy with `n` angles are the
+        numbers of angles, `n` at the start, and `n + 1` or more in the end.
+
+        **Raises:** `ValueError` for an output that the filter or the policy does not have, and with
+        `runs` for an open-world filter, and for a filter that can be without a bump forever.
+        """
+        choices: tuple[str, ...] = ("color", "count", "cells", "localized")
+        if isinstance(source, Policy):
+            choices = ("cells", "action")
+        if output is not None and output not in choices:
+            kind = "policy" if isinstance(source, Policy) else "filter"
+            raise ValueError(
+                f"output is {output!r}; expected {', '.join(choices[:-1])} or {choices[-1]} for a "
+                f"{kind}"
+            )
+        if isinstance(source, Policy):
+            return _of_policy(source, output or "cells")
+        color = _colors(source, output or "color")
+        final = int(color.max()) + 1 if output == "count" else 2
+        machine = MooreMachine(source.transition, color, final=final)
+        return _in_runs(machine, source.trap) if runs else machine
+
+    @staticmethod
+    def of_plan(actions: Sequence[float]) -> "MooreMachine":
+        """Make the machine that follows a plan.
+
+        **Arguments:**
+
+        - `actions`: 0 for a step, else the angle to turn by at a bump.
+
+        **Returns:** [`MooreMachine`][] of observations, with one state per action and the start.
+        With `n` different angles its outputs are the numbers of angles in ascending order, `n` to
+        go on, `n + 1` at the end, and `n + 2 + i` at an end where it turns by angle `i`.
+
+            >>> from jaxcell import automata
+            >>> automata.MooreMachine.of_plan([0, 1.5, 0, 0]).color.tolist()
+            [1, 1, 0, 1, 2]
+        """
+        angles = sorted({action for action in actions if action})
+        number = {0.0: len(angles), **{angle: i for i, angle in enumerate(angles)}}
+        color = np.array([number[action] for action in (0.0, *actions)], np.int32)
+        color[-1] = len(angles) + 1 + (color[-1] + 1) % (len(angles) + 1)
+        transition = np.full((color.size, 2), -1, np.int32)
+        step = np.arange(len(actions))
+        transition[step, [int(action != 0) for action in actions]] = step + 1
+        return MooreMachine(transition, color, final=len(angles) + 1)
+
+    def run(self, symbols: Iterable[int]) -> Int32[np.ndarray, "entries"]:
+        """Return the outputs at the start and after each symbol.
+
+        **Raises:** `ValueError` for a symbol that cannot occur, with its index.
+        """
+        state, colors = 0, [self.color.item(0)]
+        for index, symbol in enumerate(symbols):
+            known = 0 <= symbol < self.transition.shape[1]
+            state = self.transition.item(state, symbol) if known else -1
+            if state < 0:
+                raise ValueError(f"symbol {index} is {symbol}, which cannot occur here")
+            colors.append(self.color.item(state))
+        return np.array(colors, np.int32)
+
+
+def _colors(filter: Filter, output: str) -> Int32[np.ndarray, "states"]:
+    color = filter.color
+    if output == "count":
+        return filter.uncertainty
+    trap = int(color.max()) + 1
+    if output == "localized":
+        number = np.where(color > 1, np.int32(2), np.int32(1))
+        trap = 3
+    elif output == "cells":
+        sets: dict[bytes, int] = {}
+        number = np.ones_like(color)
+        for state in np.flatnonzero(color > 1).tolist():
+            number[state] = sets.setdefault(filter.cells(state).tobytes(), len(sets) + 2)
+    else:
+        return color
+    if filter.open_world:
+        number[-1] = trap
+    return number
+
+
+def _of_policy(policy: Policy, output: str) -> MooreMachine:
+    angles = int(policy.turn.max()) + 1
+    color = np.where(policy.turn < 0, np.int32(angles), policy.turn)
+    sets: dict[bytes, int] = {}
+    for end in policy.ends.tolist():
+        cells = policy.cells(end).tobytes() if output == "cells" else b""
+        color[end] = angles + 1 + sets.setdefault(cells, len(sets))
+    states = policy.turn.size
+    transition = np.full((states, int(policy.steps.max(initial=-1)) + 1), -1, np.int32)
+    transition[np.repeat(np.arange(states), np.diff(policy.first)), policy.steps] = policy.target
+    return MooreMachine(transition, color, runs=True, final=angles + 1)
+
+
+def _in_runs(machine: MooreMachine, trap: int | None) -> MooreMachine:
+    if trap is not None:
+        raise ValueError("runs: expected a closed-world filter; a trap is entered between bumps")
+    zero, one = machine.transition.T.tolist()
+    number, queue, rows = {0: 0}, [0], []
+    for state in queue:
+        row: list[int] = []
+        here = state
+        while here >= 0:
+            if len(row) == len(zero):
+                raise ValueError(f"runs: from state {state} on the robot may never bump again")
+            after = one[here]
+            if after >= 0 and number.setdefault(after, len(number)) == len(queue):
+                queue.append(after)
+            row.append(number.get(after, -1))
+            here = zero[here]
+        rows.append(row)
+    transition = np.full((len(rows), max(map(len, rows))), -1, np.int32)
+    for state, row in enumerate(rows):
+        transition[state, : len(row)] = row
+    return MooreMachine(transition, machine.color[queue], runs=True, final=machine.final)

@@ -1,0 +1,75 @@
+import numpy as np
+from jaxtyping import Bool, Int, Integer
+
+from ...base.memory import check
+
+
+def incompatible_pairs(
+    transition: Integer[np.ndarray, "states symbols"], color: Integer[np.ndarray, "states"]
+) -> Bool[np.ndarray, "states states"]:
+    """Find the pairs of states that some string of symbols, possible from both, tells apart.
+
+    A pair with different outputs is incompatible, and so is a pair whose successors after a symbol
+    that can occur in both are. Each round updates the rows whose successors changed.
+
+    **Arguments:**
+
+    - `transition`: the state after each symbol, or -1 if it cannot occur.
+    - `color`: the output of each state.
+
+    **Returns:** a symmetric array.
+
+    **Raises:** `MemoryError` if the pairs do not fit into memory.
+    """
+    states = len(transition)
+    check(
+        4 * states**2,
+        f"comparing all pairs of {states:,} states",
+        "use larger cells or fewer directions",
+    )
+    apart = color[:, None] != color
+    changed = np.ones(states, bool)
+    while changed.any():
+        grown = np.zeros(states, bool)
+        for after in transition.T:
+            possible = np.flatnonzero(after >= 0)
+            rows = possible[changed[after[possible]]]
+            if not rows.size:
+                continue
+            block = apart[after[rows]][:, after[possible]]
+            block |= apart[rows][:, possible]
+            larger = np.any(block != apart[rows][:, possible], axis=1)
+            apart[np.ix_(rows[larger], possible)] = block[larger]
+            grown[rows[larger]] = True
+        changed = grown
+    return apart
+
+
+def large_clique(
+    adjacent: Bool[np.ndarray, "vertices vertices"], starts: int = 32
+) -> Int[np.ndarray, "clique"]:
+    """Find a large clique of a graph greedily, from each of the vertices with most neighbours.
+
+    **Arguments:**
+
+    - `adjacent`: the symmetric adjacency matrix, without loops.
+    - `starts`: number of first vertices to try.
+
+    **Returns:** the vertices of the largest clique, in the order of their choice.
+    """
+    degree = adjacent.sum(axis=1, dtype=np.int64)
+    best: list[int] = []
+    for first in np.argsort(-degree, kind="stable")[:starts].tolist():
+        clique, candidate, inside = [], np.ones(degree.size, bool), degree.copy()
+        chosen = first
+        while True:
+            clique.append(chosen)
+            lost = np.flatnonzero(candidate & ~adjacent[chosen])
+            candidate[lost] = False
+            if not candidate.any():
+                break
+            # The number of candidates that are adjacent to each candidate.
+            inside -= adjacent[lost].sum(axis=0, dtype=np.int64)
+            chosen = int(np.argmax(np.where(candidate, inside, -1)))
+        best = max(best, clique, key=len)
+    return np.array(best)

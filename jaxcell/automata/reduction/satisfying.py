@@ -1,0 +1,138 @@
+import itertools
+from collections.abc import Iterator
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Int, Integer
+
+
+Classes: TypeAlias = Bool[np.ndarray, "classes states"]
+"""The states of each class."""
+
+# Conflicts of the solver in one part of the search.
+_CONFLICTS = 2000
+# A literal that is false.
+_FALSE = 1
+
+
+def closed_classes(
+    transition: Integer[np.ndarray, "states symbols"],
+    apart: Bool[np.ndarray, "states states"],
+    clique: Int[np.ndarray, "clique"],
+    count: int,
+    *,
+    cover: bool,
+) -> Iterator[Classes | bool | None]:
+    """Find classes of states that are a closed cover, or a partition, with a SAT solver.
+
+    Each state is in a class, no class has an incompatible pair, and for each class and symbol the
+    successors are in one class. State `i` of a clique is in class `i`, so that a state is a
+    candidate only for the classes of clique states that it is compatible with, and for the further
+    classes. Clauses about a pair of states, and about the successors of a class after a symbol, are
+    added when a solution without them violates them (Zhang and Shell 2020).
+
+    **Arguments:**
+
+    - `transition`: the state after each symbol, or -1 if it cannot occur.
+    - `apart`: the incompatible pairs.
+    - `clique`: states that are incompatible with each other.
+    - `count`: the number of classes, at least that of the clique.
+    - `cover`: whether a state may be in several classes.
+
+    **Returns:** an iterator over `None`, after each part of the search, and then the classes, or
+    `False` if they do not exist, by proof.
+    """
+    from pysat.solvers import Solver
+
+    problem = _Problem(transition, apart, clique, count)
+    with Solver("glucose4", bootstrap_with=problem.base(cover)) as solver:
+        while True:
+            solver.conf_budget(_CONFLICTS)
+            answer = solver.solve_limited()
+            if answer is False:
+                yield False
+            elif answer:
+                classes = problem.classes(solver.get_model())
+                violated = problem.pairs(classes)
+                solver.append_formula(violated)
+                for clauses in problem.closing(classes):
+                    yield None
+                    solver.append_formula(clauses)
+                    violated = clauses
+                if not violated:
+                    yield classes
+            yield None
+
+
+class _Problem:
+    """The clauses of closed classes; a variable says that a state is in a class."""
+
+    def __init__(
+        self,
+        transition: Integer[np.ndarray, "states symbols"],
+        apart: Bool[np.ndarray, "states states"],
+        clique: Int[np.ndarray, "clique"],
+        count: int,
+    ) -> None:
+        self.transition, self.apart, self.clique, self.count = transition, apart, clique, count
+        candidate = np.ones((count, len(transition)), bool)
+        candidate[: clique.size] = ~apart[clique]
+        variables = _FALSE + np.cumsum(candidate).reshape(candidate.shape)
+        self.member = np.where(candidate, variables, _FALSE)
+        self.last = int(variables[-1, -1])
+        self.closed: set[tuple[int, int]] = set()
+
+    def base(self, cover: bool) -> list[list[int]]:
+        clauses = [
+            [-_FALSE],
+            *self.member[np.arange(self.clique.size), self.clique][:, None].tolist(),
+        ]
+        for column in self.member.T:
+            literals = column[column != _FALSE].tolist()
+            clauses.append(literals)
+            if not cover:
+                clauses.extend([-a, -b] for a, b in itertools.combinations(literals, 2))
+        return clauses
+
+    def classes(self, model: list[int]) -> Classes:
+        # Variables that are in no clause are not in the model.
+        true = np.zeros(self.last + 1, bool)
+        true[1 : len(model) + 1] = np.array(model) > 0
+        return true[self.member]
+
+    def pairs(self, classes: Classes) -> list[list[int]]:
+        """Forbid the incompatible pairs of classes, in all classes."""
+        pairs: set[tuple[int, int]] = set()
+        for row in classes:
+            states = np.flatnonzero(row)
+            one, other = np.nonzero(np.triu(self.apart[np.ix_(states, states)]))
+            pairs.update(zip(states[one].tolist(), states[other].tolist(), strict=True))
+        if not pairs:
+            return []
+        both = self.member[:, np.array(sorted(pairs))].reshape(-1, 2)
+        return (-both[(both != _FALSE).all(axis=1)]).tolist()
+
+    def closing(self, classes: Classes) -> Iterator[list[list[int]]]:
+        """Send the successors of a class after a symbol into one class, if they are in none."""
+        for index, row in enumerate(classes):
+            for symbol, after in enumerate(self.transition.T):
+                targets = after[row & (after >= 0)]
+                if (index, symbol) in self.closed or classes[:, targets].all(axis=1).any():
+                    continue
+                # The classes beyond the clique are interchangeable.
+                free = index >= self.clique.size
+                for each in range(self.clique.size, self.count) if free else [index]:
+                    yield self._close(each, symbol)
+
+    def _close(self, index: int, symbol: int) -> list[list[int]]:
+        self.closed.add((index, symbol))
+        after = self.transition[:, symbol]
+        states = np.flatnonzero((self.member[index] != _FALSE) & (after >= 0))
+        targets = np.arange(self.count)
+        if index < self.clique.size and after[self.clique[index]] >= 0:
+            targets = np.flatnonzero(self.member[:, after[self.clique[index]]] != _FALSE)
+        chosen = self.last + 1 + np.arange(targets.size)
+        self.last += targets.size
+        then = self.member[np.ix_(targets, after[states])]
+        clauses = np.broadcast_arrays(-self.member[index, states], -chosen[:, None], then)
+        return [chosen.tolist(), *np.stack(clauses, axis=-1).reshape(-1, 3).tolist()]

@@ -1,0 +1,180 @@
+import dataclasses
+import functools
+import math
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from jaxtyping import Bool, Int, Int32
+
+from ...base.optional_modules import import_module
+from ..equivalent import equivalence
+from ..filter import Filter
+from ..machine import MooreMachine
+from ..policy import Policy
+from .compatible import incompatible_pairs, large_clique
+from .folding import folded
+from .satisfying import Classes, closed_classes
+
+
+# The largest product of the states and the square of the number of classes beyond the clique, to
+# which the clauses are proportional, in a search above the bound.
+_LARGEST = 1_000_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Smallest:
+    """A small machine with the outputs of another one, and the proved bound on its states.
+
+    Every string of symbols that can occur in the other machine can occur in this one, with the same
+    outputs.
+    """
+
+    machine: MooreMachine
+    "The smallest machine that was found."
+    merged: Bool[np.ndarray, "states given"]
+    "The states of the other machine that each state stands for."
+    bound: int
+    "The number of states that every such machine has at least, by proof."
+    moore: int
+    "The number of states if only equivalent states are merged, as by [`minimize`][]."
+    cover: bool
+    "`True` if a state of the other machine may be merged into several states."
+    seconds: float
+    "The time of the search."
+
+    @property
+    def states(self) -> int:
+        """The number of states."""
+        return len(self.machine.transition)
+
+    @property
+    def gap(self) -> int:
+        """The number of states above the bound."""
+        return self.states - self.bound
+
+    @property
+    def proved(self) -> bool:
+        """`True` if no such machine has fewer states."""
+        return self.gap == 0
+
+    @property
+    def claim(self) -> str:
+        """The proved bound, in words."""
+        return "proved least" if self.proved else f"the least has at least {self.bound}, by proof"
+
+
+def smallest(
+    source: MooreMachine | Filter | Policy,
+    *,
+    cover: bool = True,
+    seconds: float | int = 60.0,
+    say: Callable[[str], None] = lambda text: None,
+) -> Smallest:
+    """Find the least machine that gives the same outputs on every string that can occur.
+
+    States may be merged if no string that can occur in both tells them apart, and if their
+    successors may be merged, too. Compatibility is not transitive, so that a state may be merged
+    into several states: the least machine is a *cover* of the states by classes, and may be smaller
+    than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell 2020). A
+    clique of incompatible pairs is a lower bound, a greedy partition an upper one, and a SAT solver
+    decides about the numbers between.
+
+    **Arguments:**
+
+    - `source`: a machine, or a filter or a policy with its default output.
+    - `cover`: whether to search among covers, or only among partitions of the states of `source`.
+    - `seconds`: the limit of time, after which the best machine is returned; the pairs of states
+        are always compared.
+    - `say`: called with the work that begins.
+
+    **Returns:** [`Smallest`][].
+
+    **Raises:** `ModuleNotFoundError` without python-sat, if the greedy bounds differ; `MemoryError`
+    if the pairs of states do not fit into memory.
+
+    The filter of three cells in a ring has one knowledge cycle, in which all observations are
+    known beforehand:
+
+        >>> from jaxcell import automata, examples
+        >>> found = automata.smallest(examples.ring())
+        >>> found.states, found.bound, found.moore, found.machine.transition.tolist()
+        (3, 3, 5, [[1, 2], [2, 2], [2, 2]])
+    """
+    machine = source if isinstance(source, MooreMachine) else MooreMachine.of(source)
+    began = time.monotonic()
+
+    def go_on() -> bool:
+        return time.monotonic() - began < seconds
+
+    label, first = _equivalent(machine)
+    after = machine.transition[first]
+    transition = np.where(after < 0, np.int32(-1), label[after])
+    say(f"comparing the pairs of {first.size:,} states")
+    apart = incompatible_pairs(transition, machine.color[first])
+    clique = large_clique(apart)
+    say(f"merging {first.size:,} states")
+    classes = _rows(folded(transition, apart, go_on))
+    bound = clique.size
+    if not cover:
+        transition, apart, clique = machine.transition, apart[label][:, label], first[clique]
+        classes = classes[:, label]
+    if bound < len(classes) and go_on():
+        import_module("pysat.solvers")
+    search = functools.partial(closed_classes, transition, apart, clique, cover=cover)
+    most = clique.size + math.isqrt(_LARGEST // len(transition))
+    tried: dict[int, Iterator[Classes | bool | None]] = {}
+    while bound < len(classes) and go_on():
+        say(f"{len(classes):,} states are enough, at least {bound:,} are needed")
+        # The search at the bound raises it, and the one in the middle lowers the other bound.
+        wanted = {bound, max(bound, min(most, (bound + len(classes)) // 2))}
+        tried = {count: tried.get(count) or search(count) for count in sorted(wanted)}
+        for count, attempt in tried.items():
+            answer = next(attempt)
+            if answer is False:
+                bound = count + 1
+            elif isinstance(answer, np.ndarray):
+                classes = answer[_successors(transition, answer)[1]]
+                break
+    if cover:
+        classes = classes[:, label]
+    after, order = _successors(machine.transition, classes)
+    color = machine.color[np.argmax(classes[order], axis=1)]
+    small = dataclasses.replace(machine, transition=after, color=color)
+    return Smallest(small, classes[order], bound, first.size, cover, time.monotonic() - began)
+
+
+def _equivalent(machine: MooreMachine) -> tuple[Int[np.ndarray, "states"], Int[np.ndarray, "_"]]:
+    """Find the class of each equivalent state, and the first state of each class."""
+    states = len(machine.transition)
+    # A symbol that cannot occur leads to one more state, with an output of its own.
+    images = np.where(machine.transition < 0, states, machine.transition)
+    images = np.vstack([images, np.full_like(images[:1], states)]).T
+    color = np.append(machine.color, machine.color.max() + 1)
+    label = equivalence(images, np.tile(color, (len(images), 1))).label[:-1]
+    return label, np.unique(label, return_index=True)[1]
+
+
+def _rows(label: Int[np.ndarray, "states"]) -> Bool[np.ndarray, "classes states"]:
+    return np.unique(label)[:, None] == label
+
+
+def _successors(
+    transition: Int32[np.ndarray, "states symbols"], classes: Classes
+) -> tuple[Int32[np.ndarray, "reached symbols"], list[int]]:
+    """Find the classes that some string reaches, in breadth-first order, and their successors."""
+    start = int(np.argmax(classes[:, 0]))
+    number, queue, rows = {start: 0}, [start], []
+    for index in queue:
+        row = []
+        for after in transition.T:
+            targets = after[classes[index] & (after >= 0)]
+            if not targets.size:
+                row.append(-1)
+                continue
+            target = int(np.argmax(classes[:, targets].all(axis=1)))
+            if number.setdefault(target, len(number)) == len(queue):
+                queue.append(target)
+            row.append(number[target])
+        rows.append(row)
+    return np.array(rows, np.int32), queue
