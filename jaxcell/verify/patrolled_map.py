@@ -47,7 +47,7 @@ def _compare_walks(patrol: PatrolledMap) -> Comparison:
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
     """Compute the probability that a robot has been in view of a cell by each attack time."""
-    view, times = patrol.visible[target], patrol.attack.attack_time
+    view, times = patrol.visible[:, target], patrol.attack.attack_time
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
         unseen = np.isin(np.arange(view.size), policy.cells) & ~view

@@ -26,7 +26,7 @@ class Vulnerability(Result):
         Bool[np.ndarray, "cells"],
         quantity("position", "whether the target is seen from there", kind="flag"),
     ]
-    "The cells that are wholly visible from the target, as in the source."
+    "The cells from which a robot sees the target."
     boundary: Annotated[
         Bool[np.ndarray, "cells"],
         quantity("position", "whether a robot from outside first sees it there", kind="flag"),
@@ -137,7 +137,7 @@ def vulnerability(
         raise ValueError(
             f"target: cell {target} does not exist; cells are 0 to {graph.vertices - 1}"
         )
-    view = visible[target]
+    view = visible[:, target]
     starts = [
         share if share.any() else np.isin(np.arange(view.size), policy.cells)
         for policy, share in zip(policies, _begin(graph, policies, view, attack), strict=True)
