@@ -62,8 +62,8 @@ class PatrolMap(CellStudy):
     """Least share of steps in which a robot chooses a neighbour uniformly."""
     frontier: Annotated[tuple[_Floor, ...], _CAPTURE] = ()
     """Values of the randomness at which capture and entropy are compared."""
-    starts: Annotated[AtLeastOne, _CAPTURE] = 3
-    """Number of starts of the search."""
+    starts: Annotated[AtLeastOne, _CAPTURE] = 2
+    """Number of starts of the search: tours through covers, then random walks."""
     base: Annotated[str | None, Only(strategy="commute", capture=False)] = None
     """Base station to report to, around which each robot has a region: "x,y" in metres, or "auto"
     for a central place with a wide view. By default each robot patrols the whole map."""
@@ -339,8 +339,8 @@ class PatrolMap(CellStudy):
         if asked is None:
             if capture.contested.size == 0:
                 raise ValueError(
-                    f"range: with {self.range:g} m no robot sees a cell that is not always watched; "
-                    "expected a longer range"
+                    f"range: with {self.range:g} m no robot sees a cell that is not always "
+                    "watched; expected a longer range"
                 )
             return int(capture.weakest[0])
         if asked in capture.contested:

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, ClassVar
 
@@ -12,7 +13,7 @@ from ...base.quantities import Result, derived, quantity
 from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...markov import dense
-from ...optimize import Graph, greedy_cover
+from ...optimize import Graph, greedy_cover, shortest_tour
 from ..walks.optimal.ascent import late_gain
 from ..walks.steps import Steps
 from .attack import Attack
@@ -23,15 +24,16 @@ from .regions import check_visible
 from .tours import capture_by_tours
 
 
-# Number of gradient steps for each start, and of those that then improve the best start. Above
-# `_CELLS` cells fewer steps are made because each takes longer, but not fewer than the second.
-_TRIAL, _STEPS = (100, 30), (300, 150)
-_CELLS = 500
+# Number of gradient steps for each start. Above `_CELLS` cells fewer steps are made because each
+# takes longer, but not fewer than the last number.
+_STEPS, _CELLS, _LEAST_STEPS = 300, 500, 180
+# An even walk that captures less than this share of what tours capture is no start.
+_HOPELESS = 0.1
 # Hardness of the soft minimum of the logarithms of capture, at first and at the end.
 _HARDNESS = 10.0, 100.0
 # Tolerance of the relative gain by the last quarter of the steps.
 _TOLERANCE = 0.02
-# Spread of the logits at the first start and at the others; without it robots stay equal.
+# Spread of the logits at the first two starts and at the others; without it robots stay equal.
 _SPREAD = 0.1, 0.5
 
 Say = Callable[[str, int, int], None]
@@ -51,7 +53,7 @@ class CaptureSearch(Result):
     start: Annotated[str, quantity("", "where robots are as the attack begins")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
-        quantity("attempt", "least probability of capture on trial", "1", kind="share"),
+        quantity("attempt", "least probability of capture", "1", kind="share"),
     ]
     value: Annotated[
         float, quantity("", "least probability of capture, a local optimum", "1", kind="share")
@@ -104,15 +106,15 @@ def capture_policies(
     attack: Attack,
     *,
     randomness: float = 0.0,
-    starts: int = 3,
+    starts: int = 2,
     seed: int = 0,
     say: Say | None = None,
 ) -> CaptureSearch:
     """Find walks of robots that maximise the least probability of capture over the cells.
 
     Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
-    logits of the steps of all robots together, from an even walk that is perturbed at random. By
-    default robots have been walking for a long time as the attack begins. Their shares of time
+    logits of the steps of all robots together, from tours through covers and from even walks, which
+    are perturbed at random. By default robots have been walking for a long time as the attack begins. Their shares of time
     depend on all steps, and so does the gradient: a sparse factorisation gives both at each step.
 
     Each walk is a circulation, a mixture of two flows that enter and leave each cell equally often:
@@ -128,7 +130,8 @@ def capture_policies(
     - `attack`: the attack; the first of its times counts.
     - `randomness`: the least share of its steps in which a robot goes to any neighbour with equal
         probability, 0 or more and less than 1. With 0 a patrol is nearly a tour, and predictable.
-    - `starts`: number of starts.
+    - `starts`: number of starts: tours first, then even walks. On a large map even walks may
+        capture so little that they are no starts.
     - `seed`: seed of the starts.
     - `say`: is called with the work, the steps done, and their number.
 
@@ -251,11 +254,52 @@ class _Problem:
         return cls(graph, visible, robots, attack.first, Steps.of(graph), unseen)
 
     def begins(self, count: int, seed: int) -> list[Logits]:
-        """Return logits from which to search: those of an even walk, perturbed at random."""
+        """Return logits from which to search, perturbed at random.
+
+        Those of tours come first, then those of even walks, unless these capture so little that no
+        gradient leads away from them.
+        """
         random = np.random.default_rng(seed)
         shape = (self.robots, *self.steps.image.shape)
-        spreads = [_SPREAD[0], *[_SPREAD[1]] * (count - 1)]
-        return [spread * random.normal(size=shape) for spread in spreads]
+        touring, least = self.tours
+        even = np.zeros(shape)
+        if touring is None or least is None:
+            begins = [even] * count
+        else:
+            missed = self.ascent(0.0).least(even)
+            begins = [touring, *[even] * (count - 1)] if missed > _HOPELESS * least else [touring]
+        spreads = [*[_SPREAD[0]] * 2, *[_SPREAD[1]] * count]
+        return [
+            begin + spread * random.normal(size=shape)
+            for begin, spread in zip(begins, spreads, strict=False)
+        ]
+
+    @functools.cached_property
+    def tours(self) -> tuple[Logits | None, float | None]:
+        """The logits of walks along tours through the covers, and the least capture by the tours.
+
+        A walk does not remember where it comes from: where a tour passes a cell more than once, it
+        goes on in any of its directions.
+        """
+        covers = [greedy_cover(self.visible, robot).chosen for robot in range(self.robots)]
+        least = capture_by_tours(self.graph, self.visible, covers, self.attack)
+        if least is None:
+            return None, None
+        cells = self.graph.vertices
+        walks = np.zeros((self.robots, cells, cells))
+        even = self.steps.matrices(np.asarray(self.steps.even, float))
+        for walk, cover in zip(walks, covers, strict=True):
+            tour = shortest_tour(self.graph, cover.tolist())
+            np.add.at(walk, (tour, np.roll(tour, -1)), 1.0)
+            visits = walk.sum(axis=1, keepdims=True)
+            walk[:] = np.where(visits > 0, walk / np.maximum(visits, 1), even)
+        return self.steps.logits(walks), least
+
+    def ascent(self, randomness: float) -> CirculationAscent:
+        time, start = int(self.attack.times[0]), self.attack.start
+        return CirculationAscent(
+            self.graph, self.steps, self.unseen, time, start, randomness, _HARDNESS
+        )
 
     def under(self, logits: Logits, above: float, floor: float) -> Logits:
         """Return the logits of the same walks for a lower floor."""
@@ -267,44 +311,39 @@ class _Problem:
     def search(
         self, begins: Sequence[Logits], randomness: float, say: Say | None = None
     ) -> tuple[CaptureSearch, Logits]:
-        """Try several starts and improve the best one. Returns it, and its logits."""
-        scale = min(1.0, _CELLS / self.graph.vertices)
-        trial, steps = (round(max(scale * n, least)) for n, least in (_TRIAL, _STEPS))
+        """Follow the gradient from several starts. Returns the best result, and its logits."""
+        steps = round(max(_STEPS * min(1.0, _CELLS / self.graph.vertices), _LEAST_STEPS))
         if self.unseen.shape[1] == 0:
-            trial = steps = 0
-        ascent = CirculationAscent(
-            self.graph,
-            self.steps,
-            self.unseen,
-            int(self.attack.times[0]),
-            self.attack.start,
-            randomness,
-            _HARDNESS,
-        )
+            steps = 0
+        ascent, progress = self.ascent(randomness), np.arange(steps) / max(1, steps)
         tries = [
-            ascent.climb(begin, np.zeros(trial), f"trying start {number} of {len(begins)}", say)
+            ascent.climb(begin, progress, f"searching from start {number} of {len(begins)}", say)
             for number, begin in enumerate(begins, 1)
         ]
-        values = [max(course, default=1.0) for _, _, course in tries]
-        progress = np.arange(steps) / max(1, steps)
-        best = tries[int(np.argmax(values))][0]
-        logits, walks, course = ascent.climb(best, progress, "improving the best start", say)
+        found = [self._search(walks, randomness, course) for _, walks, course in tries]
+        best = int(np.argmax([search.value for search in found]))
+        values = np.array([search.value for search in found])
+        certificate = Certificate(steps * len(begins), found[best].late_gain, _TOLERANCE)
+        search = dataclasses.replace(found[best], tried=values, certificate=certificate)
+        return search, tries[best][0]
+
+    def _search(
+        self, walks: Sequence[Circulation], randomness: float, course: list[float]
+    ) -> CaptureSearch:
+        """Make the result of a single start."""
         policies = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
         (caught,) = capture_probabilities(self.graph, self.visible, policies, self.attack)
         value = float(caught[self.visible.any(axis=0)].min(initial=1.0))
-        certificate = Certificate(trial * len(begins) + steps, late_gain(course), _TOLERANCE)
-        covers = [policy.cover for policy in policies]
-        search = CaptureSearch(
+        return CaptureSearch(
             policies,
             int(self.attack.times[0]),
             randomness,
             self.attack.start,
-            np.array(values),
+            np.array([value]),
             value,
-            capture_by_tours(self.graph, self.visible, covers, self.attack),
-            certificate,
+            self.tours[1],
+            Certificate(0, late_gain(course), _TOLERANCE),
         )
-        return search, logits
 
     def _policy(self, robot: int, walk: Circulation) -> Policy:
         """Make the policy of a robot."""

@@ -141,8 +141,7 @@ class CirculationAscent:
                 for part in range(parts) if block == 0 else [block % parts]:
                     missed[part::parts] = self._evaluate(trained, flows, unseen[:, part::parts])
                 course.append(float(-np.expm1(missed.max(initial=-np.inf))))
-                weak = np.argsort(-missed)[:active]
-                targeted = unseen[:, weak]
+                targeted = unseen[:, _weakest(missed, active)]
             hardness = self.hardness[0] * (self.hardness[1] / self.hardness[0]) ** now
             by_chance, by_share = _gradient(
                 *_stacked(trained), *flows, targeted, self.steps, np.float32(hardness), **fixed
@@ -166,6 +165,22 @@ class CirculationAscent:
             mixed = ((1 - self._part) * walk.share * walk.chance + share * chance) / total
             walks.append(Circulation(mixed / mixed.sum(axis=0), total / total.sum()))
         return logits, walks, course
+
+    def least(self, logits: Logits) -> float:
+        """Compute the least capture over the targets."""
+        _, walks, _ = self.climb(logits, np.zeros(0))
+        flows = [np.stack([getattr(walk, name) for walk in walks]) for name in ("chance", "share")]
+        rare = np.zeros_like(flows[1]), flows[0]
+        parts = [*flows, *rare]
+        missed = _log_missed(
+            *(part.astype(np.float32) for part in parts),
+            self.unseen.astype(np.float32),
+            self.steps,
+            None,
+            self.attack_time,
+            self.start,
+        )
+        return float(-np.expm1(np.max(missed, initial=-np.inf)))
 
     @functools.cached_property
     def _even(self) -> Float[np.ndarray, "branches cells"]:
@@ -215,6 +230,20 @@ class CirculationAscent:
         )
 
 
+def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
+    """Choose the weakest targets: most of them of all, and the weakest of each part of the map."""
+    targets = np.arange(missed.size)
+    if count >= missed.size:
+        return targets
+    weak = np.argsort(-missed, kind="stable")
+    parts = np.array_split(targets, max(1, count // 4))
+    local = np.array([part[np.argmax(missed[part])] for part in parts])
+    chosen = np.zeros(missed.size, bool)
+    chosen[local] = True
+    chosen[weak[~chosen[weak]][: count - np.count_nonzero(chosen)]] = True
+    return np.flatnonzero(chosen)
+
+
 def _stacked(trained: list[Trained]) -> list[np.ndarray]:
     return [
         np.stack([getattr(walk, name) for walk in trained]).astype(np.float32)
@@ -243,7 +272,8 @@ def _log_missed(
     flows = chance, share, excursion_share, excursion_chance
     for trained, often, rare, excursion in zip(*flows, strict=True):
         total = (1 - rare.sum()) * often + rare
-        mixed = ((1 - rare.sum()) * often * trained + rare * excursion) / total
+        mixed = (1 - rare.sum()) * often[None] * trained + rare[None] * excursion
+        mixed = mixed / total[None]
 
         def step(value, _, mixed=mixed):  # type: ignore[no-untyped-def]
             return unseen * steps.pull(mixed, value), None

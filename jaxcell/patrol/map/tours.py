@@ -10,7 +10,7 @@ from .attack import Attack
 def capture_by_tours(
     graph: Graph,
     visible: Bool[np.ndarray, "cells cells"],
-    covers: Sequence[Int[np.ndarray, "_"]],
+    covers: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
     attack: Attack,
 ) -> float | None:
     """Compute the least capture by robots that walk round closed tours through their covers.
@@ -43,7 +43,7 @@ def capture_by_tours(
     missed = np.ones(graph.vertices)
     steps = int(attack.times[0])
     for cover in covers:
-        seen = visible[shortest_tour(graph, cover)]
+        seen = visible[shortest_tour(graph, [int(cell) for cell in cover])]
         late = ~seen
         for _ in range(min(steps, len(seen))):
             late = ~seen & np.roll(late, -1, axis=0)
