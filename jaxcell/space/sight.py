@@ -86,13 +86,13 @@ def visible_cells(
         target[_hidden(scene, viewers, row, a, b, target, place, origin)] = -1
         row, column = np.nonzero(target >= 0)
         viewer, target = viewers[row], target[row, column]
-        part, corners = scene.parts_seen(viewer, target)
-        near = _of_all(part, (np.hypot(*np.moveaxis(corners, -1, 0)) <= reach + TOLERANCE).all(-1))
+        pair, corners = scene.parts_seen(viewer, target)
+        near = _of_all(pair, (np.hypot(*np.moveaxis(corners, -1, 0)) <= reach + TOLERANCE).all(-1))
         if camera is None:
             visible[viewer[near], target[near]] = True
             continue
         for view in np.ndindex(views):
-            ahead = _of_all(part, camera.holds(corners, camera.heading[view][viewer[part]]))
+            ahead = _of_all(pair, camera.holds(corners, camera.heading[view][viewer[pair]]))
             visible[view][viewer[near & ahead], target[near & ahead]] = True
     return visible
 

@@ -113,9 +113,10 @@ def capture_policies(
     """Find walks of robots that maximise the least probability of capture over the cells.
 
     Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
-    logits of the steps of all robots together, from tours through covers and from even walks, which
-    are perturbed at random. By default robots have been walking for a long time as the attack begins. Their shares of time
-    depend on all steps, and so does the gradient: a sparse factorisation gives both at each step.
+    logits of the steps of all robots together. It starts from tours through covers and from even
+    walks, which are perturbed at random. By default robots have been walking for a long time as the
+    attack begins. Their shares of time depend on all steps, and so does the gradient: a sparse
+    factorisation gives both at each step.
 
     Each walk is a circulation, a mixture of two flows that enter and leave each cell equally often:
     the trained walk, and excursions to all cells, which are rare and drift back. An average cell

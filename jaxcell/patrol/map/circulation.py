@@ -19,7 +19,7 @@ from ..walks.steps import Steps
 # The share of time in an average cell that excursions guarantee, and their largest share in total.
 _VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
 # The conductance of the farthest cell on excursions, relative to cells that are often visited.
-_FARTHEST = 0.1
+_FARTHEST = 0.2
 # Number of steps between evaluations of targets, and the numbers of targets of both kinds.
 _BLOCK, _ACTIVE, _EVALUATED = 10, 80, 700
 # Number of values that one step keeps for its gradient.

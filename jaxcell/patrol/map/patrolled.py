@@ -237,8 +237,8 @@ class PatrolledMap(Result):
 
     @derived("", "cells in effect never visited (less than once in a million steps)", kind="count")
     def never_visited(self) -> int:
-        shares = sum(policy.share_of_time(self.graph) for policy in self.policies)
-        return int((shares < _NEVER).sum())
+        shares = np.stack([policy.share_of_time(self.graph) for policy in self.policies])
+        return int(np.count_nonzero(shares.sum(axis=0) < _NEVER))
 
     @derived("unseen", "cells that no robot can see", kind="index", listed=True)
     def seen_by_nobody(self) -> Int[np.ndarray, "unseen"]:
