@@ -33,7 +33,7 @@ class Capture(Result):
         >>> policies = patrol.distributed_policies(graph, visible, 1)
         >>> capture = patrol.Capture.of(graph, visible, policies, patrol.Attack([1, 6]))
         >>> capture.least.round(3).tolist(), capture.weakest.tolist()
-        ([0.167, 0.748], [0, 0])
+        ([0.286, 0.794], [0, 0])
     """
 
     title: ClassVar[str] = "Probability of capture"
@@ -135,7 +135,7 @@ def capture_probabilities(
         >>> policies = patrol.distributed_policies(graph, visible, 1)
         >>> attack = patrol.Attack([1, 6])
         >>> patrol.capture_probabilities(graph, visible, policies, attack).round(3).tolist()
-        [[0.167, 0.4, 1.0, 0.4, 0.167], [0.748, 0.992, 1.0, 0.992, 0.748]]
+        [[0.286, 0.667, 1.0, 0.667, 0.286], [0.794, 0.992, 1.0, 0.992, 0.794]]
     """
     check_policies(graph, visible, policies)
     return _captures(graph, visible, policies, [attack])[0]

@@ -21,7 +21,7 @@ _VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
 # The conductance of the farthest cell on excursions, relative to cells that are often visited.
 _FARTHEST = 0.2
 # Number of steps between evaluations of targets, and the numbers of targets of both kinds.
-_BLOCK, _ACTIVE, _EVALUATED = 10, 80, 700
+_BLOCK, _ACTIVE, _EVALUATED = 10, 80, 400
 # Number of values that one step keeps for its gradient.
 _KEPT = 5e7
 # Learning rate of the logits, and the constants of Adam. Its least scale is so large that noise
