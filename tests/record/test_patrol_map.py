@@ -148,7 +148,10 @@ def caught(patrol, probability):
     ("wrong", "check"),
     [
         (lambda p: caught(p, p.captures.probability[::-1]), "captures_falls_with_time"),
-        (lambda p: caught(p, p.captures.probability + 0.9), "captures_probability_out_of_0_to_1|mean_capture_out_of"),
+        (
+            lambda p: caught(p, p.captures.probability + 0.9),
+            "captures_probability_out_of_0_to_1|mean_capture_out_of",
+        ),
         (lambda p: changed(p, exact=p.attack.exact / 2), "attack_exact_is_of_law"),
         (lambda p: changed(p, law=p.attack.law + 0.5), "attack_law_beyond_1|exact_is_of_law"),
     ],
