@@ -44,8 +44,8 @@ from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
 from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
 from jaxcell.patrol.walks.optimal.sequential_lp import maximize_least_capture
 from jaxcell.space import CellSpace, visible_cells
-from jaxcell.space.sight import AT_CENTRE
 from jaxcell.space.cells import suggested
+from jaxcell.space.sight import AT_CENTRE
 
 
 CELLS = {
