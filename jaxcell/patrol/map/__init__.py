@@ -11,8 +11,8 @@ reports (`Regions`): `centralized_policies` (4.4.5). When a robot falls silent f
 
 **Attacks.** An attack on a cell begins with each robot out of view of the cell (`outside`), where
 it is in the long run, and fails if a robot comes into view, which is at the `boundary`, within the
-attack time `t_a`. A robot in cell `i` sees cell `j` if `visible[i, j]` is true, in all functions. With `S_r(t)` the probability that robot `r` has not come by `t`, the probability of
-capture is
+attack time `t_a`. A robot in cell `i` sees cell `j` if `visible[i, j]` is true, in all functions.
+With `S_r(t)` the probability that robot `r` has not come by `t`, the probability of capture is
 
     p_d = 1 - prod_r S_r(t_a).
 
