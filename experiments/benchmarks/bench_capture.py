@@ -45,6 +45,7 @@ from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
 from jaxcell.patrol.walks.optimal.sequential_lp import maximize_least_capture
 from jaxcell.space import CellSpace, visible_cells
 from jaxcell.space.cells import suggested
+from jaxcell.space.sight import AT_CENTRE
 
 
 CELLS = {
@@ -137,7 +138,7 @@ def charging(name: str, graph: Graph, attack: int) -> Row:
 
 def on_map(name: str, cell: float | None) -> Row:
     cells = CellSpace.of(*suggested(DATA / "maps" / name, cell, None, None))
-    graph, visible = cell_graph(cells), visible_cells(cells, REACH)
+    graph, visible = cell_graph(cells), visible_cells(cells, REACH, part=AT_CENTRE)
     before = ""
     if cells.positions <= COMMUTED:
         walks = distributed_policies(graph, visible, ROBOTS, 0.0)

@@ -65,7 +65,9 @@ class Site:
     def caught(self, times: Sequence[int], policies: Sequence[Policy] | None = None) -> np.ndarray:
         """The probability of capture, one row a time, 1 where the base station watches."""
         by = self.policies if policies is None else policies
-        probability = capture_probabilities(self.graph, self.visible, by, Attack(times))
+        # The source tests whether the target sees the cells of robots, which begin anywhere.
+        attack = Attack(times, "uniform")
+        probability = capture_probabilities(self.graph, self.visible.T, by, attack)
         probability[:, ~self.targets] = 1
         return probability
 

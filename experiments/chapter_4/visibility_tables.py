@@ -149,10 +149,10 @@ def evaluate(site: Site, caught: np.ndarray, runs: int, seed: int) -> list[Vulne
         vulnerability(
             jax.random.fold_in(jax.random.key(seed), number),
             site.graph,
-            site.visible,
+            site.visible.T,
             site.policies,
             target,
-            Attack(ATTACKS),
+            Attack(ATTACKS, "uniform"),
             runs=runs,
         )
         for number, target in enumerate((typical, weakest))

@@ -152,6 +152,8 @@ class Result:
 
     title: ClassVar[str] = ""
     "The title of datasets."
+    leading: ClassVar[tuple[str, ...]] = ()
+    "Names of the quantities that answer the question; summaries begin with them."
     brief: ClassVar[tuple[str, ...]] = ()
     """Names of the quantities, and dimensions of the tables, that are enough for a terminal; by
     default all."""
@@ -234,7 +236,9 @@ Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
 
 
 def quantities(result: type) -> dict[str, Quantity]:
-    """Find the described quantities of a class of results: coordinates first, then in their order.
+    """Find the described quantities of a class of results.
+
+    Coordinates come first, then the leading quantities, then the others in their order.
 
     **Arguments:**
 
@@ -255,7 +259,14 @@ def quantities(result: type) -> dict[str, Quantity]:
         if isinstance(value, derived)
     }
     described = fields | methods
-    return dict(sorted(described.items(), key=lambda item: item[1].kind != "coordinate"))
+    leading = getattr(result, "leading", ())
+    places = {name: place - len(leading) for place, name in enumerate(leading)}
+    return dict(
+        sorted(
+            described.items(),
+            key=lambda item: (item[1].kind != "coordinate", places.get(item[0], 0)),
+        )
+    )
 
 
 def values(

@@ -14,12 +14,15 @@ from .workspace import edges, polygons
 
 
 _CHUNK = 2**20
+AT_CENTRE = 1e-6
+"The `part` of a cell that counts as its centre. A ray that only grazes a corner does not see it."
 
 
 def visible_cells(
     cells: CellSpace,
     reach: float | int,
     *,
+    part: float | int = 1.0,
     field_of_view: float | int | None = None,
     heading: Float[np.ndarray, "..."] | float | int | None = None,
 ) -> Bool[np.ndarray, "*views positions positions"]:
@@ -40,6 +43,8 @@ def visible_cells(
 
     - `cells`: the cell space.
     - `reach`: range of sight, in metres; may be infinite.
+    - `part`: side of the square around the centre of `j` that must be visible, in cells, more than
+        0 and at most 1; with [`AT_CENTRE`][jaxcell.space.sight.AT_CENTRE] its centre is enough.
     - `field_of_view`: angle of the view of a camera, in radians, up to `2 * pi`; `None` for all
         around. A camera that sees less than all around does not wholly see its own cell.
     - `heading`: heading of the middle of the view, in radians counter-clockwise from East: a
@@ -63,8 +68,10 @@ def visible_cells(
     reach = check_reach(reach) / cells.cell
     camera = _camera(cells, field_of_view, heading)
     views = () if camera is None else camera.heading.shape[:-1]
+    if not AT_CENTRE <= part <= 1:
+        raise ValueError(f"part: expected {AT_CENTRE:g} to 1, got {part}")
     _check_pairs(cells, math.prod(views))
-    scene = _Scene.of(cells)
+    scene = _Scene.of(cells, part)
     visible = np.zeros((*views, cells.positions, cells.positions), bool)
     # The places that a viewer may see, from its centre or, if these are fewer, from the origin.
     offset = _offsets(cells, reach)
@@ -79,13 +86,13 @@ def visible_cells(
         target[_hidden(scene, viewers, row, a, b, target, place, origin)] = -1
         row, column = np.nonzero(target >= 0)
         viewer, target = viewers[row], target[row, column]
-        part, corners = scene.parts_seen(viewer, target)
-        near = _of_all(part, (np.hypot(*np.moveaxis(corners, -1, 0)) <= reach + TOLERANCE).all(-1))
+        pair, corners = scene.parts_seen(viewer, target)
+        near = _of_all(pair, (np.hypot(*np.moveaxis(corners, -1, 0)) <= reach + TOLERANCE).all(-1))
         if camera is None:
             visible[viewer[near], target[near]] = True
             continue
         for view in np.ndindex(views):
-            ahead = _of_all(part, camera.holds(corners, camera.heading[view][viewer[part]]))
+            ahead = _of_all(pair, camera.holds(corners, camera.heading[view][viewer[pair]]))
             visible[view][viewer[near & ahead], target[near & ahead]] = True
     return visible
 
@@ -163,7 +170,7 @@ class _Scene:
     "The parts of position `i` are `first[i]` to `first[i + 1]`."
 
     @classmethod
-    def of(cls, cells: CellSpace) -> "_Scene":
+    def of(cls, cells: CellSpace, part_of_cell: float = 1.0) -> "_Scene":
         row, column = np.divmod(cells.square, cells.free.shape[1])
         centre = np.stack([column, row], axis=1) + 0.5
         origin, cell = np.array(cells.origin), cells.cell
@@ -175,15 +182,17 @@ class _Scene:
 
         shapely.prepare(environment)
         metres = centre * cell + origin
-        whole = shapely.covers(environment, _squares(metres, cell * (1 - 2 * TOLERANCE)))
+        side = cell * part_of_cell
+        whole = shapely.covers(environment, _squares(metres, side - 2 * TOLERANCE * cell))
         cut = np.flatnonzero(~whole)
-        free = shapely.intersection(environment, _squares(metres[cut], cell))
+        free = shapely.intersection(environment, _squares(metres[cut], side))
         pieces, piece_of = polygons(free)
         triangles, of = polygons(shapely.constrained_delaunay_triangles(pieces))
         corners = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)
 
         position = np.concatenate([np.flatnonzero(whole), cut[piece_of[of]]])
-        part = centre[whole, None] + [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]
+        corners_of_unit = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+        part = centre[whole, None] + part_of_cell * corners_of_unit
         part = np.concatenate([part, (corners - origin) / cell])
         order = np.argsort(position, kind="stable")
         first = np.searchsorted(position[order], np.arange(cells.positions + 1))

@@ -43,22 +43,27 @@ class PatrolMap(CellStudy):
     """Least probability of capture in the first of the attack times to reach."""
     range: _Reach = 6.0
     """Distance in metres at which a robot sees; walls block its view."""
+    sight: Literal["centre", "cell", "source"] = "centre"
+    """A robot in the centre of a cell sees another cell if it sees its centre (centre) or all of it
+    (cell), or if its own cell is seen wholly from the other centre (source, as the dissertation in
+    attacks)."""
     strategy: Literal["commute", "capture"] = "commute"
     """Aim of the walks: a short mean commute time between cells (commute), or a great least
-    probability of capture in the first of the attack times, a local optimum (capture)."""
+    probability of capture in the first of the attack times from the start, a local optimum
+    (capture)."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
     """Least share of steps on the shortest closed tour through the cells that see the whole map;
     "auto" takes the share among 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more than 2,000
     cells."""
-    start: Literal["uniform", "stationary", "worst"] = "uniform"
-    """Places of the robots, out of view of the target, as an attack begins: all equally probable
-    (uniform), as in the long run (stationary), or the best for the adversary (worst)."""
+    start: Literal["stationary", "uniform", "worst"] = "stationary"
+    """Places of the robots, out of view of the target, as an attack begins: as in the long run
+    (stationary), all equally probable (uniform), or the best for the adversary (worst)."""
     randomness: Annotated[_Floor, _CAPTURE] = 0.0
     """Least share of steps in which a robot chooses a neighbour uniformly."""
     frontier: Annotated[tuple[_Floor, ...], _CAPTURE] = ()
     """Values of the randomness at which capture and entropy are compared."""
-    starts: Annotated[AtLeastOne, _CAPTURE] = 3
-    """Number of starts of the search."""
+    starts: Annotated[AtLeastOne, _CAPTURE] = 2
+    """Number of starts of the search: tours through covers, then random walks."""
     base: Annotated[str | None, Only(strategy="commute", capture=False)] = None
     """Base station to report to, around which each robot has a region: "x,y" in metres, or "auto"
     for a central place with a wide view. By default each robot patrols the whole map."""
@@ -69,7 +74,7 @@ class PatrolMap(CellStudy):
     target: str | None = None
     """Cell to attack, "x,y" in metres; by default the most vulnerable cell at the first of the
     attack times."""
-    attack_times: tuple[Annotated[int, Limit(ge=1)], ...] = (20, 30, 40, 50, 100, 500)
+    attack_times: tuple[Annotated[int, Limit(ge=1)], ...] = (20, 30, 40, 50, 100)
     """Durations of an attack in steps."""
     runs: Annotated[int, Limit(ge=2, le=10_000_000)] = 5000
     """Number of simulated attacks."""
@@ -99,12 +104,11 @@ class PatrolMap(CellStudy):
 
         from .. import patrol
         from ..patrol.map.policies import smallest_covers
-        from ..space import visible_cells
 
         cells = self.cells()
         say(f"looking around from {cells.positions:,} cells")
         graph = self._graph(cells)
-        visible = visible_cells(cells, self.range)
+        visible = self._visible(cells, self.range)
         target = None if self.target is None else _position(cells, self.target, "target")
         regions = self._regions(cells, graph)
 
@@ -114,7 +118,7 @@ class PatrolMap(CellStudy):
         if self.frontier:
             say(f"searching at {len(self.frontier)} floors of randomness")
             patrolled["frontier"] = patrol.map.capture_frontier(
-                graph, visible, len(policies), attack, self.frontier, seed=self.seed
+                graph, visible, len(policies), attack, self.frontier, seed=self.seed, say=say
             )
         say("attacking every cell")
         capture = patrol.Capture.of(graph, visible, policies, attack, regions)
@@ -125,7 +129,7 @@ class PatrolMap(CellStudy):
             left = [policies[robot] for robot in sorted(after.robot.tolist())]
             loss, recovery = (
                 dataclasses.replace(
-                    capture, probability=patrol.capture_probabilities(graph, visible, by, attack)
+                    patrol.Capture.of(graph, visible, by, attack), contested=capture.contested
                 )
                 for by in (left, after.policies)
             )
@@ -138,6 +142,7 @@ class PatrolMap(CellStudy):
         return patrol.PatrolledMap(
             cells=cells,
             reach=self.range,
+            sight=self.sight,
             graph=graph,
             visible=visible,
             attack=attacked,
@@ -175,6 +180,7 @@ class PatrolMap(CellStudy):
                     randomness=self.randomness,
                     starts=self.starts,
                     seed=self.seed,
+                    say=say,
                 )
                 patrolled, least = {"policies": search.policies, "search": search}, search.value
             reached.append(least)
@@ -260,9 +266,11 @@ class PatrolMap(CellStudy):
             out / "patrol.json",
             result.cells,
             [(np.asarray(chain.image), np.asarray(chain.probability)) for chain in chains],
-            # Where it reports, or sees most.
+            # Where it reports, or is most often.
             [
-                int(policy.cover[0] if policy.contact is None else policy.contact)
+                int(np.argmax(policy.share_of_time(result.graph)))
+                if policy.contact is None
+                else policy.contact
                 for policy in result.policies
             ],
             self.range,
@@ -302,14 +310,20 @@ class PatrolMap(CellStudy):
             )
         return graph
 
+    def _visible(self, cells: "CellSpace", reach: float) -> "np.ndarray":
+        """Find the cells that a robot sees from each cell."""
+        from ..space.sight import AT_CENTRE, visible_cells
+
+        visible = visible_cells(cells, reach, part=AT_CENTRE if self.sight == "centre" else 1.0)
+        return visible.T if self.sight == "source" else visible
+
     def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
         """Divide the map around the base station, if there is one."""
         from ..patrol.map import angular_regions, base_station
-        from ..space import visible_cells
 
         if self.base is None:
             return None
-        seen = visible_cells(cells, self.range if self.base_range is None else self.base_range)
+        seen = self._visible(cells, self.range if self.base_range is None else self.base_range)
         base = None if self.base == "auto" else _position(cells, self.base, "base")
         with about("base"):
             base = base_station(graph, seen) if base is None else base
@@ -325,8 +339,8 @@ class PatrolMap(CellStudy):
         if asked is None:
             if capture.contested.size == 0:
                 raise ValueError(
-                    f"range: with {self.range:g} m no robot sees the whole of a cell that is not "
-                    "always watched; expected a longer range"
+                    f"range: with {self.range:g} m no robot sees a cell that is not always "
+                    "watched; expected a longer range"
                 )
             return int(capture.weakest[0])
         if asked in capture.contested:

@@ -4,6 +4,7 @@ import shapely
 
 from ..patrol import PatrolledMap
 from ..patrol.map import Policy
+from ..space.sight import AT_CENTRE
 from .comparison import Comparison, sample
 
 
@@ -47,7 +48,7 @@ def _compare_walks(patrol: PatrolledMap) -> Comparison:
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
     """Compute the probability that a robot has been in view of a cell by each attack time."""
-    view, times = patrol.visible[target], patrol.attack.attack_time
+    view, times = patrol.visible[:, target], patrol.attack.attack_time
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
         unseen = np.isin(np.arange(view.size), policy.cells) & ~view
@@ -81,9 +82,12 @@ def _compare_sight(patrol: PatrolledMap) -> Comparison:
     """Compare pairs of cells of which the second is a whole square, half of them visible."""
     assert patrol.cells.workspace is not None
     environment, side = patrol.cells.workspace.environment, patrol.cells.cell
+    if patrol.sight == "centre":
+        side *= AT_CENTRE
+    visible = patrol.visible.T if patrol.sight == "source" else patrol.visible
     wrong, count = [], 0
     for seen in (True, False):
-        pairs = np.argwhere(patrol.visible == seen)
+        pairs = np.argwhere(visible == seen)
         for viewer, other in pairs[sample(len(pairs), _PAIRS // 2, seed=seen)].tolist():
             (x, y), eye = patrol.xy[other].tolist(), shapely.Point(patrol.xy[viewer])
             square = shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2)
@@ -91,8 +95,8 @@ def _compare_sight(patrol: PatrolledMap) -> Comparison:
                 continue
             far = float(eye.hausdorff_distance(square)) - patrol.reach
             hull = shapely.union(square, eye).convex_hull
-            hidden = hull.difference(environment).area / side**2
-            if abs(far) < 1e-6 * side or 1e-10 < hidden < 1e-6:
+            hidden = hull.difference(environment).area / hull.area
+            if abs(far) < 1e-6 * patrol.cells.cell or 1e-10 < hidden < 1e-6:
                 continue
             count += 1
             if (far < 0 and hidden <= 1e-10) != seen:

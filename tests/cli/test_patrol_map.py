@@ -7,6 +7,7 @@ import pytest
 from jaxcell.cli import main
 from jaxcell.patrol import Attack, capture_probabilities, cell_graph, distributed_policies
 from jaxcell.space import CellSpace, Workspace, visible_cells
+from jaxcell.space.sight import AT_CENTRE
 
 
 MAPS = Path(__file__).parents[2] / "data" / "maps"
@@ -65,7 +66,7 @@ def test_the_fewest_robots_for_a_capture(capsys):
     status, found, _ = run(capsys, *NEAR, *wanted)
     assert status == 0
     cells = CellSpace.of(Workspace.load(LAB), 1.0, 8)
-    graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
+    graph, visible = cell_graph(cells), visible_cells(cells, 2.5, part=AT_CENTRE)
     reached = [one["size_capture"] for one in found["team_sizes"]]
     for robots, least in enumerate(reached, 1):
         policies = distributed_policies(graph, visible, robots, 0.0)

@@ -148,7 +148,10 @@ def caught(patrol, probability):
     ("wrong", "check"),
     [
         (lambda p: caught(p, p.captures.probability[::-1]), "captures_falls_with_time"),
-        (lambda p: caught(p, p.captures.probability + 0.9), "captures_probability_out_of_0_to_1"),
+        (
+            lambda p: caught(p, p.captures.probability + 0.9),
+            "captures_probability_out_of_0_to_1|mean_capture_out_of",
+        ),
         (lambda p: changed(p, exact=p.attack.exact / 2), "attack_exact_is_of_law"),
         (lambda p: changed(p, law=p.attack.law + 0.5), "attack_law_beyond_1|exact_is_of_law"),
     ],
@@ -338,8 +341,7 @@ def test_an_emphasis_that_lowers_capture_is_remarked(alone):
 
 
 def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, monkeypatch):
-    for steps in ("_TRIAL", "_STEPS"):
-        monkeypatch.setattr(f"jaxcell.patrol.map.capture_search.{steps}", 25)
+    monkeypatch.setattr("jaxcell.patrol.map.capture_search._STEPS", 20)
     problem = alone.graph, alone.visible, 2, Attack(TIMES[0])
     search = capture_policies(*problem, starts=1)
     frontier = capture_frontier(*problem, [0.0, 0.6])

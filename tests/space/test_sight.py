@@ -6,6 +6,7 @@ from hypothesis.extra import numpy as hnp
 from random_rooms import slanted_obstacles
 
 from jaxcell.space import CellSpace, Workspace, visible_cells, visible_centres
+from jaxcell.space.sight import AT_CENTRE
 
 
 ROOM = [(0, 0), (6, 0), (6, 6), (0, 6)]
@@ -293,3 +294,19 @@ def test_ranges_and_cameras_that_do_not_fit_are_refused(reach, camera, message):
     for visible in (visible_cells, visible_centres)[: 1 if camera else 2]:
         with pytest.raises(ValueError, match=message):
             visible(cells_of(), reach, **camera)
+
+
+def test_a_centre_is_seen_if_a_segment_to_it_is_free_and_grazes_no_corner():
+    cells = cells_of([(2.17, 1.31), (3.13, 1.31), (3.13, 4.23), (2.17, 4.23)])
+    centres = visible_cells(cells, 4.05, part=AT_CENTRE)
+    # No segment between centres grazes a corner of this pillar.
+    np.testing.assert_array_equal(centres, visible_centres(cells, 4.05))
+    whole = visible_cells(cells, 4.05)
+    assert not (whole & ~centres).any()
+    assert (centres & ~whole).any()
+    # A ray over the corner of a square pillar does not see what is behind it.
+    corner = cells_of(square(2, 1))
+    ends = corner.index(1.5, 1.5), corner.index(2.5, 2.5)
+    assert not visible_cells(corner, 20.0, part=AT_CENTRE)[ends]
+    with pytest.raises(ValueError, match=r"part: expected 1e-06 to 1, got 0"):
+        visible_cells(cells, 4.0, part=0)

@@ -9,10 +9,10 @@ Around a `base_station` each robot has a region, `angular_regions`, with a *cont
 reports (`Regions`): `centralized_policies` (4.4.5). When a robot falls silent for longer than
 `silence_limit`, `reassign` divides the map among the others (`Reassignment`).
 
-**Attacks.** An attack on a cell begins with each robot anywhere out of view of the cell
-(`outside`), and fails if a robot comes into view, which is at the `boundary`, within the attack
-time `t_a`. With `S_r(t)` the probability that robot `r` has not come by `t`, the probability of
-capture is
+**Attacks.** An attack on a cell begins with each robot out of view of the cell (`outside`), where
+it is in the long run, and fails if a robot comes into view, which is at the `boundary`, within the
+attack time `t_a`. A robot in cell `i` sees cell `j` if `visible[i, j]` is true, in all functions.
+With `S_r(t)` the probability that robot `r` has not come by `t`, the probability of capture is
 
     p_d = 1 - prod_r S_r(t_a).
 

@@ -10,32 +10,34 @@ from .policies import Policy
 from .regions import Regions, check_visible
 
 
-_STARTS = ("uniform", "stationary", "worst")
+_STARTS = ("stationary", "uniform", "worst")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Attack:
     """Attacks on cells of a map: the steps that they take, and where robots are as they begin.
 
-    Two attack times, and robots where they are in the long run:
+    Two attack times, and robots that have been walking:
 
         >>> from jaxcell import patrol
-        >>> patrol.Attack([20, 50], "stationary").times.tolist()
-        [20, 50]
+        >>> attack = patrol.Attack([20, 50])
+        >>> attack.times.tolist(), attack.start
+        ([20, 50], 'stationary')
     """
 
     times: Int[np.ndarray, "times"]
     "Number of steps that an attack takes."
     start: str
-    """Distribution of each robot over its cells out of view of the target as an attack begins:
-    equal probabilities, `uniform`; its share of time in the long run, `stationary`; or the cell
-    from which it is least likely to arrive in time, `worst`, if the adversary sees the robots."""
+    """Distribution of each robot over its cells out of view of the target as an attack begins: its
+    share of time in the long run, `stationary`; equal probabilities, `uniform`, as at the first
+    attack; or the cell from which it is least likely to arrive in time, `worst`, if the adversary
+    sees the robots."""
 
-    def __init__(self, times: Any, start: str = "uniform") -> None:
+    def __init__(self, times: Any, start: str = "stationary") -> None:
         """**Arguments:**
 
         - `times`: one or several whole numbers of at least 1.
-        - `start`: `uniform`, `stationary` or `worst`.
+        - `start`: `stationary`, `uniform` or `worst`.
 
         **Raises:** `ValueError` for other times and starts.
         """
@@ -53,6 +55,10 @@ class Attack:
     def first(self) -> "Attack":
         """The attack that takes the first of the times."""
         return Attack(self.times[:1], self.start)
+
+    def at(self, start: str) -> "Attack":
+        """Return the attack with robots at another start."""
+        return Attack(self.times, start)
 
     def begins(
         self, graph: Graph, policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
@@ -129,7 +135,7 @@ def contested(
 
     **Arguments:**
 
-    - `visible`: which cells a robot sees from each cell.
+    - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`.
     - `policies`: the policy of each robot.
     - `regions`: the regions around a base station, or `None`.
 
@@ -145,7 +151,7 @@ def contested(
         [0, 4]
     """
     walked = np.unique(np.concatenate([policy.cells for policy in policies]))
-    open_ = visible[:, walked].any(axis=1)
+    open_ = visible[walked].any(axis=0)
     if regions is not None:
         open_ &= ~regions.view
     return np.flatnonzero(open_).astype(np.int32)

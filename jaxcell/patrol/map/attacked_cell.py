@@ -26,7 +26,7 @@ class Vulnerability(Result):
         Bool[np.ndarray, "cells"],
         quantity("position", "whether the target is seen from there", kind="flag"),
     ]
-    "The cells that are wholly visible from the target, as in the source."
+    "The cells from which a robot sees the target."
     boundary: Annotated[
         Bool[np.ndarray, "cells"],
         quantity("position", "whether a robot from outside first sees it there", kind="flag"),
@@ -127,7 +127,7 @@ def vulnerability(
         >>> problem = jax.random.key(0), graph, visible, policies, 0
         >>> result = patrol.vulnerability(*problem, patrol.Attack([1, 6]), runs=5)
         >>> result.exact.round(3).tolist(), result.fit
-        ([0.167, 0.748], None)
+        ([0.286, 0.794], None)
         >>> result.failure
         'samples: expected at least 8, with 5 different values, got 5 with ...'
     """
@@ -137,7 +137,7 @@ def vulnerability(
         raise ValueError(
             f"target: cell {target} does not exist; cells are 0 to {graph.vertices - 1}"
         )
-    view = visible[target]
+    view = visible[:, target]
     starts = [
         share if share.any() else np.isin(np.arange(view.size), policy.cells)
         for policy, share in zip(policies, _begin(graph, policies, view, attack), strict=True)

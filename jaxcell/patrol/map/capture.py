@@ -33,7 +33,7 @@ class Capture(Result):
         >>> policies = patrol.distributed_policies(graph, visible, 1)
         >>> capture = patrol.Capture.of(graph, visible, policies, patrol.Attack([1, 6]))
         >>> capture.least.round(3).tolist(), capture.weakest.tolist()
-        ([0.167, 0.748], [0, 0])
+        ([0.286, 0.794], [0, 0])
     """
 
     title: ClassVar[str] = "Probability of capture"
@@ -44,6 +44,8 @@ class Capture(Result):
         Float[np.ndarray, "times attacked"],
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
+    at_first: Float[np.ndarray, "times cells"]
+    "The probability if robots begin in any cell alike: at the first attack, not after many."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -65,8 +67,10 @@ class Capture(Result):
 
         **Raises:** as [`capture_probabilities`][].
         """
-        caught = capture_probabilities(graph, visible, policies, attack)
-        return cls(attack, caught, contested(visible, policies, regions))
+        check_policies(graph, visible, policies)
+        attacks = [attack, attack.at("uniform")]
+        caught, at_first = _captures(graph, visible, policies, attacks)
+        return cls(attack, caught, at_first, contested(visible, policies, regions))
 
     @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
     def attack_time(self) -> Int[np.ndarray, "times"]:
@@ -86,6 +90,10 @@ class Capture(Result):
     @derived("attack_time", "mean over cells", "1", kind="share")
     def mean(self) -> Float[np.ndarray, "times"]:
         return self.probability[:, self.contested].mean(axis=1)
+
+    @derived("attack_time", "least at the first attack", "1", kind="share")
+    def least_at_first(self) -> Float[np.ndarray, "times"]:
+        return self.at_first[:, self.contested].min(axis=1, initial=1.0)
 
     def checks(self) -> Checks:
         order = np.argsort(self.attack.times, kind="stable")
@@ -109,7 +117,9 @@ def capture_probabilities(
     **Arguments:**
 
     - `graph`: the cells and the edges between them.
-    - `visible`: which cells are wholly visible from each cell, [`jaxcell.space.visible_cells`][].
+    - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`, as
+        [`jaxcell.space.visible_cells`][] gives it. The dissertation tests whether the whole cell of
+        the robot is seen from the target, which is the transpose.
     - `policies`: the policy of each robot.
     - `attack`: the attack times, and the places of robots as an attack begins.
 
@@ -125,22 +135,32 @@ def capture_probabilities(
         >>> policies = patrol.distributed_policies(graph, visible, 1)
         >>> attack = patrol.Attack([1, 6])
         >>> patrol.capture_probabilities(graph, visible, policies, attack).round(3).tolist()
-        [[0.167, 0.4, 1.0, 0.4, 0.167], [0.748, 0.992, 1.0, 0.992, 0.748]]
+        [[0.286, 0.667, 1.0, 0.667, 0.286], [0.794, 0.992, 1.0, 0.992, 0.794]]
     """
-    require_x64("capture_probabilities")
-    times = attack.times
     check_policies(graph, visible, policies)
+    return _captures(graph, visible, policies, [attack])[0]
+
+
+def _captures(
+    graph: Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    policies: Sequence[Policy],
+    attacks: Sequence[Attack],
+) -> Float[np.ndarray, "attacks times cells"]:
+    """Compute the probabilities of capture for attacks of the same times, with several starts."""
+    require_x64("capture_probabilities")
+    times = attacks[0].times
     cells = graph.vertices
     chunk = min(_TARGETS, cells)
     # Robots that move alike share their chain.
     chains = {id(policy.chain): policy.chain for policy in policies}
-    caught = np.empty((times.size, cells))
+    caught = np.empty((len(attacks), times.size, cells))
     for first in range(0, cells, chunk):
         # The last chunk is full too, so that all chunks have one shape.
         targets = np.arange(min(first, cells - chunk), min(first, cells - chunk) + chunk)
-        view = visible[targets].T
-        begins = attack.begins(graph, policies, visible[targets])
-        survive = np.ones((times.size, chunk))
+        view = visible[:, targets]
+        begins = [attack.begins(graph, policies, view.T) for attack in attacks]
+        survive = np.ones((len(attacks), times.size, chunk))
         late, before = dict.fromkeys(chains, np.where(view, 0.0, 1.0)), 0
         for time in np.unique(times):
             late = {
@@ -148,14 +168,15 @@ def capture_probabilities(
                 for key, chain in chains.items()
             }
             before = time
-            for policy, share in zip(policies, begins, strict=True):
-                each = late[id(policy.chain)]
-                if attack.start == "worst":
-                    alone = np.where(share.T > 0, each, 0.0).max(axis=0)
-                else:
-                    alone = (share.T * each).sum(axis=0)
-                survive[times == time] *= alone
-        caught[:, targets] = np.maximum(0.0, 1 - survive)
+            for attack, shares, alive in zip(attacks, begins, survive, strict=True):
+                for policy, share in zip(policies, shares, strict=True):
+                    each = late[id(policy.chain)]
+                    if attack.start == "worst":
+                        alone = np.where(share.T > 0, each, 0.0).max(axis=0)
+                    else:
+                        alone = (share.T * each).sum(axis=0)
+                    alive[times == time] *= alone
+        caught[:, :, targets] = np.maximum(0.0, 1 - survive)
     return caught
 
 

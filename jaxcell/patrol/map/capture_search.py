@@ -1,9 +1,11 @@
 import dataclasses
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
@@ -11,32 +13,29 @@ from ...base.quantities import Result, derived, quantity
 from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...markov import dense
-from ...optimize import Graph, greedy_cover, minimum_commute
-from ..walks.optimal.ascent import Ascent, late_gain
+from ...optimize import Graph, greedy_cover, shortest_tour
+from ..walks.optimal.ascent import late_gain
 from ..walks.steps import Steps
-from ..walks.walk import edge_shares, random_walk
 from .attack import Attack
 from .capture import capture_probabilities
+from .circulation import Circulation, CirculationAscent, Logits
 from .policies import Policy
 from .regions import check_visible
+from .tours import capture_by_tours
 
 
-# Number of gradient steps for each start, and of those that then improve the best start.
-_TRIAL, _STEPS = 150, 450
-# Gradient steps are made in blocks of this size.
-_BLOCK = 25
-# Above this number of cells, fewer steps are made because each takes longer.
-_CELLS = 500
+# Number of gradient steps for each start.
+_STEPS = 300
+# An even walk that captures less than this share of what tours capture is no start.
+_HOPELESS = 0.1
 # Hardness of the soft minimum of the logarithms of capture, at first and at the end.
-_HARDNESS = 30.0, 100.0
-# Least randomness of a step: the robot visits all cells, so that its share of time is unique.
-_LEAST = 1e-5
-# Above this number of cells, the walk with the least commute time takes longer than the search.
-_COMMUTE = 600
+_HARDNESS = 10.0, 100.0
 # Tolerance of the relative gain by the last quarter of the steps.
 _TOLERANCE = 0.02
-# Spread of the logits at the first start and at the others; without it robots stay equal.
+# Spread of the logits at the first two starts and at the others; without it robots stay equal.
 _SPREAD = 0.1, 0.5
+
+Say = Callable[[str, int, int], None]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,11 +52,16 @@ class CaptureSearch(Result):
     start: Annotated[str, quantity("", "where robots are as the attack begins")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
-        quantity("attempt", "least probability of capture on trial", "1", kind="share"),
+        quantity("attempt", "least probability of capture", "1", kind="share"),
     ]
     value: Annotated[
         float, quantity("", "least probability of capture, a local optimum", "1", kind="share")
     ]
+    tours: Annotated[
+        float | None,
+        quantity("", "least probability by closed tours, which are predictable", "1", kind="share"),
+    ]
+    "See [`jaxcell.patrol.map.capture_by_tours`][]; `None` if no cover needs a tour."
     certificate: Certificate
 
     @derived("attempt", "start", kind="coordinate")
@@ -101,16 +105,23 @@ def capture_policies(
     attack: Attack,
     *,
     randomness: float = 0.0,
-    starts: int = 3,
+    starts: int = 2,
     seed: int = 0,
+    say: Say | None = None,
 ) -> CaptureSearch:
     """Find walks of robots that maximise the least probability of capture over the cells.
 
-    The probability of [`jaxcell.patrol.capture_probabilities`][] is differentiated in the logits of
-    the steps of all robots together. Adam follows the gradient of a soft minimum over the cells
-    from the walk with the least commute time (on more than 600 cells, from the walk with equal
-    weights), perturbed at random for each robot and start. The problem is not convex: the result is
-    a local optimum, the best of several starts.
+    Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
+    logits of the steps of all robots together. It starts from tours through covers and from even
+    walks, which are perturbed at random. By default robots have been walking for a long time as the
+    attack begins. Their shares of time depend on all steps, and so does the gradient: a sparse
+    factorisation gives both at each step.
+
+    Each walk is a circulation, a mixture of two flows that enter and leave each cell equally often:
+    the trained walk, and excursions to all cells, which are rare and drift back. An average cell
+    gets a share of time of at least 1e-5 from them, so that no cell is never visited, and commute
+    times are bounded. The problem is not convex: the result is a local optimum, the best of several
+    starts.
 
     **Arguments:**
 
@@ -119,8 +130,10 @@ def capture_policies(
     - `attack`: the attack; the first of its times counts.
     - `randomness`: the least share of its steps in which a robot goes to any neighbour with equal
         probability, 0 or more and less than 1. With 0 a patrol is nearly a tour, and predictable.
-    - `starts`: number of starts.
+    - `starts`: number of starts: tours first, then even walks. On a large map even walks may
+        capture so little that they are no starts.
     - `seed`: seed of the starts.
+    - `say`: is called with the work, the steps done, and their number.
 
     **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
     the last quarter of the steps added: if it is large, more steps would improve the result.
@@ -136,14 +149,14 @@ def capture_policies(
         >>> commuting = patrol.distributed_policies(graph, visible, 1, 0.0)
         >>> before = patrol.capture_probabilities(graph, visible, commuting, attack).min()
         >>> round(float(before), 3), round(best.value, 2)
-        (0.463, 0.67)
+        (0.51, 0.75)
     """
     problem = _Problem.of(graph, visible, robots, attack)
     _check_randomness(randomness)
     if starts < 1:
         raise ValueError(f"starts: expected at least 1, got {starts}")
     begins = problem.begins(starts, seed)
-    return problem.search(begins, randomness)[0]
+    return problem.search(begins, randomness, say)[0]
 
 
 def capture_frontier(
@@ -154,6 +167,7 @@ def capture_frontier(
     floors: Sequence[float],
     *,
     seed: int = 0,
+    say: Say | None = None,
 ) -> Frontier:
     """Compute the trade-off between capture and the unpredictability of steps.
 
@@ -180,15 +194,18 @@ def capture_frontier(
     for floor in floors:
         _check_randomness(floor)
     problem = _Problem.of(graph, visible, robots, attack)
-    points, warm, above = [], None, 0.0
+    points: list[tuple[float, float, float]] = []
+    warm, above = None, 0.0
     for floor in sorted({float(floor) for floor in floors}, reverse=True):
         begins = problem.begins(1, seed)
         if warm is not None:
             begins = [problem.under(warm, above, floor), *begins]
-        best, warm = problem.search(begins, floor)
-        above = max(floor, _LEAST)
-        entropy = np.mean([entropy_rate(graph, policy) for policy in best.policies])
-        points.append((floor, best.value, entropy))
+        best, warm = problem.search(begins, floor, say)
+        above = floor
+        entropy = float(np.mean([entropy_rate(graph, policy) for policy in best.policies]))
+        point = floor, best.value, entropy
+        # A patrol of a higher floor keeps this one too.
+        points.append(max(point, (floor, *points[-1][1:]), key=lambda p: p[1]) if points else point)
     return Frontier(*np.array(points[::-1]).T)
 
 
@@ -232,79 +249,117 @@ class _Problem:
             raise ValueError(
                 f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
             )
-        open_ = visible.any(axis=1) & ~visible.all(axis=1)
-        unseen = (~visible[open_]).T.astype(np.float32)
+        open_ = visible.any(axis=0) & ~visible.all(axis=0)
+        unseen = (~visible[:, open_]).astype(np.float32)
         return cls(graph, visible, robots, attack.first, Steps.of(graph), unseen)
 
-    def begins(self, count: int, seed: int) -> list[Float[np.ndarray, "robots branches cells"]]:
-        """Return logits from which to search."""
-        weights = np.ones(len(self.graph.edges))
-        if self.graph.vertices <= _COMMUTE:
-            weights = minimum_commute(self.graph).weights
-        matrix = random_walk(self.graph, np.maximum(weights, 1e-9)).to_scipy().toarray()
-        walk = self.steps.logits(matrix)
-        random = np.random.default_rng(seed)
-        shape = (self.robots, *walk.shape)
-        spreads = [_SPREAD[0], *[_SPREAD[1]] * (count - 1)]
-        return [walk + spread * random.normal(size=shape) for spread in spreads]
+    def begins(self, count: int, seed: int) -> list[Logits]:
+        """Return logits from which to search, perturbed at random.
 
-    def under(
-        self, logits: Float[Array, "robots branches cells"], above: float, floor: float
-    ) -> Float[np.ndarray, "robots branches cells"]:
+        Those of tours come first, then those of even walks, unless these capture so little that no
+        gradient leads away from them.
+        """
+        random = np.random.default_rng(seed)
+        shape = (self.robots, *self.steps.image.shape)
+        touring, least = self.tours
+        even = np.zeros(shape)
+        if touring is None or least is None:
+            begins = [even] * count
+        else:
+            missed = self.ascent(0.0).least(even)
+            begins = [touring, *[even] * (count - 1)] if missed > _HOPELESS * least else [touring]
+        spreads = [*[_SPREAD[0]] * 2, *[_SPREAD[1]] * count]
+        return [
+            begin + spread * random.normal(size=shape)
+            for begin, spread in zip(begins, spreads, strict=False)
+        ]
+
+    @functools.cached_property
+    def tours(self) -> tuple[Logits | None, float | None]:
+        """The logits of walks along tours through the covers, and the least capture by the tours.
+
+        A walk does not remember where it comes from: where a tour passes a cell more than once, it
+        goes on in any of its directions.
+        """
+        covers = [greedy_cover(self.visible, robot).chosen for robot in range(self.robots)]
+        least = capture_by_tours(self.graph, self.visible, covers, self.attack)
+        if least is None:
+            return None, None
+        cells = self.graph.vertices
+        walks = np.zeros((self.robots, cells, cells))
+        even = self.steps.matrices(np.asarray(self.steps.even, float))
+        for walk, cover in zip(walks, covers, strict=True):
+            tour = shortest_tour(self.graph, cover.tolist())
+            np.add.at(walk, (tour, np.roll(tour, -1)), 1.0)
+            visits = walk.sum(axis=1, keepdims=True)
+            walk[:] = np.where(visits > 0, walk / np.maximum(visits, 1), even)
+        return self.steps.logits(walks), least
+
+    def ascent(self, randomness: float) -> CirculationAscent:
+        time, start = int(self.attack.times[0]), self.attack.start
+        return CirculationAscent(
+            self.graph, self.steps, self.unseen, time, start, randomness, _HARDNESS
+        )
+
+    def under(self, logits: Logits, above: float, floor: float) -> Logits:
         """Return the logits of the same walks for a lower floor."""
-        floor = max(floor, _LEAST)
         chance = np.asarray(self.steps.chances(logits, above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))
 
     @one_blas_thread()
     def search(
-        self, begins: Sequence[Float[np.ndarray, "robots branches cells"]], randomness: float
-    ) -> tuple[CaptureSearch, Float[Array, "robots branches cells"]]:
-        """Try several starts and improve the best one. Returns it, and its logits."""
-        floor = max(randomness, _LEAST)
-        scale = min(1.0, _CELLS / self.graph.vertices)
-        trial, steps = (_BLOCK * max(1, round(scale * n / _BLOCK)) for n in (_TRIAL, _STEPS))
-        if self.unseen.shape[1] == 0:
-            trial = steps = 0
-        time, start = int(self.attack.times[0]), self.attack.start
-        ascent = Ascent(self.steps, self.unseen, self.unseen, time, start, floor, _HARDNESS)
-        tries = [ascent.climb(begin, np.zeros(trial)) for begin in begins]
-        best, _, state, _ = max(tries, key=lambda attempt: attempt[1])
-        best, _, _, course = ascent.climb(state, np.arange(steps) / max(1, steps), best)
-        policies = self.policies(best, floor)
-        (caught,) = capture_probabilities(self.graph, self.visible, policies, self.attack)
-        value = float(caught[self.visible.any(axis=1)].min(initial=1.0))
-        certificate = Certificate(trial * len(begins) + steps, late_gain(course), _TOLERANCE)
-        values = np.array([attempt[1] for attempt in tries])
-        return CaptureSearch(policies, time, randomness, start, values, value, certificate), best
+        self, begins: Sequence[Logits], randomness: float, say: Say | None = None
+    ) -> tuple[CaptureSearch, Logits]:
+        """Follow the gradient from several starts. Returns the best result, and its logits."""
+        steps = _STEPS if self.unseen.shape[1] else 0
+        ascent, progress = self.ascent(randomness), np.arange(steps) / max(1, steps)
+        tries = [
+            ascent.climb(begin, progress, f"searching from start {number} of {len(begins)}", say)
+            for number, begin in enumerate(begins, 1)
+        ]
+        found = [self._search(walks, randomness, course) for _, walks, course in tries]
+        best = int(np.argmax([search.value for search in found]))
+        values = np.array([search.value for search in found])
+        certificate = Certificate(steps * len(begins), found[best].late_gain, _TOLERANCE)
+        search = dataclasses.replace(found[best], tried=values, certificate=certificate)
+        return search, tries[best][0]
 
-    def policies(
-        self, logits: Float[Array, "robots branches cells"], floor: float
-    ) -> tuple[Policy, ...]:
-        """Make the policy of each robot, in 64 bits."""
-        cells = np.arange(self.graph.vertices, dtype=np.int32)
-        drawn = np.asarray(self.steps.chances(np.asarray(logits, np.float64), floor))
-        policies = []
-        for robot, chance in enumerate(drawn):
-            chain = Chain(self.steps.image, chance / chance.sum(axis=0))
-            weights = edge_shares(self.graph, chain)
-            cover = greedy_cover(self.visible, robot)
-            times = np.asarray(dense.hitting(chain.to_scipy().toarray()))
-            with np.errstate(invalid="ignore"):
-                commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
-            policies.append(
-                Policy(
-                    cells=cells,
-                    weights=weights / weights.sum(),
-                    chain=chain,
-                    cover=cover.chosen,
-                    uncovered=cover.uncovered,
-                    contact=None,
-                    tour=None,
-                    # Rounding can lose the time between parts that are almost separate.
-                    commute_time=commute if commute > 0 else float("inf"),
-                    certificate=None,
-                )
-            )
-        return tuple(policies)
+    def _search(
+        self, walks: Sequence[Circulation], randomness: float, course: list[float]
+    ) -> CaptureSearch:
+        """Make the result of a single start."""
+        policies = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
+        (caught,) = capture_probabilities(self.graph, self.visible, policies, self.attack)
+        value = float(caught[self.visible.any(axis=0)].min(initial=1.0))
+        return CaptureSearch(
+            policies,
+            int(self.attack.times[0]),
+            randomness,
+            self.attack.start,
+            np.array([value]),
+            value,
+            self.tours[1],
+            Certificate(0, late_gain(course), _TOLERANCE),
+        )
+
+    def _policy(self, robot: int, walk: Circulation) -> Policy:
+        """Make the policy of a robot."""
+        cells = self.graph.vertices
+        chain = Chain(self.steps.image, jnp.asarray(walk.chance))
+        flow = self.steps.matrices(walk.chance * walk.share)
+        tail, head = self.graph.edges.T
+        weights = flow[tail, head] + flow[head, tail]
+        cover = greedy_cover(self.visible, robot)
+        times = np.asarray(dense.hitting(chain.to_scipy().toarray()))
+        return Policy(
+            cells=np.arange(cells, dtype=np.int32),
+            weights=weights / weights.sum(),
+            chain=chain,
+            cover=cover.chosen,
+            uncovered=cover.uncovered,
+            contact=None,
+            tour=None,
+            commute_time=2 * float(times.mean()) * cells / (cells - 1),
+            certificate=None,
+        )

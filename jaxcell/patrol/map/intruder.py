@@ -47,7 +47,8 @@ class Attacks:
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
     """Move robots at random while an adversary attacks the target whenever it is out of view.
 
-    An attack takes the first attack time, and fails if a robot has the target in view within it.
+    Robots have been walking for long. An attack takes the first attack time, and fails if a robot
+    has the target in view within it.
 
     **Arguments:**
 
@@ -58,10 +59,11 @@ def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
     steps = int(np.clip(_ATTACKS * (attack_time + _PAUSE + _WAIT // 2), _MIN_STEPS, _MAX_STEPS))
     steps = min(steps, max(_MAX_PLACES // patrol.robots, attack_time))
     random = np.random.default_rng(seed)
-    walks = [
-        sample_walks(policy.chain, random.choice(policy.cells, 1), steps, random)
-        for policy in patrol.policies
-    ]
+    walks = []
+    for policy in patrol.policies:
+        share = policy.share_of_time(patrol.graph)
+        begin = random.choice(share.size, 1, p=share / share.sum())
+        walks.append(sample_walks(policy.chain, begin, steps, random))
     place = np.concatenate(walks, axis=1)
     seen = patrol.attack.view[place].any(axis=1)
     state, since = np.zeros(steps + 1, np.uint8), np.zeros(steps + 1, np.int64)

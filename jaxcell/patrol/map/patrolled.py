@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,6 +15,15 @@ from .capture_search import CaptureSearch, Frontier, entropy_rate
 from .policies import Policy
 from .reassignment import Reassignment
 from .regions import Regions
+
+
+# A cell that all robots together visit less often is in effect never visited.
+_NEVER = 1e-6
+_BEGUN = {
+    "stationary": "have been walking for long",
+    "uniform": "begin in any cell, out of its view",
+    "worst": "are where it has the best chance",
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,6 +44,7 @@ class PatrolledMap(Result):
         >>> result = patrol.PatrolledMap(cells, 1.6, *problem, target, capture)
         >>> result.robots, result.captures.probability.round(3).tolist()
         (1, [[0.889, 1.0, 1.0, 0.889]])
+
     """
 
     title: ClassVar[str] = "Patrol of a map with limited visibility"
@@ -45,13 +55,21 @@ class PatrolledMap(Result):
         "size": "team_sizes",
     }
 
+    leading: ClassVar[tuple[str, ...]] = (
+        "least_capture",
+        "least_captured",
+        "mean_capture",
+        "steps_of_attack",
+        "begun",
+    )
+
     cells: CellSpace
     reach: Annotated[float, quantity("", "range of sight of a robot", "m")]
     graph: Graph
     "The cells and the edges between them, [`jaxcell.patrol.cell_graph`][]."
     visible: Annotated[
         Bool[np.ndarray, "cells cells"],
-        quantity("position other", "whether other is wholly seen from position", kind="flag"),
+        quantity("position other", "whether a robot at position sees other", kind="flag"),
     ]
     "See [`jaxcell.space.visible_cells`][]."
     policies: tuple[Policy, ...]
@@ -68,6 +86,10 @@ class PatrolledMap(Result):
     "Attacks while the remaining robots keep their regions, or `None`."
     recovery: Capture | None = None
     "Attacks when they patrol the new regions, or `None`."
+    sight: Annotated[
+        Literal["centre", "cell", "source"],
+        quantity("", "part of a cell that a robot must see"),
+    ] = "cell"
     search: CaptureSearch | None = None
     "The search for the policies, if they maximise capture; else `None`."
     frontier: Frontier | None = None
@@ -129,6 +151,26 @@ class PatrolledMap(Result):
             return True
         return float(self.size_capture[-1]) >= self.wanted
 
+    @derived("", "probability that an intruder is caught, at least", "1", kind="share")
+    def least_capture(self) -> float:
+        return float(self.captures.least[0])
+
+    @derived("", "cell where it is least", kind="place")
+    def least_captured(self) -> int:
+        return int(self.captures.weakest[0])
+
+    @derived("", "its mean over the cells", "1", kind="share")
+    def mean_capture(self) -> float:
+        return float(self.captures.mean[0])
+
+    @derived("", "steps that the intruder stays", "steps", kind="count")
+    def steps_of_attack(self) -> int:
+        return int(self.captures.attack_time[0])
+
+    @derived("", "robots as it comes")
+    def begun(self) -> str:
+        return _BEGUN[self.captures.attack.start]
+
     @property
     def remarks(self) -> tuple[str, ...]:
         remarks = []
@@ -137,6 +179,11 @@ class PatrolledMap(Result):
                 f"the patrol is a local optimum, the best of {self.search.tried.size} starts; "
                 "another may capture more"
             )
+            if self.search.tours is not None:
+                remarks.append(
+                    f"closed tours through the covers, which are predictable, capture with a "
+                    f"probability of {self.search.tours:.3f} at least"
+                )
             if self.search.certificate.outcome is not Outcome.CONVERGED:
                 remarks.append(
                     f"the last quarter of the steps still added {self.search.late_gain:.1%} to its "
@@ -187,6 +234,11 @@ class PatrolledMap(Result):
     @derived("", "most cells seen from a cell", kind="count")
     def most_cells_seen(self) -> int:
         return int(self.visible.sum(axis=1).max())
+
+    @derived("", "cells in effect never visited (less than once in a million steps)", kind="count")
+    def never_visited(self) -> int:
+        shares = np.stack([policy.share_of_time(self.graph) for policy in self.policies])
+        return int(np.count_nonzero(shares.sum(axis=0) < _NEVER))
 
     @derived("unseen", "cells that no robot can see", kind="index", listed=True)
     def seen_by_nobody(self) -> Int[np.ndarray, "unseen"]:

@@ -16,7 +16,7 @@ from ..canvas.page import log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import Spec, made_with, numbers
 from ..canvas.stream import send_changing
-from .sight import BASE_VIEW, log_sight, place
+from .sight import BASE_VIEW, SEEN, log_sight, place
 
 
 _STATES: dict[AttackState, tuple[str, Color]] = {
@@ -114,16 +114,19 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Spec) -> str:
 
 {who} a map at random and see {patrol.reach:g} m far, not through walls.{divided}
 
-An adversary attacks the cell at {place(patrol, attack.target)} when no robot sees it, for
-{attack.attack_time[0]:,} steps. It is caught if a robot sees the cell by then, with probability
-**{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
+An intruder that stays for {attack.attack_time[0]:,} steps is caught with a probability of
+**{patrol.least_capture:.3f}** at least, at {place(patrol, patrol.least_captured)}, and of
+{patrol.mean_capture:.3f} on average over the cells, if the robots {patrol.begun}.
+
+Here it attacks the cell at {place(patrol, attack.target)} when no robot sees it. It is caught with
+probability **{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
 
 ## How to look
 
 Press play, or drag `step` at the bottom.
 
 - **dots**: the robots, with their last steps, the outline of what they see, and the squares that
-  they see wholly.
+  count as seen: {SEEN[patrol.sight]}.
 - **pink frame**: the target. Its dot is yellow during an attack, then green if that was caught, and
   pink if not.
 

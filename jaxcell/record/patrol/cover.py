@@ -10,7 +10,7 @@ from ..canvas.page import log_tab
 from ..canvas.palette import FREE, NOT_FREE, PLAIN, Color, PictureClass, robot_color, tint
 from ..canvas.stream import send_changing
 from .regions import base_legend, log_contacts
-from .sight import MAX_MAPS, log_sight, only_some, robot_table
+from .sight import MAX_MAPS, SEEN, log_sight, only_some, robot_table
 
 
 # Steps of the patrol for each step of the covers.
@@ -69,7 +69,7 @@ def _text(patrol: PatrolledMap) -> str:
 
 {how} Choose the slider `cover` at the bottom left to go through them.{only_some(patrol)}
 
-A square is seen if its whole free part is within {patrol.reach:g} m and behind no wall.
+Within {patrol.reach:g} m, squares count as seen if {SEEN[patrol.sight]}.
 
 {robot_table(patrol, "cover_size", "uncovered")}
 """

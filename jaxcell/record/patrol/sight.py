@@ -21,6 +21,12 @@ MAX_MAPS = 6
 _MAX_ROWS = 24
 BASE_VIEW: Color = (190, 226, 234)
 "The colour of cells that only a base station watches."
+SEEN = {
+    "centre": "their centre is in view of the robot",
+    "cell": "their whole free part is in view of the robot",
+    "source": "the whole square of the robot is in view of their centre",
+}
+"The meaning of each sight of a robot."
 
 
 def log_sight(

@@ -101,8 +101,8 @@ def _text(patrol: PatrolledMap) -> str:
         about = f"A generalized lambda distribution was fitted to these:\n\n{numbers(fit)}"
     return f"""# How soon a robot sees the target
 
-The robots begin anywhere out of view of the cell at {place(patrol, attack.target)}. The first
-that comes into view catches the adversary.
+The robots {patrol.begun}, and do not see the cell at {place(patrol, attack.target)} at first. The
+first that sees it catches the adversary.
 
 The law of this time is computed **exactly**, and from {attack.arrival.size:,} simulated runs.
 {about}

@@ -53,14 +53,14 @@ def brute(policies, view, steps):
 
 def test_the_first_of_equal_cells_up_to_rounding_is_the_weakest():
     caught = np.array([[0.1, 0.3, 0.5, 0.3 - 1e-12], [0.1, 0.3, 0.2, 0.4]])
-    capture = Capture(Attack([1, 2]), caught, np.array([1, 2, 3]))
+    capture = Capture(Attack([1, 2]), caught, caught, np.array([1, 2, 3]))
     assert capture.weakest.tolist() == [1, 2]
 
 
 def test_every_cell_equals_the_joint_chain_of_the_robots():
     graph, visible, policies = small()
     times = [1, 2, 5, 11]
-    found = capture_probabilities(graph, visible, policies, Attack(times))
+    found = capture_probabilities(graph, visible, policies, Attack(times, "uniform"))
     assert found.shape == (4, 7)
     for cell in range(7):
         expected = brute(policies, visible[cell], max(times))[times]
@@ -142,7 +142,7 @@ def test_a_robot_that_sees_the_target_from_everywhere_has_come_already():
         ((0,), "times: expected at least 1 step, got 0"),
         (([],), "times: expected whole numbers of steps"),
         ((2.5,), "times: expected whole numbers of steps, got 2.5"),
-        ((3, "best"), "start: expected one of uniform, stationary, worst, got 'best'"),
+        ((3, "best"), "start: expected one of stationary, uniform, worst, got 'best'"),
     ],
 )
 def test_wrong_attacks_are_refused(arguments, message):
@@ -175,7 +175,7 @@ def test_capture_of_more_targets_than_are_computed_at_once():
     graph = Graph([(i, i + 1) for i in range(cells - 1)])
     visible = np.abs(np.subtract.outer(np.arange(cells), np.arange(cells))) <= 1
     (policy,) = distributed_policies(graph, visible, 1, 0.0)
-    caught = capture_probabilities(graph, visible, [policy], Attack(20))[0]
+    caught = capture_probabilities(graph, visible, [policy], Attack(20, "uniform"))[0]
     for target in (0, 300, 511, 512, 599):
         late = each_start(policy, visible[target], 20)
         assert caught[target] == pytest.approx(1 - late.sum() / (~visible[target]).sum(), abs=1e-9)
@@ -225,5 +225,31 @@ def test_cells_that_are_always_or_never_seen_are_not_contested():
     regions = angular_regions(graph, 4, visible[4], 2)
     in_regions = centralized_policies(graph, visible, regions)
     assert contested(visible, in_regions, regions).tolist() == [0, 1, 2, 6, 7, 8]
-    visible[0] = False
+    visible[:, 0] = False
     assert contested(visible, policies).tolist() == list(range(1, 9))
+
+
+def test_a_robot_that_sees_the_target_captures_whether_or_not_it_is_seen_from_there():
+    """Walking robots that look to one side only, and attacks at late times, by simulation."""
+    graph, _ = corridor()
+    ahead = np.subtract.outer(np.arange(9), np.arange(9))
+    visible = (ahead <= 0) & (ahead >= -2)
+    policies = distributed_policies(graph, visible, 2, 0.0)
+    capture = Capture.of(graph, visible, policies, Attack(5))
+    random, runs, target = np.random.default_rng(0), 20_000, 6
+    matrix = policies[0].chain.to_scipy().toarray()
+    here = random.integers(9, size=(runs, 2))
+    for after, expected in ((0, capture.at_first), (400, capture.probability)):
+        places = here.copy()
+        for step in range(after + 6):
+            seen = visible[places, target].any(axis=1)
+            if step == after:
+                hidden, caught = ~seen, np.zeros(runs, bool)
+            elif step > after:
+                caught |= seen
+            up = random.random(places.shape)[..., None] > np.cumsum(matrix[places], axis=-1)
+            places = np.minimum(up.sum(axis=-1), 8)
+        assert hidden.sum() > 5000
+        assert caught[hidden].mean() == pytest.approx(expected[0, target], abs=0.02)
+    other = Capture.of(graph, visible.T, policies, Attack(5))
+    assert abs(other.probability[0, target] - capture.probability[0, target]) > 0.1

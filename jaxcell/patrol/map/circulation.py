@@ -1,0 +1,308 @@
+"""Gradient ascent of capture on circulations: walks whose shares of time are known at each step."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse.csgraph
+import scipy.sparse.linalg
+from jaxtyping import Array, Float, Int
+
+from ...optimize import Graph
+from ..walks.steps import Steps
+
+
+# The share of time in an average cell that excursions guarantee, and their largest share in total.
+_VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
+# The conductance of the farthest cell on excursions, relative to cells that are often visited.
+_FARTHEST = 0.2
+# Number of steps between evaluations of targets, and the numbers of targets of both kinds.
+_BLOCK, _ACTIVE, _EVALUATED = 10, 80, 400
+# Number of values that one step keeps for its gradient.
+_KEPT = 5e7
+# Learning rate of the logits, and the constants of Adam. Its least scale is so large that noise
+# does not move the logits of cells that are hardly visited.
+_RATE, _MOMENTUM, _SCALES, _SCALE = 0.1, 0.9, 0.999, 1e-7
+_TINY = 1e-9
+
+Logits = Float[np.ndarray, "robots branches cells"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Circulation:
+    """The walk of one robot as a mixture of two flows that enter and leave each cell equally often.
+
+    The first flow is that of a walk with trained steps, the second that of a reversible walk, the
+    *excursions*. In the mixture, no commute time is more than that of the excursions divided by
+    their share, because more flow never makes commute times longer (Rayleigh's principle, which
+    holds for the symmetric part of any walk).
+    """
+
+    chance: Float[np.ndarray, "branches cells"]
+    "The probability of each step."
+    share: Float[np.ndarray, "cells"]
+    "The share of time in each cell in the long run."
+
+
+@dataclasses.dataclass
+class Trained:
+    """The trained walk of one robot, and the linear system of its shares of time."""
+
+    chance: Float[np.ndarray, "branches cells"]
+    share: Float[np.ndarray, "cells"]
+    pivot: int
+    rest: Int[np.ndarray, "others"]
+    solver: Any
+
+    @classmethod
+    def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
+        """Compute the shares of time relative to a cell that is often visited, `pivot`."""
+        branches, cells = image.shape
+        here = np.tile(np.arange(cells), branches)
+        walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))
+        rest = np.delete(np.arange(cells), pivot)
+        system = (scipy.sparse.eye_array(cells - 1) - walk[rest][:, rest]).tocsc()
+        options = {"SymmetricMode": True}
+        solver = scipy.sparse.linalg.splu(
+            system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
+        )
+        share = np.ones(cells)
+        share[rest] = solver.solve(walk[[pivot]].toarray()[0, rest], trans="T")
+        share = np.maximum(share, 0)
+        return cls(chance, share / share.sum(), pivot, rest, solver)
+
+    def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
+        """Compute how a value changes per visit that is moved to each cell, by its gradient."""
+        by = of_share - self.share @ of_share
+        worth = np.zeros(self.share.size)
+        worth[self.rest] = self.solver.solve(by[self.rest])
+        return worth
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CirculationAscent:
+    """The ascent of the least probability of capture over the targets."""
+
+    graph: Graph
+    steps: Steps
+    unseen: Float[np.ndarray, "cells targets"]
+    "1 where a robot does not see a target, else 0."
+    attack_time: int
+    start: str
+    "The places of robots as the attack begins: `uniform`, `stationary` or `worst`."
+    floor: float
+    "The least share of a trained step that goes to any neighbour with equal probability."
+    hardness: tuple[float, float]
+    "Hardness of the soft minimum of the logarithms of capture, at first and at the end."
+
+    def climb(
+        self,
+        logits: Logits,
+        progress: Float[np.ndarray, "steps"],
+        work: str = "",
+        say: Callable[[str, int, int], None] | None = None,
+    ) -> tuple[Logits, list[Circulation], list[float]]:
+        """Follow the gradient with Adam.
+
+        **Arguments:**
+
+        - `logits`: the logits of the trained steps at the start.
+        - `progress`: the progress of each step, 0 to 1; the steps get shorter and the minimum
+            harder.
+        - `work`, `say`: the work, and a function that is called with it, the steps done, and their
+            number.
+
+        **Returns:** the last logits, the walks, and the least capture over the targets by block.
+        """
+        image, targets = np.asarray(self.steps.image), self.unseen.shape[1]
+        robots, _, cells = logits.shape
+        kept = int(_KEPT / (cells * self.attack_time * robots))
+        active = min(targets, max(8, min(_ACTIVE, kept)))
+        unseen = jax.device_put(self.unseen.astype(np.float32))
+        parts = max(1, -(-targets // _EVALUATED))
+        missed, course = np.zeros(targets), []
+        first, second = np.zeros_like(logits), np.zeros_like(logits)
+        excursions, pivots = [self._excursions(None)] * robots, [0] * robots
+        fixed = {"attack_time": self.attack_time, "start": self.start}
+        for step, now in enumerate(progress):
+            trained = self._trained(logits, pivots)
+            pivots = [int(np.argmax(walk.share)) for walk in trained]
+            if step % _BLOCK == 0:
+                if say is not None:
+                    say(work, step, progress.size)
+                excursions = [self._excursions(walk.share) for walk in trained]
+                mixed = [np.stack(part) for part in zip(*excursions, strict=True)]
+                flows = jax.device_put([part.astype(np.float32) for part in mixed])
+                block = step // _BLOCK
+                for part in range(parts) if block == 0 else [block % parts]:
+                    missed[part::parts] = self._evaluate(trained, flows, unseen[:, part::parts])
+                course.append(float(-np.expm1(missed.max(initial=-np.inf))))
+                targeted = unseen[:, _weakest(missed, active)]
+            hardness = self.hardness[0] * (self.hardness[1] / self.hardness[0]) ** now
+            by_chance, by_share = _gradient(
+                *_stacked(trained), *flows, targeted, self.steps, np.float32(hardness), **fixed
+            )
+            slope = np.asarray(by_chance, float)
+            for robot, walk in enumerate(trained):
+                worth = walk.gradient(np.asarray(by_share[robot], float))
+                slope[robot] += walk.share * worth[image]
+                own = (walk.chance - self.floor * self._even) / (1 - self.floor)
+                slope[robot] -= (own * slope[robot]).sum(axis=0)
+                slope[robot] *= (1 - self.floor) * own
+            first = _MOMENTUM * first + (1 - _MOMENTUM) * slope
+            second = _SCALES * second + (1 - _SCALES) * slope**2
+            scale = np.sqrt(second / (1 - _SCALES ** (step + 1))) + _SCALE
+            rate = _RATE * 0.5 * (1 + np.cos(np.pi * now)) / (1 - _MOMENTUM ** (step + 1))
+            logits = logits - rate * first / scale
+        walks = []
+        for walk in self._trained(logits, pivots):
+            share, chance = self._excursions(walk.share)
+            total = (1 - self._part) * walk.share + share
+            mixed = ((1 - self._part) * walk.share * walk.chance + share * chance) / total
+            walks.append(Circulation(mixed / mixed.sum(axis=0), total / total.sum()))
+        return logits, walks, course
+
+    def least(self, logits: Logits) -> float:
+        """Compute the least capture over the targets."""
+        _, walks, _ = self.climb(logits, np.zeros(0))
+        flows = [np.stack([getattr(walk, name) for walk in walks]) for name in ("chance", "share")]
+        rare = np.zeros_like(flows[1]), flows[0]
+        parts = [*flows, *rare]
+        missed = _log_missed(
+            *(part.astype(np.float32) for part in parts),
+            self.unseen.astype(np.float32),
+            self.steps,
+            None,
+            self.attack_time,
+            self.start,
+        )
+        return float(-np.expm1(np.max(missed, initial=-np.inf)))
+
+    @functools.cached_property
+    def _even(self) -> Float[np.ndarray, "branches cells"]:
+        even = np.asarray(self.steps.even, float)
+        return even / even.sum(axis=0)
+
+    @functools.cached_property
+    def _part(self) -> float:
+        """The share of the excursions."""
+        return min(_MOST_EXCURSIONS, _VISITED * self.graph.vertices)
+
+    @functools.cached_property
+    def _near(self) -> scipy.sparse.csr_array:
+        return self.graph.matrix(np.ones(len(self.graph.edges)))
+
+    def _trained(self, logits: Logits, pivots: list[int]) -> list[Trained]:
+        chance = np.exp(logits - logits.max(axis=1, keepdims=True)) * (self._even > 0)
+        chance /= chance.sum(axis=1, keepdims=True)
+        chance = (1 - self.floor) * chance + self.floor * self._even
+        image = np.asarray(self.steps.image)
+        return [Trained.of(image, *each) for each in zip(chance, pivots, strict=True)]
+
+    def _excursions(
+        self, share: Float[np.ndarray, "cells"] | None
+    ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "branches cells"]]:
+        """Make the excursions: their share of time in each cell, and the steps of their walk.
+
+        Conductances fall with the distance from the cells that are often visited, so that a robot
+        drifts back to these.
+        """
+        image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
+        if share is not None:
+            often = np.flatnonzero(share >= 1 / share.size)
+            far = scipy.sparse.csgraph.dijkstra(
+                self._near, directed=False, indices=often, unweighted=True, min_only=True
+            )
+            fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
+            # No step may be less probable than the floor demands.
+            fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
+            conductance *= np.exp(fall * (far + far[image]) / 2)
+        total = conductance.sum(axis=0)
+        return self._part * total / total.sum(), conductance / total
+
+    def _evaluate(self, trained: list[Trained], flows: Any, unseen: Any) -> Any:
+        return _log_missed(
+            *_stacked(trained), *flows, unseen, self.steps, None, self.attack_time, self.start
+        )
+
+
+def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
+    """Choose the weakest targets: most of them of all, and the weakest of each part of the map."""
+    targets = np.arange(missed.size)
+    if count >= missed.size:
+        return targets
+    weak = np.argsort(-missed, kind="stable")
+    parts = np.array_split(targets, max(1, count // 4))
+    local = np.array([part[np.argmax(missed[part])] for part in parts])
+    chosen = np.zeros(missed.size, bool)
+    chosen[local] = True
+    chosen[weak[~chosen[weak]][: count - np.count_nonzero(chosen)]] = True
+    return np.flatnonzero(chosen)
+
+
+def _stacked(trained: list[Trained]) -> list[np.ndarray]:
+    return [
+        np.stack([getattr(walk, name) for walk in trained]).astype(np.float32)
+        for name in ("chance", "share")
+    ]
+
+
+@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
+def _log_missed(
+    chance: Float[Array, "robots branches cells"],
+    share: Float[Array, "robots cells"],
+    excursion_share: Float[Array, "robots cells"],
+    excursion_chance: Float[Array, "robots branches cells"],
+    unseen: Float[Array, "cells targets"],
+    steps: Steps,
+    hardness: Float[Array, ""] | None,
+    attack_time: int,
+    start: str,
+) -> Float[Array, "targets"]:
+    """Compute the logarithm of the probability that no robot captures.
+
+    With a hardness, the worst start is a soft minimum of logarithms, because a probability that is
+    a product of many would leave a gradient of almost 0.
+    """
+    logarithm = jnp.zeros(unseen.shape[1], unseen.dtype)
+    flows = chance, share, excursion_share, excursion_chance
+    for trained, often, rare, excursion in zip(*flows, strict=True):
+        total = (1 - rare.sum()) * often + rare
+        mixed = (1 - rare.sum()) * often[None] * trained + rare[None] * excursion
+        mixed = mixed / total[None]
+
+        def step(value, _, mixed=mixed):  # type: ignore[no-untyped-def]
+            return unseen * steps.pull(mixed, value), None
+
+        late, _ = jax.lax.scan(step, unseen, length=attack_time)
+        if start == "worst":
+            caught = jnp.where(unseen > 0, jnp.maximum(1 - late, _TINY), 1.0)
+            if hardness is None:
+                worst = jnp.min(caught, axis=0)
+            else:
+                soft = -hardness * jnp.log(caught)
+                worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0, b=unseen) / hardness)
+            # This form is exact for small probabilities.
+            logarithm += jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
+        else:
+            begin = unseen * total[:, None] if start == "stationary" else unseen
+            missed = jnp.sum(begin * late, axis=0) / jnp.maximum(jnp.sum(begin, axis=0), 1e-30)
+            logarithm += jnp.log(missed + 1e-30)
+    return logarithm
+
+
+@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
+def _gradient(chance, share, *rest, attack_time, start):  # type: ignore[no-untyped-def]
+    """Differentiate the soft minimum of capture in the trained steps and their shares of time."""
+    hardness = rest[-1]
+
+    def loss(chance, share):  # type: ignore[no-untyped-def]
+        missed = _log_missed(chance, share, *rest, attack_time=attack_time, start=start)
+        caught = jnp.log(jnp.maximum(-jnp.expm1(missed), _TINY))
+        return jax.nn.logsumexp(-hardness * caught) / hardness
+
+    return jax.grad(loss, argnums=(0, 1))(chance, share)

@@ -1,0 +1,52 @@
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from ...optimize import Graph, shortest_tour
+from .attack import Attack
+
+
+def capture_by_tours(
+    graph: Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    covers: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
+    attack: Attack,
+) -> float | None:
+    """Compute the least capture by robots that walk round closed tours through their covers.
+
+    A tour is the best patrol that is easily found against an adversary who does not see the robots.
+    It has no chance in it: an adversary who sees where a robot is knows when it comes back. Robots
+    are anywhere on their tours out of view of the target, with equal probabilities.
+
+    **Arguments:**
+
+    - `graph`: the cells and the edges between them.
+    - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`.
+    - `covers`: the cells that each robot visits; the tour is short,
+        [`jaxcell.optimize.shortest_tour`][].
+    - `attack`: the attack; the first of its times counts.
+
+    **Returns:** the least probability over the cells that can be seen, or `None` if a cover has a
+    single cell.
+
+    One robot in a corridor of five cells goes round through cells 1 to 3, and is back in view of an
+    end after at most 3 steps:
+
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
+        >>> patrol.map.capture_by_tours(graph, visible, [[1, 3]], patrol.Attack(2))
+        0.6666666666666667
+    """
+    if any(len(cover) < 2 for cover in covers):
+        return None
+    missed = np.ones(graph.vertices)
+    steps = int(attack.times[0])
+    for cover in covers:
+        seen = visible[shortest_tour(graph, [int(cell) for cell in cover])]
+        late = ~seen
+        for _ in range(min(steps, len(seen))):
+            late = ~seen & np.roll(late, -1, axis=0)
+        hidden = (~seen).sum(axis=0)
+        missed *= np.where(hidden > 0, late.sum(axis=0) / np.maximum(hidden, 1), 0)
+    return float(1 - missed[visible.any(axis=0)].max(initial=0.0))
