@@ -2,6 +2,11 @@ from .basin import Basins as Basins, basins as basins
 from .chains import chain as chain
 from .continued import Continuation as Continuation, continuation as continuation
 from .imaging import images as images
+from .large.stored import (
+    Foretold as Foretold,
+    foretold as foretold,
+    stored_basins as stored_basins,
+)
 from .maps import (
     Flow as Flow,
     Map as Map,

@@ -14,7 +14,7 @@ from ..mapping import PeriodicGroups
 from ..mapping.section import bucket
 from ..space.box import Box
 from .batches import params_of, stacked, with_last
-from .imaging import CHUNK
+from .batches import CHUNK
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends

@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -10,8 +10,8 @@ from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
+from .batches import CHUNK, slices
 from .imaging import (
-    CHUNK,
     Say,
     axis_name,
     changed_by_half_step,
@@ -107,7 +107,11 @@ class Basins(Result):
 
     @derived("", "most mappings to a group within the box", kind="count")
     def longest_step(self) -> int:
-        return int(self.step[self.group < self.groups].max(initial=0))
+        each = (
+            self.step[part][self.group[part] < self.groups].max(initial=0)
+            for part in slices(self.box.size)
+        )
+        return int(max(each))
 
     @derived("attractor", "cells that lead to it", kind="share")
     def fraction(self) -> Float[np.ndarray, "attractors"]:
@@ -127,7 +131,9 @@ class Basins(Result):
 
     @derived("attractor", "mean time to the attractor", kind="time")
     def mean_time(self) -> Float[np.ndarray, "attractors"] | None:
-        return None if self.duration is None and self.time is None else self._mean(self.times)
+        if self.time is None:
+            return None if self.duration is None else self.duration * self.mean_steps
+        return self._mean(self.time)
 
     @property
     def times(self) -> Float[np.ndarray, "cells"]:
@@ -138,13 +144,17 @@ class Basins(Result):
         cells = totals(self.basin, self.attractors)
         return totals(self.basin, self.attractors, of_cells) / np.maximum(1, cells)
 
+    def _share(self, mask: Callable[[slice], np.ndarray]) -> float:
+        """Return the share of cells in a mask, which is computed in parts."""
+        return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
+
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:
-        return float(np.mean(self.left))
+        return self._share(lambda part: self.left[part])
 
     @derived("", "cells that lead nowhere: not to a finite point, or to no attractor", kind="share")
     def nowhere_share(self) -> float:
-        return float(np.mean((self.basin < 0) & ~self.left))
+        return self._share(lambda part: (self.basin[part] < 0) & ~self.left[part])
 
     @derived("", "cells that are their own images", kind="share")
     def self_images(self) -> float:
@@ -152,7 +162,7 @@ class Basins(Result):
 
     @derived("", "cells that lead to a saddle", kind="share")
     def several_share(self) -> float:
-        return float(np.mean(self.several))
+        return self._share(lambda part: self.several[part])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -211,7 +221,11 @@ class Basins(Result):
                 "Orbits had not settled: there may be too many attractors; a map that preserves "
                 "volumes has none."
             )
-        none = np.mean((self.basin < 0) & ~self.left & (self.group < self.groups))
+        none = self._share(
+            lambda part: (
+                (self.basin[part] < 0) & ~self.left[part] & (self.group[part] < self.groups)
+            )
+        )
         if none > 0.05:
             remarks.append(
                 f"{none:.0%} of the cells lead to groups whose orbits reach none of these "
@@ -299,7 +313,7 @@ def basins_of_each(
     changed = changed_by_half_step(map, box, members, image, follow=follow, dtype=dtype)
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, attractors, changed, strict=True):
-        basins = _by_cells(box, params, *parts)
+        basins = by_cells(box, params, *parts)
         known = {"torn": ends, "duration": duration, "labels": labels, "follow": follow}
         basins = dataclasses.replace(basins, **known)
         if time is not None:
@@ -330,39 +344,49 @@ def totals(
 ) -> Float[np.ndarray, "labels"]:
     """Count the rows with each label from 0, or sum their weights."""
     total = np.zeros(count)
-    for first in range(0, label.size, CHUNK):
-        part = slice(first, first + CHUNK)
+    for part in slices(label.size):
         own = None if weight is None else weight[part]
         total += np.bincount(label[part] + 1, own, minlength=count + 1)[1:]
     return total
 
 
-def _by_cells(
+def by_cells(
     box: Box,
     params: Any,
     image: Int[np.ndarray, "cells"],
     groups: PeriodicGroups,
     attractors: of_map.Attractors,
     changed: float | None,
+    new: Callable[[str, Any, int], np.ndarray] = lambda _, kind, size: np.empty(size, kind),
 ) -> Basins:
+    """Label the cells by the attractors of their groups.
+
+    `new` makes the arrays over cells: a function of name, data type and size.
+    """
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
-    basin = attractors.of_group[group]
-    # A group whose orbits leave the box exists only among cells: cells that lead to it leave.
-    left = basin == OUTSIDE
-    order = np.argsort(-totals(np.maximum(basin, NONE, out=basin), attractors.count), kind="stable")
+    basin = new("basin", np.int32, box.size)
+    several, left = (new(name, bool, box.size) for name in ("several", "left"))
+    for part in slices(box.size):
+        end = attractors.of_group[group[part]]
+        # A group whose orbits leave the box exists only among cells: cells that lead to it leave.
+        left[part], several[part] = end == OUTSIDE, attractors.several[group[part]]
+        basin[part] = np.maximum(end, NONE)
+    order = np.argsort(-totals(basin, attractors.count), kind="stable")
     # The last entry, which -1 selects, stands for no attractor.
     rank = np.full(attractors.count + 1, NONE, np.int32)
     rank[order] = np.arange(attractors.count)
+    for part in slices(box.size):
+        basin[part] = rank[basin[part]]
     return Basins(
         box,
         params,
         image,
-        basin=rank[basin],
+        basin=basin,
         group=group,
         step=step,
         # The sinks have the last two numbers of cells, and so of groups.
         group_period=np.asarray(groups.group_period[:-2]),
-        several=attractors.several[group],
+        several=several,
         left=left,
         orbit=attractors.orbit[order],
         sampled=attractors.sampled[order],

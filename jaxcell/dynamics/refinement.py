@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from ..space.box import Box
 from ..space.cells import TOLERANCE
 from .basin import Basins
-from .batches import with_last
-from .imaging import CHUNK, check_begin, check_map, mapped_points
+from .batches import CHUNK, with_last
+from .imaging import check_begin, check_map, mapped_points
 from .maps import Map
 from .orbits import VISITS, attractor_owners, orbit_ends
 
