@@ -47,3 +47,6 @@ class Solution:
 
     value: Float[Array, "cells"]
     certificate: Certificate
+    moved: Float[Array, "cells"] | None = None
+    """How far each value moves if the chain has half of its samples, `inf` if only one of both is
+    infinite; `None` for a chain that is not made from samples."""

@@ -25,7 +25,8 @@ from .quantify import (
     wada as wada,
 )
 from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
-from .refinement import (
+from .boundary.edges import EdgeStates as EdgeStates, edge_states as edge_states
+from .boundary.refinement import (
     Refined as Refined,
     refined as refined,
     relative_attractor as relative_attractor,

@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..mapping import PeriodicGroups
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import params_of, stacked, with_last
-from .batches import CHUNK
+from .batches import CHUNK, params_of, stacked, with_last
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends

@@ -1,11 +1,11 @@
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.quantities import Result, derived, quantity
+from ..base.quantities import Result, derived, from_part, quantity
 from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
@@ -25,6 +25,10 @@ from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
 
 
+if TYPE_CHECKING:
+    from .boundary.edges import EdgeStates
+
+
 # The largest number of remarks on single attractors.
 _MOST_DOUBTED = 5
 
@@ -34,7 +38,7 @@ class Basins(Result):
     """The attractor of each cell of a box, or its exit from the box."""
 
     title: ClassVar[str] = "Attractors and basins"
-    tables: ClassVar[Mapping[str, str]] = {"attractor": "basins"}
+    tables: ClassVar[Mapping[str, str]] = {"attractor": "basins", "edge": "edge_states"}
 
     box: Box
     params: Any
@@ -92,6 +96,18 @@ class Basins(Result):
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point has left, as in the call."
+    edges: "EdgeStates | None" = None
+    "The edge states on boundaries of basins, if they were sought."
+
+    edge_first = from_part("edges.first", "edge", "attractor on one side", kind="index")
+    edge_second = from_part("edges.second", "edge", "attractor on the other side", kind="index")
+    edge_period = from_part(
+        "edges.period", "edge", "period in mappings, 0 if the state is no fixed point or cycle of points", kind="count"
+    )
+    edge_unstable = from_part(
+        "edges.unstable", "edge", "unstable directions, -1 if unknown", kind="index"
+    )
+    edge_point = from_part("edges.point", "edge axis", "a point of the state", listed=True)
 
     @derived("", "number of attractors", kind="count")
     def attractors(self) -> int:
