@@ -1,4 +1,10 @@
 from .basin import Basins as Basins, basins as basins
+from .boundary.edges import EdgeStates as EdgeStates, edge_states as edge_states
+from .boundary.refinement import (
+    Refined as Refined,
+    refined as refined,
+    relative_attractor as relative_attractor,
+)
 from .chains import chain as chain
 from .continued import Continuation as Continuation, continuation as continuation
 from .imaging import images as images
@@ -25,10 +31,4 @@ from .quantify import (
     wada as wada,
 )
 from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
-from .boundary.edges import EdgeStates as EdgeStates, edge_states as edge_states
-from .boundary.refinement import (
-    Refined as Refined,
-    refined as refined,
-    relative_attractor as relative_attractor,
-)
 from .system import System as System

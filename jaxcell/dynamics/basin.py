@@ -11,26 +11,23 @@ from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
 from .batches import CHUNK, slices
+from .boundary.resolution import DOUBTFUL, Trial, tried
 from .imaging import (
     Say,
     axis_name,
     changed_by_half_step,
     check_map,
     images_of_each,
-    remark_of_torn,
     self_images,
     torn_axes,
 )
 from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
+from .remarks import remarks_on
 
 
 if TYPE_CHECKING:
     from .boundary.edges import EdgeStates
-
-
-# The largest number of remarks on single attractors.
-_MOST_DOUBTED = 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,8 +70,10 @@ class Basins(Result):
         quantity("attractor", "orbits from random starts that end on it", kind="share"),
     ]
     "A check of `fraction` that does not depend on cells."
-    scattered: int
-    "Number of random starts."
+    starts: Float[np.ndarray, "starts axes"]
+    "Random starts."
+    ends: Int[np.ndarray, "starts"]
+    "The attractors of the random starts by their orbits, -1 for none."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[
@@ -96,13 +95,18 @@ class Basins(Result):
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point has left, as in the call."
+    trial: Trial | None = None
+    "What would help, tried on a sample of points, if cells and orbits disagree."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, if they were sought."
 
     edge_first = from_part("edges.first", "edge", "attractor on one side", kind="index")
     edge_second = from_part("edges.second", "edge", "attractor on the other side", kind="index")
     edge_period = from_part(
-        "edges.period", "edge", "period in mappings, 0 if the state is no fixed point or cycle of points", kind="count"
+        "edges.period",
+        "edge",
+        "period in mappings, 0 if the state is no fixed point or cycle of points",
+        kind="count",
     )
     edge_unstable = from_part(
         "edges.unstable", "edge", "unstable directions, -1 if unknown", kind="index"
@@ -160,17 +164,21 @@ class Basins(Result):
         cells = totals(self.basin, self.attractors)
         return totals(self.basin, self.attractors, of_cells) / np.maximum(1, cells)
 
-    def _share(self, mask: Callable[[slice], np.ndarray]) -> float:
+    @derived("", "random starts that end elsewhere than their cells lead", kind="share")
+    def disagreement(self) -> float:
+        return float(np.mean(self.basin[self.box.index(self.starts)] != self.ends))
+
+    def share(self, mask: Callable[[slice], np.ndarray]) -> float:
         """Return the share of cells in a mask, which is computed in parts."""
         return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
 
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:
-        return self._share(lambda part: self.left[part])
+        return self.share(lambda part: self.left[part])
 
     @derived("", "cells that lead nowhere: not to a finite point, or to no attractor", kind="share")
     def nowhere_share(self) -> float:
-        return self._share(lambda part: (self.basin[part] < 0) & ~self.left[part])
+        return self.share(lambda part: (self.basin[part] < 0) & ~self.left[part])
 
     @derived("", "cells that are their own images", kind="share")
     def self_images(self) -> float:
@@ -178,7 +186,7 @@ class Basins(Result):
 
     @derived("", "cells that lead to a saddle", kind="share")
     def several_share(self) -> float:
-        return self._share(lambda part: self.several[part])
+        return self.share(lambda part: self.several[part])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -198,62 +206,7 @@ class Basins(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        remarks = [remark_of_torn(axis, self.labels) for axis in self.torn]
-        if self.self_images > 0.1:
-            remarks.append(
-                f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
-                "is too short for these cells."
-            )
-        elif self.periodic_cells > 0.5 * self.box.size:
-            remarks.append(
-                f"{self.periodic_cells / self.box.size:.0%} of the cells are periodic: the map "
-                "seems to preserve volumes, so that it has groups and no attractors."
-            )
-        if self.changed is not None and self.changed > 0.2:
-            remarks.append(
-                f"{self.changed:.0%} of the images differ with steps of half the length: take "
-                "shorter steps."
-            )
-        # Three standard errors of the sampled shares.
-        doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / self.scattered) + 0.02
-        doubted = np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt)
-        back = min(float(self.sampled.sum() - self.fraction.sum()), self.outside_share)
-        if doubted.size and back > 0.02:
-            remarks.append(
-                f"{self.outside_share:.1%} of the cells lead out of the box, but {back:.1%} have "
-                "orbits that come back to an attractor: take basins by orbits, and follow them "
-                "outside (follow)."
-            )
-            doubted = doubted[:0]
-        for k in doubted[:_MOST_DOUBTED]:
-            remarks.append(
-                f"Attractor {k} has {self.fraction[k]:.1%} of the cells, but {self.sampled[k]:.1%} "
-                "of the orbits from random starts end on it: take basins by orbits, or more cells."
-            )
-        if doubted.size > _MOST_DOUBTED:
-            remarks.append(f"The same holds for {doubted.size - _MOST_DOUBTED} more attractors.")
-        if not self.settled:
-            remarks.append(
-                "Orbits had not settled: there may be too many attractors; a map that preserves "
-                "volumes has none."
-            )
-        none = self._share(
-            lambda part: (
-                (self.basin[part] < 0) & ~self.left[part] & (self.group[part] < self.groups)
-            )
-        )
-        if none > 0.05:
-            remarks.append(
-                f"{none:.0%} of the cells lead to groups whose orbits reach none of these "
-                "attractors, or no finite point: take longer mappings, a smaller box, or a "
-                "section to which flows return."
-            )
-        if self.several_share > 0.05:
-            remarks.append(
-                f"{self.several_share:.0%} of the cells lead to groups from which orbits end on "
-                "several attractors: take basins by orbits, or more cells."
-            )
-        return tuple(remarks)
+        return remarks_on(self)
 
 
 def basins(
@@ -340,8 +293,17 @@ def basins_of_each(
             several = np.zeros(box.size, bool)
             followed = {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
             basins = dataclasses.replace(basins, several=several, **followed)
+        elif len(members) == 1:
+            basins = with_trial(map, basins)
         each.append(basins)
     return each
+
+
+def with_trial(map: Map, basins: Basins) -> Basins:
+    """Try remedies on a sample of points if cells and orbits disagree."""
+    if basins.disagreement <= DOUBTFUL:
+        return basins
+    return dataclasses.replace(basins, trial=tried(map, basins))
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
@@ -406,7 +368,8 @@ def by_cells(
         left=left,
         orbit=attractors.orbit[order],
         sampled=attractors.sampled[order],
-        scattered=attractors.scattered,
+        starts=attractors.starts,
+        ends=rank[attractors.ends],
         attractor_cells=tuple(attractors.cells[k] for k in order),
         settled=attractors.settled,
         changed=changed,

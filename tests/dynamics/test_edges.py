@@ -35,9 +35,7 @@ CASES = {
         [-0.1 + np.sqrt(1.01), -0.1 - np.sqrt(1.01)],
     ),
     "pendulum": (
-        dynamics.flow(
-            lambda x, p: jnp.stack([x[1], T - DAMPING * x[1] - jnp.sin(x[0])]), 0.25, 4
-        ),
+        dynamics.flow(lambda x, p: jnp.stack([x[1], T - DAMPING * x[1] - jnp.sin(x[0])]), 0.25, 4),
         Box([-np.pi, -4], [np.pi, 6], [41, 41], ["periodic", "sink"]),
         [np.pi - np.arcsin(T), 0.0],
         [

@@ -12,7 +12,7 @@ import numpy as np
 from ...base import memory
 from ...space.box import Box
 from ..attractors import attractors
-from ..basin import Basins, by_cells
+from ..basin import Basins, by_cells, with_trial
 from ..batches import CHUNK
 from ..imaging import (
     Say,
@@ -151,7 +151,8 @@ def stored_basins(
     (changed,) = changed_by_half_step(map, box, [params], cells[None], **options)
     basins = by_cells(box, params, cells, groups, ends, changed, new=files.array)
     duration = getattr(map, "duration", None)
-    return dataclasses.replace(basins, torn=torn, duration=duration, labels=labels, follow=follow)
+    known = {"torn": torn, "duration": duration, "labels": labels, "follow": follow}
+    return with_trial(map, dataclasses.replace(basins, **known))
 
 
 def _check_disk(files: Folder, box: Box) -> None:

@@ -43,7 +43,10 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     log_pictures(stream, "box/steps", scale.classes, steps, "slice", times)
     _log_ends(stream, basins)
     _log_edges(stream, basins)
-    views: list[rrb.View] = [_view("Basins", "basins", "edges"), _view("Mappings to the attractor", "steps")]
+    views: list[rrb.View] = [
+        _view("Basins", "basins", "edges"),
+        _view("Mappings to the attractor", "steps"),
+    ]
     if _deep(basins):
         _log_orbits(stream, basins)
         views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
