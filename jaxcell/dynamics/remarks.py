@@ -33,10 +33,11 @@ def remarks_on(basins: Any) -> tuple[str, ...]:
     # Three standard errors of the sampled shares.
     doubt = 3 * np.sqrt(basins.sampled * (1 - basins.sampled) / len(basins.starts)) + 0.02
     doubted = np.flatnonzero(np.abs(basins.fraction - basins.sampled) > doubt)
+    advice = "." if basins.trial else ": take basins by orbits, or more cells."
     for k in doubted[:_MOST_DOUBTED]:
         remarks.append(
             f"Attractor {k} has {basins.fraction[k]:.1%} of the cells, but {basins.sampled[k]:.1%} "
-            "of the orbits from random starts end on it: take basins by orbits, or more cells."
+            f"of the orbits from random starts end on it{advice}"
         )
     if doubted.size > _MOST_DOUBTED:
         remarks.append(f"The same holds for {doubted.size - _MOST_DOUBTED} more attractors.")
@@ -59,7 +60,7 @@ def remarks_on(basins: Any) -> tuple[str, ...]:
     if basins.several_share > 0.05:
         remarks.append(
             f"{basins.several_share:.0%} of the cells lead to groups from which orbits end on "
-            "several attractors: take basins by orbits, or more cells."
+            f"several attractors{advice}"
         )
     return tuple(remarks)
 
@@ -73,18 +74,14 @@ def _disagreement(basins: Any, trial: Trial) -> str:
     )
     if trial.follow is None:
         return f"{remark}, and basins by orbits disagree, too: take longer mappings."
-    orbits = "basins by orbits agree" + (
-        f" if points are followed outside the box (follow={trial.follow})"
-        if trial.follow > basins.follow
-        else ""
-    )
+    orbits = "take basins by orbits, which agree"
+    if trial.follow > basins.follow:
+        orbits += f" if points are followed outside the box (follow={trial.follow})"
     if not trial.wrong:
-        return f"{remark}; {orbits}."
+        return f"{remark}: {orbits}."
     finer = " and ".join(f"{share:.0%}" for share in trial.wrong[1:])
     remark = f"{remark}; with cells of half and a quarter of the width, {finer} of {trial.points:,}"
     if trial.cells is None:
-        return f"{remark}: finer cells do not help, but {orbits}."
-    return (
-        f"{remark}: about {' x '.join(map(str, trial.cells))} cells would leave {AGREE:.0%}, and "
-        f"{orbits}."
-    )
+        return f"{remark}: {orbits}; no number of cells would do."
+    cells = " x ".join(map(str, trial.cells))
+    return f"{remark}: {orbits}, or about {cells} cells, which would leave {AGREE:.0%}."

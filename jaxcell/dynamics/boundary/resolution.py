@@ -39,7 +39,8 @@ class Trial:
     wrong: tuple[float, ...] = ()
     "The share of points of which they disagree: the cells, and those of half and a quarter width."
     cells: tuple[int, ...] | None = None
-    "Extrapolated numbers of cells along the axes with which 2 % disagree, or `None`."
+    """Extrapolated numbers of cells along the axes with which 2 % disagree; `None` if finer cells do
+    not help, or if they are more than 32 bits number."""
 
 
 def tried(map: Map, basins: Any) -> Trial:
@@ -86,7 +87,8 @@ def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
     if exponent < _LEAST:
         return None
     finer = 2 ** (len(wrong) - 1 + math.log2(wrong[-1] / AGREE) / exponent)
-    return tuple(math.ceil(n * finer) for n in box.cells)
+    cells = tuple(math.ceil(n * finer) for n in box.cells)
+    return cells if math.prod(cells) < np.iinfo(np.int32).max else None
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))

@@ -44,7 +44,7 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     _log_ends(stream, basins)
     _log_edges(stream, basins)
     views: list[rrb.View] = [
-        _view("Basins", "basins", "edges"),
+        _view("Basins", "basins", "edges/**"),
         _view("Mappings to the attractor", "steps"),
     ]
     if _deep(basins):
