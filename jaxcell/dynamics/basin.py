@@ -96,7 +96,7 @@ class Basins(Result):
     follow: int = 0
     "Number of mappings outside the box after which a point has left, as in the call."
     trial: Trial | None = None
-    "What would help, tried on a sample of points, if cells and orbits disagree."
+    "Remedies, tried on a sample of points, if cells and orbits disagree."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, if they were sought."
 

@@ -89,8 +89,8 @@ def chain(
         # The probability of leaving the box is missing from the probabilities of the cell.
         cells = np.arange(box.size, dtype=np.int32)
         share = np.tile(weights / samples, samples)[:, None]
-        rows = jax.device_put((np.where(inside, image, cells), np.where(inside, share, 0.0)))
-        return Chain(*rows, half)
+        kept = jax.device_put((np.where(inside, image, cells), np.where(inside, share, 0.0)))
+        return Chain(kept[0], kept[1], half)
 
     other = max(1, samples // 2), *_nodes(deviation, quadrature and quadrature + 1)
     same = other[0] == samples and other[2].size == weights.size

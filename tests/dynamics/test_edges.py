@@ -61,7 +61,7 @@ def test_edge_state_between_two_attractors_is_the_saddle(name):
     assert (edges.first.tolist(), edges.second.tolist()) == ([0], [1])
     assert (edges.period.tolist(), edges.unstable.tolist()) == ([1], [1])
     np.testing.assert_allclose(edges.point, [saddle], atol=1e-9)
-    # Those of four Runge-Kutta steps, each a quarter of a unit of time.
+    # The multipliers of four Runge-Kutta steps, each a quarter of a unit of time.
     rate = np.asarray(rates, complex) / 4
     step = 1 + rate + rate**2 / 2 + rate**3 / 6 + rate**4 / 24
     np.testing.assert_allclose(

@@ -19,7 +19,7 @@ _MAX_PAIRS = 32
 _STARTS = 3
 _POINTS = 1 << 10
 # Powers of the precision: the distances of two orbits, in lengths of the box, at which a round
-# begins and ends. A round has at most so many mappings.
+# begins and ends, and the largest numbers of mappings of a round and of rounds.
 _NARROW, _WIDE = 0.75, 0.45
 _ROUND = 256
 _ROUNDS = 8
@@ -114,9 +114,9 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
     point, period, multipliers = _refined(map, params, box, orbit)
     labels = np.sort(labels, axis=1)
     kept = _different(box, labels, orbit)
-    return EdgeStates(
-        *labels[kept].T, point[kept], period[kept], multipliers[kept], orbit[kept].astype(float)
-    )
+    first, second = labels[kept].T
+    state = point[kept], period[kept], multipliers[kept]
+    return EdgeStates(first, second, *state, orbit[kept].astype(float))
 
 
 def _starts(basins: Basins) -> Float[np.ndarray, "starts 2 axes"]:
@@ -227,7 +227,7 @@ def _refined(
         at, back = _returns(box, orbit, k)
         begin = orbit[np.arange(len(orbit)), at]
         new, error, slope = (np.asarray(x) for x in _newton(map, params, begin, k))
-        own = np.linalg.eigvals(np.where(np.isfinite(slope), slope, 0))
+        own = np.linalg.eigvals(np.where(np.isfinite(slope), slope, 0)).astype(complex)
         own = np.take_along_axis(own, np.argsort(-np.abs(own), axis=1), axis=1)
         good = (period == 0) & (error < tolerance) & (np.abs(own[:, 0]) > 1)
         good &= (back < _MOVED) & (box.apart((new - begin) / box.width).max(axis=-1) < _MOVED)

@@ -39,8 +39,8 @@ class Trial:
     wrong: tuple[float, ...] = ()
     "The share of points of which they disagree: the cells, and those of half and a quarter width."
     cells: tuple[int, ...] | None = None
-    """Extrapolated numbers of cells along the axes with which 2 % disagree; `None` if finer cells do
-    not help, or if they are more than 32 bits number."""
+    """Extrapolated numbers of cells along the axes with which 2 % disagree; `None` if finer cells
+    do not help, or if they are more than 32 bits number."""
 
 
 def tried(map: Map, basins: Any) -> Trial:

@@ -151,7 +151,7 @@ def stored_basins(
     (changed,) = changed_by_half_step(map, box, [params], cells[None], **options)
     basins = by_cells(box, params, cells, groups, ends, changed, new=files.array)
     duration = getattr(map, "duration", None)
-    known = {"torn": torn, "duration": duration, "labels": labels, "follow": follow}
+    known: dict[str, Any] = {"torn": torn, "duration": duration, "labels": labels, "follow": follow}
     return with_trial(map, dataclasses.replace(basins, **known))
 
 
