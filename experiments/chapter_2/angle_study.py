@@ -24,7 +24,6 @@ The sweep is resumable: run the same command again. Writes the store of the swee
 and `angle_study.png`.
 """
 
-import argparse
 import json
 import math
 import os
@@ -39,6 +38,8 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from jaxcell.sweep import Progress, Spec, open_sweep, run_sweep
+
+from ..shared.options import at_least, experiment_parser, read_options
 
 
 if TYPE_CHECKING:
@@ -162,14 +163,10 @@ def draw(found: "xr.Dataset", path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rooms", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
+    parser = experiment_parser(__doc__, "runs/chapter_2/angle_study", seed=0)
+    parser.add_argument("--rooms", type=at_least(1), default=20)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/angle_study"))
-    options = parser.parse_args()
-    if options.rooms < 1:
-        parser.error(f"--rooms: expected at least 1, got {options.rooms}")
+    options = read_options(parser)
 
     began = time.perf_counter()
     found = sweep(options.out, options.rooms, options.seed, options.workers)

@@ -18,13 +18,11 @@ The second table, of `--few` robots of any heading: with errors at their bounds,
 at each bump, in how many the sets lose the robot, and their extent after 5, 15 and 50 bumps.
 """
 
-import argparse
 import copy
 import dataclasses
 import math
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +34,7 @@ from jaxcell.study import Navigate
 from jaxcell.walls import Errors, WallFilter, WallSet, contains
 
 from ..shared.data import MAPS
+from ..shared.options import experiment_parser, read_options
 from ..shared.report import Rows, emit
 from .straight_runs import Rays, anywhere
 
@@ -307,16 +306,14 @@ def home(name: str, robots: int, bumps: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/anywhere"))
+    parser = experiment_parser(__doc__, "runs/chapter_2/anywhere")
     parser.add_argument("--maps", nargs="+", default=list(ANGLES), choices=list(ANGLES))
     parser.add_argument("--runs", type=int, default=10_000, help="robots of known heading")
     parser.add_argument("--few", type=int, default=200, help="robots of any heading")
     parser.add_argument("--home", type=int, default=1000, help="robots that come to a goal")
     parser.add_argument("--bumps", type=int, default=20)
     parser.add_argument("--slices", type=int, default=720, help="slices of headings")
-    asked = parser.parse_args()
-    asked.out.mkdir(parents=True, exist_ok=True)
+    asked = read_options(parser)
     known: Rows = []
     unknown: Rows = []
     homes: Rows = []

@@ -8,7 +8,6 @@ A room of 200 x 125 unit cells with 360 directions, bouncing angle 90 deg, `endp
 Writes `group_study.nc` and `group_study.png`.
 """
 
-import argparse
 import math
 import os
 import time
@@ -27,6 +26,8 @@ import jaxcell
 from jaxcell import bounce
 from jaxcell.space import ENDPOINT
 from jaxcell.space.maps.random_rooms import DIRECTIONS, ENVIRONMENTS, place
+
+from ..shared.options import at_least, experiment_parser, read_options
 
 
 if TYPE_CHECKING:
@@ -191,16 +192,11 @@ def draw(found: "xr.Dataset", seed: int, path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=5, help="placements of each environment")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/group_study"))
-    options = parser.parse_args()
-    if options.runs < 2:
-        parser.error(f"--runs: expected at least 2, got {options.runs}")
-    if options.seed < 0:
-        parser.error(f"--seed: expected a number from 0, got {options.seed}")
-    options.out.mkdir(parents=True, exist_ok=True)
+    parser = experiment_parser(__doc__, "runs/chapter_2/group_study", seed=0)
+    parser.add_argument(
+        "--runs", type=at_least(2), default=5, help="placements of each environment"
+    )
+    options = read_options(parser)
 
     began = time.perf_counter()
     found = study(options.runs, options.seed)

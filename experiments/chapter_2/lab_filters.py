@@ -11,7 +11,6 @@ Writes `lab_filters.csv`, and `lab_filters.png` with the periodic groups (Figure
 show two of them). Exit status 1 if a row disagrees with the source.
 """
 
-import argparse
 import csv
 import dataclasses
 import math
@@ -29,6 +28,7 @@ from jaxcell.mapping import PeriodicGroups
 from jaxcell.space import ENDPOINT, CellSpace, Workspace
 
 from ..shared.data import MAPS
+from ..shared.options import experiment_parser, read_options
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,10 +183,8 @@ def draw(cases: list[Case], path: Path) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/lab_filters"))
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    parser = experiment_parser(__doc__, "runs/chapter_2/lab_filters")
+    options = read_options(parser)
 
     configure_jax()
     cases = [compute(name, row) for name, rows in SOURCE.items() for row in rows]

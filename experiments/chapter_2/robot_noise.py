@@ -20,7 +20,6 @@ Writes `robot_noise.csv`, `robot_noise.nc` and `robot_noise.png`. Exit status 1 
 not slip is not localized rightly.
 """
 
-import argparse
 import concurrent.futures
 import functools
 import itertools
@@ -43,6 +42,7 @@ from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.space import CellSpace, Workspace, free_steps
 
 from ..shared.data import MAPS
+from ..shared.options import experiment_parser, read_options
 from ..shared.report import Rows, emit, say
 
 
@@ -197,12 +197,10 @@ def draw(results: xr.Dataset, path: Path) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/robot_noise"))
+    parser = experiment_parser(__doc__, "runs/chapter_2/robot_noise")
     parser.add_argument("--starts", type=int, default=40, help="runs of each map and noise")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = read_options(parser)
 
     results = compute(options.starts, options.processes)
     emit(

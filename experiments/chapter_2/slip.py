@@ -130,6 +130,7 @@ from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
 
 from ..shared.data import MAPS
+from ..shared.options import experiment_parser, read_options
 from ..shared.report import Rows, emit, say
 from .slip_runs import Run, run
 
@@ -219,22 +220,19 @@ class Combinatorial:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/slip"))
+    parser = experiment_parser(__doc__, "runs/chapter_2/slip", seed=60_000)
     parser.add_argument("--maps", nargs="+", default=NAMES)
     parser.add_argument("--errors", nargs="+", type=float, default=ERRORS)
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, default=ESTIMATORS)
     parser.add_argument("--bounce", type=float, default=135.0)
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--few", type=int, default=100, help="for other models, sets, particles")
-    parser.add_argument("--seed", type=int, default=60_000, help="of the first run")
     parser.add_argument("--observations", type=int, default=40)
     parser.add_argument("--particles", type=int, default=1_000)
     parser.add_argument("--models", type=float, nargs="+", default=[1.0, 0.5, 2.0])
     parser.add_argument("--small", type=int, default=4)
     parser.add_argument("--driver", action="store_true")
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = read_options(parser)
     jax.config.update("jax_enable_x64", True)
     rows: Rows = []
     for error, name in itertools.product(options.errors, options.maps):

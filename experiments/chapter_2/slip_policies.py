@@ -32,13 +32,11 @@ come to an end, and 97 to 100 % of those with one angle; of those that believe t
 on the labs and 26 on `complex` (61 at most), and one without 0.7.
 """
 
-import argparse
 import dataclasses
 import functools
 import math
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -52,6 +50,7 @@ from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
 
 from ..shared.data import MAPS
+from ..shared.options import experiment_parser, read_options
 from ..shared.report import Rows, emit, say
 from .slip_runs import robot
 
@@ -122,16 +121,13 @@ def localize(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/slip_policies"))
+    parser = experiment_parser(__doc__, "runs/chapter_2/slip_policies", seed=20_000)
     parser.add_argument("--maps", nargs="+", default=["lab_a", "lab_b", "complex"])
     parser.add_argument("--errors", nargs="+", type=float, default=[0.02])
     parser.add_argument("--bounces", nargs="+", type=float, default=[45.0, 135.0])
     parser.add_argument("--runs", type=int, default=250)
-    parser.add_argument("--seed", type=int, default=20_000, help="of the first run")
     parser.add_argument("--observations", type=int, default=100)
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = read_options(parser)
     jax.config.update("jax_enable_x64", True)
     bounces = np.radians(options.bounces).tolist()
     seeds, limit = range(options.seed, options.seed + options.runs), options.observations

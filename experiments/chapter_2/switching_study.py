@@ -23,13 +23,11 @@ The study is resumable: each room is a line of `rooms.jsonl`, and only those tha
 looked at. Writes `summary.json` beside it.
 """
 
-import argparse
 import concurrent.futures
 import itertools
 import json
 import os
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +39,8 @@ from jaxcell.automata import adaptive_choice, homing_sequence
 from jaxcell.automata.adaptive import levels
 from jaxcell.bounce import walls
 from jaxcell.space.maps.random_rooms import random_room
+
+from ..shared.options import at_least, experiment_parser, read_options
 
 
 DIRECTIONS = 8
@@ -122,16 +122,11 @@ def report(rooms: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rooms", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
+    parser = experiment_parser(__doc__, "runs/chapter_2/switching_study", seed=0)
+    parser.add_argument("--rooms", type=at_least(1), default=20)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/switching_study"))
-    options = parser.parse_args()
-    if options.rooms < 1:
-        parser.error(f"--rooms: expected at least 1, got {options.rooms}")
+    options = read_options(parser)
 
-    options.out.mkdir(parents=True, exist_ok=True)
     path, began = options.out / f"rooms_{options.seed}.jsonl", time.perf_counter()
     lines = path.read_text().splitlines() if path.exists() else []
     done = {one["room"]: one for one in map(json.loads, lines)}

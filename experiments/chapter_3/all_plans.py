@@ -19,7 +19,6 @@ A pair may have several cheapest plans, with different numbers of angles; one of
 Writes `all_plans.nc`, `all_plans.png`, and the plans of each map in `plans_*.nc`.
 """
 
-import argparse
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,6 +35,7 @@ from jaxcell.bounce import AllPlans, Plan, all_plans, plan, replay
 from jaxcell.space import CellSpace, Motion, Workspace
 
 from ..shared.data import MAPS
+from ..shared.options import experiment_parser, read_options
 
 
 if TYPE_CHECKING:
@@ -325,15 +325,13 @@ def _draw_plan(axes, cells: CellSpace, found: Plan) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_3/all_plans"))
+    parser = experiment_parser(__doc__, "runs/chapter_3/all_plans")
     parser.add_argument("--search", action="store_true", help="list maps like the lab, and stop")
-    options = parser.parse_args()
+    options = read_options(parser)
     configure_jax()
     if options.search:
         search()
         return 0
-    options.out.mkdir(parents=True, exist_ok=True)
     data, plans = study()
     report(data, plans["lab"])
     data.to_netcdf(options.out / "all_plans.nc")

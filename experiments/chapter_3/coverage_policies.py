@@ -18,7 +18,6 @@ with longer and longer cycles none does.
 Writes `coverage.nc` and `coverage.png`.
 """
 
-import argparse
 import functools
 import itertools
 import math
@@ -43,6 +42,7 @@ from jaxcell.mapping.generalized import Chain
 from jaxcell.space import CellSpace, Motion, Workspace
 
 from ..shared.data import MAPS
+from ..shared.options import at_least, experiment_parser, read_options
 
 
 if TYPE_CHECKING:
@@ -380,19 +380,10 @@ def draw(found: "xr.Dataset", path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=300_000, help="steps of each robot")
-    parser.add_argument("--robots", type=int, default=32)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_3/coverage_policies"))
-    options = parser.parse_args()
-    if options.steps < 1000:
-        parser.error(f"--steps: expected at least 1000, got {options.steps}")
-    if options.robots < 1:
-        parser.error(f"--robots: expected at least 1, got {options.robots}")
-    if options.seed < 0:
-        parser.error(f"--seed: expected a number from 0, got {options.seed}")
-    options.out.mkdir(parents=True, exist_ok=True)
+    parser = experiment_parser(__doc__, "runs/chapter_3/coverage_policies", seed=0)
+    parser.add_argument("--steps", type=at_least(1000), default=300_000, help="steps of each robot")
+    parser.add_argument("--robots", type=at_least(1), default=32)
+    options = read_options(parser)
 
     configure_jax()
     began = time.perf_counter()

@@ -19,7 +19,6 @@ timed as if they could pass one another.
 Writes `team_coverage.nc` and `team_coverage.png`.
 """
 
-import argparse
 import itertools
 import math
 import time
@@ -38,6 +37,8 @@ import jaxcell
 from jaxcell import bounce
 from jaxcell.base.runtime import configure_jax
 from jaxcell.space import CellSpace
+
+from ..shared.options import at_least, experiment_parser, read_options
 
 
 if TYPE_CHECKING:
@@ -358,16 +359,9 @@ def draw(found: "xr.Dataset", path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=20, help="starts of each team")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_3/team_coverage"))
-    options = parser.parse_args()
-    if options.runs < 2:
-        parser.error(f"--runs: expected at least 2, got {options.runs}")
-    if options.seed < 0:
-        parser.error(f"--seed: expected a number from 0, got {options.seed}")
-    options.out.mkdir(parents=True, exist_ok=True)
+    parser = experiment_parser(__doc__, "runs/chapter_3/team_coverage", seed=0)
+    parser.add_argument("--runs", type=at_least(2), default=20, help="starts of each team")
+    options = read_options(parser)
 
     configure_jax()
     began = time.perf_counter()

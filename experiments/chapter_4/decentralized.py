@@ -16,7 +16,6 @@ Writes `arrivals.csv`, `arrivals.png` (Figure 4.4) and `weights.png` (Figure 4.5
 a mean of MAECT in the source is more than two standard errors away.
 """
 
-import argparse
 import csv
 import dataclasses
 import itertools
@@ -49,6 +48,7 @@ from jaxcell.patrol.perimeter import (
 )
 
 from ..shared.data import GRAPHS
+from ..shared.options import experiment_parser, read_options
 from .edge_weights import draw_weights
 
 
@@ -354,12 +354,9 @@ def draw_graphs(path: Path) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_4/decentralized"))
+    parser = experiment_parser(__doc__, "runs/chapter_4/decentralized", seed=0)
     parser.add_argument("--runs", type=int, default=20_000, help="runs of a method")
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = read_options(parser)
 
     configure_jax()
     began = time.perf_counter()

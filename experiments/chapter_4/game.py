@@ -15,7 +15,6 @@ Writes `orders.csv`, and `strategies.png` (Figure 4.6). Exit status 1 if a row, 
 value of the game disagrees with the source.
 """
 
-import argparse
 import csv
 import dataclasses
 import math
@@ -32,6 +31,7 @@ from jaxcell.patrol import Graph, load_graph, strategy_game, toward
 from jaxcell.patrol.walks import StrategyGame, measure
 
 from ..shared.data import GRAPHS
+from ..shared.options import experiment_parser, read_options
 from .edge_weights import draw_weights
 
 
@@ -234,10 +234,8 @@ def draw(graph: Graph, rows: list[Row], path: Path) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/chapter_4/game"))
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    parser = experiment_parser(__doc__, "runs/chapter_4/game")
+    options = read_options(parser)
 
     configure_jax()
     graph, _ = load_graph(GRAPH)

@@ -29,6 +29,8 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
         return value
     number = float(value)
     located = about.kind in ("cell", "place", "position")
+    if math.isnan(number) and "not known" in about.attributes.get("padding", ""):
+        return "not known"
     if math.isnan(number) or (located and number < 0):
         return "none"
     if about.kind == "place" and cells is not None:

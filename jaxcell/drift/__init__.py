@@ -4,7 +4,8 @@ The sea is cut into cells, in one or more layers. A drifter moves with the curre
 chooses at most its depth. `open_currents` reads currents: velocities towards the East (`u`) and
 North (`v`) in metres per second, the mask of the water, and the sides of the cells in metres.
 `Water` numbers the cells of a layer from 0, row by row, and `Flow` has its velocities in cells per
-second. If the columns go round the Earth, the last column is beside the first.
+second. If the columns go round the Earth, the last column is beside the first. Squares without a
+velocity are land or sea without data, an open edge; at the coast drifters are held, slip or strand.
 
 **The map.** The *flow map* sends a point to its position after a time `dt`. By one step of Euler's
 method (Eq. 5.3), with `F` the flow,
@@ -22,9 +23,9 @@ so that the sea is a finite Markov chain over cells, a generalized cell map `p(n
 5.5). A `DriftStep` has the duration and the rules. The rules of the source spread drifters much
 more than water does, and close the edges of the grid. `METHODS` has them, and rules that agree with
 drifters: many points of each cell drift by the Runge-Kutta method over open edges, to an explicit
-sink. `distances` compares a map with drifters in the current as it changes with time, and
-`nearest_step` chooses `dt` for the least distance. `drift_maps` maps each phase of a periodic
-current (`Flow.repeated`).
+sink. `exit_shares` divides it among the ways out. `distances` compares a map with drifters in the
+current as it changes with time, and `nearest_step` chooses `dt` for the least distance.
+`drift_maps` maps each phase of a periodic current (`Flow.repeated`).
 
 **Long-term behaviour** (Alg. 5.1), `long_term_behaviour`, apart from the solves in time
 proportional to the number of edges:

@@ -22,6 +22,7 @@ from .flow import Flow as Flow, crossing_time as crossing_time
 from .maps import (
     drift_map as drift_map,
     drift_maps as drift_maps,
+    exit_shares as exit_shares,
     flow_map as flow_map,
 )
 from .observed.moves import (
@@ -35,6 +36,7 @@ from .observed.observed_drift import ObservedDrift as ObservedDrift
 from .observed.trajectories import (
     Trajectories as Trajectories,
     open_trajectories as open_trajectories,
+    save_trajectories as save_trajectories,
 )
 from .reachability import (
     reachable as reachable,

@@ -15,7 +15,7 @@ from .water import NEIGHBORS, Water
 
 
 def coast(water: Water) -> Bool[np.ndarray, "cells"]:
-    """Mark the cells at a coast: those beside land, not those at the edge of the grid alone.
+    """Mark the cells at a coast: those beside land, not those at an open edge alone.
 
     **Arguments:**
 
@@ -33,7 +33,7 @@ def coast(water: Water) -> Bool[np.ndarray, "cells"]:
         [True, False]
     """
     around = (water.at(water.row + up, water.column + right) for up, right in NEIGHBORS)
-    return np.any([(cell < 0) & inside for cell, inside in around], axis=0)
+    return np.any([land for _, land in around], axis=0)
 
 
 def beaching(
@@ -166,7 +166,10 @@ class Stranded(Result):
         return self.water.on_grid(share)
 
     @derived(
-        "y x", "probability to be on a beach then, by the cell of release", "1", padding="NaN: land"
+        "y x",
+        "probability to be on a beach then, by the cell of release",
+        "1",
+        padding="NaN: no water",
     )
     def chance(self) -> Float[np.ndarray, "rows columns"]:
         ashore = np.arange(self.chain.cells) >= self.water.cells

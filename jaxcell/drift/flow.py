@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Int
+from scipy.ndimage import distance_transform_edt
 
 from ..base.precision import require_x64
 from .water import Water
@@ -16,8 +17,9 @@ class Flow:
     """The velocity of the water of one layer, in cells per second along the axes of the grid.
 
     The point `(x, y)` lies in column `x` and row `y` of the grid; whole numbers are the centres of
-    cells. Without water the flow is 0, so that a drifter slows down towards a coast and does not
-    cross it.
+    cells. On land the flow is 0, so that a drifter slows down towards a coast and does not cross
+    it, or, if it slips, it is that along the coast. Sea without data has the flow of the nearest
+    cell, so that drifters leave through it.
 
     The surface of the bundled sea at its first record:
 
@@ -48,6 +50,7 @@ class Flow:
         record: int | None = None,
         *,
         diffusivity: float | int = 0.0,
+        coast: str = "hold",
     ) -> "Flow":
         """Take the flow of one layer.
 
@@ -57,6 +60,7 @@ class Flow:
         - `layer`: number of the layer, from 0 at the surface.
         - `record`: number of the record to take as steady; by default all records.
         - `diffusivity`: of unresolved motion, in m²/s.
+        - `coast`: the rule at a coast, as for [`Water.of`][].
 
         **Raises:** `ValueError` for a layer, record or diffusivity out of range; `RuntimeError` if
         JAX is set to 32 bits.
@@ -64,7 +68,7 @@ class Flow:
         require_x64("a flow")
         if not (np.isfinite(diffusivity) and diffusivity >= 0):
             raise ValueError(f"diffusivity: expected 0 m²/s or more, got {diffusivity}")
-        water = Water.of(currents, layer)
+        water = Water.of(currents, layer, coast)
         records = currents.sizes["time"]
         if record is not None and not 0 <= record < records:
             raise ValueError(f"record {record} does not exist; there are {records}")
@@ -77,7 +81,7 @@ class Flow:
         along_x = (east * cos + north * sin) / water.dx
         along_y = (north * cos - east * sin) / water.dy
         since = (currents["time"].values - currents["time"].values[0]) / np.timedelta64(1, "s")
-        rate = jax.device_put(np.stack([along_x, along_y], axis=1))
+        rate = jax.device_put(_extended(water, np.stack([along_x, along_y], axis=1)))
         return cls(rate, jax.device_put(since[taken]), water.wraps, diffusivity=float(diffusivity))
 
     @property
@@ -141,6 +145,40 @@ class Flow:
     def phases(self, duration: float | int) -> int:
         """Count the steps of a duration in a period; 1 if the flow is not periodic."""
         return 1 if self.period is None else steps_in(float(self.period), duration)
+
+
+def _extended(
+    water: Water, rate: Float[np.ndarray, "records axes rows columns"]
+) -> Float[np.ndarray, "records axes rows columns"]:
+    """Extend a flow from the water to sea without data, and along coasts where drifters slip."""
+    wet = water.number >= 0
+    if (gaps := ~(wet | water.land)).any():
+        turns = 3 if water.wraps else 1
+        away = np.tile(~wet, turns)
+        row, column = distance_transform_edt(away, return_distances=False, return_indices=True)
+        columns = wet.shape[1]
+        middle = slice((turns // 2) * columns, (turns // 2 + 1) * columns)
+        row, column = row[:, middle][gaps], column[:, middle][gaps] % columns
+        rate[..., gaps] = rate[..., row, column]
+    if water.coast == "slip":
+        # Along x from the water beside in y, and along y from that beside in x: no water crosses.
+        for axis, across in ((0, -2), (1, -1)):
+            wraps = water.wraps and across == -1
+            total = _beside(np.where(wet, rate[:, axis], 0.0), across, wraps)
+            count = _beside(wet.astype(float), across, wraps)
+            rate[:, axis] = np.where(water.land, total / np.maximum(count, 1), rate[:, axis])
+    return rate
+
+
+def _beside(
+    values: Float[np.ndarray, "*records rows columns"], axis: int, wraps: bool
+) -> Float[np.ndarray, "*records rows columns"]:
+    """Add the values in the two squares beside each along an axis, with 0 off the grid."""
+    width = [(0, 0)] * values.ndim
+    width[axis] = 1, 1
+    padded = np.pad(values, width, mode="wrap" if wraps else "constant")
+    size = values.shape[axis]
+    return padded.take(range(size), axis) + padded.take(range(2, size + 2), axis)
 
 
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
@@ -233,8 +271,8 @@ def crossing_time(water: Water, flow: Flow) -> float:
         31
     """
     rate = flow.recorded
-    speed = np.hypot(rate[:, 0], rate[:, 1])
-    mean = float(speed.sum()) / (len(speed) * water.cells)
+    speed = np.hypot(rate[:, 0], rate[:, 1])[:, water.number >= 0]
+    mean = float(speed.sum()) / speed.size
     if not mean > 0:
         raise ValueError("flow: the water stands still everywhere; expected some current")
     return 1 / mean

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from collections.abc import Iterator
 
 import jax
 import numpy as np
@@ -10,17 +11,20 @@ from jaxtyping import Array, Float, Int
 from ..base import memory
 from ..base.precision import require_x64
 from ..mapping import Chain, ChainSequence
-from ..mapping.generalized import slots_of
+from ..mapping.generalized import leaving_rows, slots_of
+from ..mapping.sequence import as_sequence
 from .advection import carried
 from .flow import Flow
 from .step import DriftStep
-from .water import NEIGHBORS, Water, square
+from .water import NEIGHBORS, Water, on_grid, square
 
 
 # The standard deviations that diffusion reaches, and the largest standard deviation in cells.
 _TAILS, _MAX_SPREAD = 3.5, 10
 # Points that drift in one call, unless the samples along one side of the cells are more.
 _POINTS = 65_536
+EXITS = ("sea without data", "edge of the grid", "land")
+"""The ways out of the map."""
 # No cell at all, where -1 is the sink.
 _NONE = -2
 
@@ -65,9 +69,9 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
 
     **Returns:** the chain over the cells.
 
-    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], or for a diffusivity that is
-    too large or whose spread is not sampled; `RuntimeError` if JAX is set to 32 bits; `MemoryError`
-    if the map exceeds the free memory.
+    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], for drifters that strand at a
+    closed edge, or for a diffusivity that is too large or whose spread is not sampled;
+    `RuntimeError` if JAX is set to 32 bits; `MemoryError` if the map exceeds the free memory.
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
@@ -80,6 +84,8 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
     """
     require_x64("drift_map")
     duration = step.seconds(water, flow)
+    if water.coast == "strand" and step.edge != "exit":
+        raise ValueError(f"coast: expected the edge 'exit' with 'strand', got {step.edge!r}")
     if flow.diffusivity and step.spread != "sampled":
         raise ValueError(f"diffusivity: expected spread 'sampled' with it, got {step.spread!r}")
     deviation = diffused_cells(water, flow, duration)
@@ -98,29 +104,16 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
         "read less of the currents",
     )
 
-    def ends(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Carry one point of all cells for each offset from the centre, in parts of a cell."""
-        x, y = water.column + right[:, None], water.row + up[:, None]
-        return carried(flow, x, y, duration, start, step.method, step.substeps)
-
+    every = np.arange(water.cells)
     if step.spread == "sampled":
-        places = (np.arange(samples) + 0.5) / samples - 0.5
-        right, up = (offset.ravel() for offset in np.meshgrid(places, places))
-        chunk = max(samples, _POINTS // water.cells)
         matrix: scipy.sparse.csr_array | int = 0
-        for k in range(0, up.size, chunk):
-            x, y = ends(right[k : k + chunk], up[k : k + chunk])
-            if flow.diffusivity:
-                for point in zip(x, y, strict=True):
-                    matrix = matrix + _diffused(water, *point, deviation, exits)
-            else:
-                landed = water.landing(x, y, exits=exits)
-                matrix = matrix + _transitions(landed, np.ones(landed.shape))
+        for x, y, share in _ends(water, flow, step, start, every):
+            matrix = matrix + _transitions(water.landing(x, y, exits=exits), share)
         image, probability = slots_of(matrix / samples**2)
     else:
-        x, y = (place[0] for place in ends(np.zeros(1), np.zeros(1)))
+        [(x, y, _)] = _ends(water, flow, step, start, every)
         if step.spread == "turned":
-            image = water.landing(*_turned(water, x, y), exits=exits)
+            image = water.landing(x, y, exits=exits)
         else:
             image = _around(water, x, y, exits=exits)
         probability = _set_probabilities(image, float(step.rho))
@@ -128,7 +121,7 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
         image, probability = _with_uniform_boundary(water, image, probability)
     # The probability of the sink is what a cell lacks of 1.
     gone = image < 0
-    image = np.where(gone, np.arange(water.cells), image)
+    image = np.where(gone, every, image)
     return Chain(image.astype(np.int32), np.where(gone, 0.0, probability))
 
 
@@ -154,8 +147,72 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
         >>> tide.shape
         (2, 538)
     """
+    step, starts = _phases(water, flow, step)
+    chains = [drift_map(water, flow, step, start=start) for start in starts]
+    return chains[0] if len(chains) == 1 else ChainSequence.of(chains)
+
+
+def exit_shares(
+    water: Water, flow: Flow, step: DriftStep, chain: Chain | ChainSequence
+) -> Float[np.ndarray, "exits states"]:
+    """Compute the probabilities of leaving the map in a step, by the way out.
+
+    **Arguments:**
+
+    - `water`, `flow`, `step`: those of the map.
+    - `chain`: the map, as from [`drift_maps`][].
+
+    **Returns:** for each of `EXITS`, into sea without data, off the edge of the grid, and by
+    stranding on land, the probability from each cell at each phase.
+
+    A cell of a strait that leads off the grid, whose water goes half a cell to the East in a step:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> number, side = np.int32([[0]]), np.full((1, 1), 1000.0)
+        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> flow = drift.Flow(np.array([0.5, 0.0]).reshape(1, 2, 1, 1), np.zeros(1))
+        >>> step = drift.METHODS["drifters"].lasting(1.0)
+        >>> chain = drift.drift_maps(water, flow, step)
+        >>> drift.exit_shares(water, flow, step, chain).round(1).tolist()
+        [[0.0], [0.6], [0.0]]
+    """
+    step, starts = _phases(water, flow, step)
+    sequence = as_sequence(chain)
+    phases = [
+        _exit_shares(water, flow, step, start, leaving_rows(sequence.at(k).to_scipy()))
+        for k, start in enumerate(starts)
+    ]
+    return np.concatenate(phases, axis=1)
+
+
+def _exit_shares(
+    water: Water, flow: Flow, step: DriftStep, start: float, lost: Float[np.ndarray, "cells"]
+) -> Float[np.ndarray, "exits cells"]:
+    """Divide the probability of leaving the map in a step among the ways out."""
+    shares = np.zeros((len(EXITS), water.cells))
+    origin = np.flatnonzero(lost > 0)
+    if not origin.size:
+        return shares
+    for x, y, share in _ends(water, flow, step, start, origin):
+        if step.spread == "all":
+            image = water.landing(x, y, origin=origin, exits=True)
+            row, column = _squares_around(water, image, x, y)
+        else:
+            row, column = square(x, y)
+        cell, land = water.at(row, column)
+        on = on_grid(water.number.shape, water.wraps, column, row)
+        ways = on & ~land, ~on, land & (water.coast == "strand")
+        shares[:, origin] += [(share * (way & (cell < 0))).sum(axis=0) for way in ways]
+    total = shares[:, origin].sum(axis=0)
+    shares[:, origin] *= lost[origin] / np.where(total > 0, total, 1)
+    return shares
+
+
+def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[float]]:
+    """Return the step at each phase of a flow, and the times at which the phases begin."""
     if flow.period is None:
-        return drift_map(water, flow, step)
+        return step, [0.0]
     duration = step.seconds(water, flow)
     if not np.isclose(flow.fitted(duration), duration, rtol=1e-9):
         raise ValueError(
@@ -167,8 +224,44 @@ def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequen
     finer = 2 ** max(0, math.ceil(math.log2(records / step.substeps) - 1e-9))
     step = dataclasses.replace(step, duration=duration, substeps=step.substeps * finer)
     starts = np.asarray(flow.time)[0] + np.arange(flow.phases(duration)) * duration
-    chains = [drift_map(water, flow, step, start=start) for start in starts.tolist()]
-    return chains[0] if len(chains) == 1 else ChainSequence.of(chains)
+    return step, starts.tolist()
+
+
+def _ends(
+    water: Water,
+    flow: Flow,
+    step: DriftStep,
+    start: float | int,
+    origin: Int[np.ndarray, "some"],
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield the places to which drifters from some cells go, with their weights.
+
+    The arrays have a row per place and a column per cell.
+    """
+    duration = step.seconds(water, flow)
+
+    def carry(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Carry one point per cell for each offset from the centre, in parts of a cell."""
+        x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
+        return carried(flow, x, y, duration, start, step.method, step.substeps)
+
+    if step.spread != "sampled":
+        x, y = carry(np.zeros(1), np.zeros(1))
+        if step.spread == "turned":
+            x, y = _turned(water, x[0], y[0], origin)
+        yield x, y, np.ones(x.shape)
+        return
+    places = (np.arange(step.samples) + 0.5) / step.samples - 0.5
+    right, up = (offset.ravel() for offset in np.meshgrid(places, places))
+    chunk = max(step.samples, _POINTS // origin.size)
+    deviation = diffused_cells(water, flow, duration)[:, origin]
+    for k in range(0, up.size, chunk):
+        x, y = carry(right[k : k + chunk], up[k : k + chunk])
+        if flow.diffusivity:
+            for point in zip(x, y, strict=True):
+                yield _diffused(*point, deviation)
+        else:
+            yield x, y, np.ones(x.shape)
 
 
 def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:
@@ -177,13 +270,14 @@ def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarra
 
 
 def _diffused(
-    water: Water,
-    x: Float[np.ndarray, "cells"],
-    y: Float[np.ndarray, "cells"],
-    deviation: Float[np.ndarray, "axes cells"],
-    exits: bool,
-) -> scipy.sparse.csr_array:
-    """Spread one point per cell by the normal law, integrated over the squares around it."""
+    x: Float[np.ndarray, "some"],
+    y: Float[np.ndarray, "some"],
+    deviation: Float[np.ndarray, "axes some"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spread one point per cell by the normal law, integrated over the squares around it.
+
+    **Returns:** the columns and rows of the squares, and their shares.
+    """
     reach = math.ceil(_TAILS * float(deviation.max()))
     steps = np.arange(-reach, reach + 1)[:, None]
     sides = np.append(steps, [[reach + 1]], 0) - 0.5
@@ -194,8 +288,8 @@ def _diffused(
     )
     across, along = across / across.sum(axis=0), along / along.sum(axis=0)
     right, up = (offset.ravel()[:, None] for offset in np.meshgrid(steps, steps))
-    image = water.landing(column + right + 0.0, row + up + 0.0, exits=exits)
-    return _transitions(image, (along[:, None] * across).reshape(image.shape))
+    share = along[:, None] * across
+    return column + right + 0.0, row + up + 0.0, share.reshape(-1, x.size)
 
 
 def _transitions(
@@ -208,31 +302,45 @@ def _transitions(
 
 
 def _turned(
-    water: Water, x: Float[np.ndarray, "cells"], y: Float[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "3 cells"], Float[np.ndarray, "3 cells"]]:
+    water: Water,
+    x: Float[np.ndarray, "some"],
+    y: Float[np.ndarray, "some"],
+    origin: Int[np.ndarray, "some"],
+) -> tuple[Float[np.ndarray, "3 some"], Float[np.ndarray, "3 some"]]:
     """Turn the drifts by 0, 45 and -45 degrees, and return their end points."""
-    dx, dy = water.sides
-    right, up = (x - water.column) * dx, (y - water.row) * dy
+    dx, dy = water.sides[:, origin]
+    column, row = water.column[origin], water.row[origin]
+    right, up = (x - column) * dx, (y - row) * dy
     angle = np.radians([[0], [45], [-45]])
     cos, sin = np.cos(angle), np.sin(angle)
-    return (water.column + (right * cos - up * sin) / dx, water.row + (right * sin + up * cos) / dy)
+    return column + (right * cos - up * sin) / dx, row + (right * sin + up * cos) / dy
 
 
 def _around(
-    water: Water, x: Float[np.ndarray, "cells"], y: Float[np.ndarray, "cells"], *, exits: bool
+    water: Water, x: Float[np.ndarray, "1 cells"], y: Float[np.ndarray, "1 cells"], *, exits: bool
 ) -> Int[np.ndarray, "9 cells"]:
     """Find the image of each cell and its neighbours, with the sink if the edge is open."""
-    image = water.landing(x[None], y[None], exits=exits)
-    # An image off the grid has neighbours too.
+    image = water.landing(x, y, exits=exits)
+    row, column = _squares_around(water, image, x, y)
+    cell, land = water.at(row[1:], column[1:])
+    other = (cell < 0) | (water.piece[cell] != water.piece)
+    on = (cell >= 0) | (land & (water.coast != "strand"))
+    around = np.where(on, np.where(other, _NONE, cell), -1 if exits else _NONE)
+    return np.concatenate([image, around])
+
+
+def _squares_around(
+    water: Water,
+    image: Int[np.ndarray, "1 some"],
+    x: Float[np.ndarray, "1 some"],
+    y: Float[np.ndarray, "1 some"],
+) -> tuple[Int[np.ndarray, "9 some"], Int[np.ndarray, "9 some"]]:
+    """Return the rows and columns of the squares of images, also off the map, and around them."""
     row, column = square(x, y)
-    row = np.where(image[0] >= 0, water.row[image[0]], row)
-    column = np.where(image[0] >= 0, water.column[image[0]], column)
-    around = []
-    for up, right in NEIGHBORS:
-        cell, inside = water.at(row + up, column + right)
-        other = (cell < 0) | (water.piece[cell] != water.piece)
-        around.append(np.where(inside, np.where(other, _NONE, cell), -1 if exits else _NONE))
-    return np.concatenate([image, np.stack(around)])
+    row = np.where(image >= 0, water.row[image], row)
+    column = np.where(image >= 0, water.column[image], column)
+    up, right = np.array([(0, 0), *NEIGHBORS]).T[:, :, None]
+    return row + up, column + right
 
 
 def _set_probabilities(

@@ -20,6 +20,8 @@ NEIGHBORS = tuple((r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0
 _DECIMALS = 9
 # The number of cells nearest by the mean metric that are compared by the metric of the place.
 _CANDIDATES = 8
+COASTS = ("hold", "slip", "strand")
+"""The rules at a coast."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,17 +51,36 @@ class Water:
     "Metres below the surface."
     wraps: bool = False
     "True if the last column is beside the first, as on a grid that goes round the Earth."
+    land: Bool[np.ndarray, "rows columns"] = None  # type: ignore[assignment]
+    """Squares of land or of the sea bed, by default all without a cell. The others without a cell
+    are sea without data, an open edge."""
+    coast: str = "hold"
+    """The rule for drifters that run ashore. `"hold"`: water slows down towards land and holds them
+    at the coast, in the nearest cell, until it carries them off. `"slip"`: the same, but water
+    beside land flows along it without friction. `"strand"`: as `"hold"`, but a drifter that ends on
+    land has stranded, and leaves the map."""
+
+    def __post_init__(self) -> None:
+        """**Raises:** `ValueError` for an unknown rule, or land in a cell of water."""
+        if self.coast not in COASTS:
+            raise ValueError(f"coast: expected 'hold', 'slip' or 'strand', got {self.coast!r}")
+        if self.land is None:
+            object.__setattr__(self, "land", self.number < 0)
+        if (self.land & (self.number >= 0)).any():
+            raise ValueError("land: expected squares without a cell, got some with one")
 
     @classmethod
-    def of(cls, currents: xr.Dataset, layer: int = 0) -> "Water":
+    def of(cls, currents: xr.Dataset, layer: int = 0, coast: str = "hold") -> "Water":
         """Number the water cells of one layer.
 
         If the longitudes form a circle, the last column is beside the first.
 
         **Arguments:**
 
-        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `currents`: as from [`jaxcell.drift.open_currents`][]; without `land`, all squares that
+            are not water are land.
         - `layer`: number of the layer, from 0 at the surface.
+        - `coast`: the rule for drifters that run ashore: `"hold"`, `"slip"` or `"strand"`.
         """
         layers = currents.sizes["layer"]
         if not 0 <= layer < layers:
@@ -75,6 +96,8 @@ class Water:
             **grid,
             depth=float(currents["depth"][layer]),
             wraps=goes_round(grid["lon"], grid["lat"]),
+            land=np.asarray(currents["land"][layer], bool) if "land" in currents else ~wet,
+            coast=coast,
         )
 
     @property
@@ -94,11 +117,27 @@ class Water:
 
     @functools.cached_property
     def piece(self) -> Int[np.ndarray, "cells"]:
-        """The connected piece of water of each cell, numbered from 0 by their smallest cells."""
-        label, count = scipy.ndimage.label(self.number >= 0, structure=_AROUND)
+        """The connected piece of sea of each cell, numbered from 0 by their smallest cells.
+
+        Sea without data connects cells.
+        """
+        label, count = scipy.ndimage.label(~self.land, structure=_AROUND)
         if self.wraps:
             label = _joined(label, count)
-        return label[self.row, self.column].astype(np.int32) - 1
+        _, first, piece = np.unique(
+            label[self.row, self.column], return_index=True, return_inverse=True
+        )
+        return np.argsort(np.argsort(first))[piece].astype(np.int32)
+
+    @property
+    def closed(self) -> Bool[np.ndarray, "rows columns"]:
+        """The squares of land that drifters do not enter; none if they strand."""
+        return self.land & (self.coast != "strand")
+
+    @property
+    def gone(self) -> Bool[np.ndarray, "rows columns"]:
+        """The squares in which a drifter has left the map."""
+        return (self.number < 0) & ~self.closed
 
     @functools.cached_property
     def neighbor(self) -> Int[np.ndarray, "8 cells"]:
@@ -164,13 +203,13 @@ class Water:
     def at(
         self, row: Int[np.ndarray, "*points"], column: Int[np.ndarray, "*points"]
     ) -> tuple[Int[np.ndarray, "*points"], Bool[np.ndarray, "*points"]]:
-        """Look up the cells of squares (-1 without water), and whether they are on the grid."""
+        """Look up the cells of squares (-1 without water), and whether they are land."""
         rows, columns = self.number.shape
         if self.wraps:
             column = column % columns
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-        number = self.number[row.clip(0, rows - 1), column.clip(0, columns - 1)]
-        return np.where(inside, number, np.int32(-1)), inside
+        at = row.clip(0, rows - 1), column.clip(0, columns - 1)
+        return np.where(inside, self.number[at], np.int32(-1)), inside & self.land[at]
 
     def on_columns(self, x: Float[np.ndarray, "*points"]) -> Float[np.ndarray, "*points"]:
         """Wrap places along x onto the grid, if its columns go round the Earth."""
@@ -194,13 +233,14 @@ class Water:
 
         - `x`, `y`: end points in cells.
         - `origin`: the cell that the drifters of each column came from; by default every cell.
-        - `exits`: whether a drifter that ends off the grid has left, with -1 as its cell.
+        - `exits`: whether a drifter that ends off the grid or in sea without data has left, with
+            -1 as its cell; and also one that ends on land, if it strands there.
         """
         origin = np.arange(self.cells) if origin is None else origin
-        cell, inside = self.at(*square(x, y))
+        cell, land = self.at(*square(x, y))
         ashore = (cell < 0) | (self.piece[cell] != self.piece[origin])
         if exits:
-            ashore &= inside
+            ashore &= (cell >= 0) | (land & (self.coast != "strand"))
         branch, point = np.nonzero(ashore)
         came = origin[point]
         for piece in np.unique(self.piece[came]):

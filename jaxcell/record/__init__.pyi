@@ -1,7 +1,7 @@
 from .bounce.cells_by_direction import save_cells as save_cells
 from .data.dataset import dataset as dataset, save_dataset as save_dataset
+from .data.deployment_files import save_deployment as save_deployment
 from .data.summary import summary as summary
-from .drift.deployment_files import save_deployment as save_deployment
 from .figures.plot import plot as plot
 from .recordings import save_recording as save_recording, show as show
 from .robot.recording import RobotRecording as RobotRecording

@@ -68,6 +68,16 @@ class Drift(SeaStudy):
     """Rule for drifters at a coast or at the edge of the map: they move to any neighbouring cell,
     as in the dissertation (uniform), or drift like all others and may leave the map (exit). By
     default uniform with --method source, and else exit."""
+    coast: Literal["hold", "slip", "strand"] = "hold"
+    """Rule for drifters that run ashore: they are held at the coast until the current carries them
+    off (hold); or the same, but water flows along coasts without friction (slip); or they have
+    stranded, and leave the map (strand)."""
+    land: Path | None = None
+    """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
+    Natural Earth."""
+    gaps: Literal["open", "land"] = "open"
+    """Squares without data that are not land by the mask or the coastline: an open edge (open), or
+    land too (land)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     backward: bool = False
@@ -80,7 +90,7 @@ class Drift(SeaStudy):
     """GeoJSON file of polygons between which drifters at the surface are followed."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
     """Seconds after which drifters are counted in the regions and on beaches."""
-    beaching: Duration | None = None
+    beaching: Annotated[Duration | None, Only(coast=("hold", "slip"))] = None
     """Half-life in seconds of drifters afloat in a cell at a coast, at the surface."""
     resuspension: Annotated[Duration | None, Only(beaching=True)] = None
     """Half-life in seconds of drifters on a beach; by default they stay there."""
@@ -105,7 +115,7 @@ class Drift(SeaStudy):
         """Read the currents."""
         pushes = self.windage, self.stokes
         chosen = self.time, self.depths, self.bounds, self.variables
-        return _currents(self.file, self.grid, *chosen, *pushes)
+        return _currents(self.file, self.grid, *chosen, *pushes, self.land, self.gaps)
 
     def memory(self, written: bool = False) -> float | int:
         from ..base import memory
@@ -123,7 +133,8 @@ class Drift(SeaStudy):
 
         self.memory()
         currents = self.currents()
-        waters = [Water.of(currents, layer) for layer in range(currents.sizes["layer"])]
+        layers = range(currents.sizes["layer"])
+        waters = [Water.of(currents, layer, self.coast) for layer in layers]
         fewest = min(water.cells for water in waters)
         Limit(le=fewest).check("nearly_closed", self.nearly_closed, ", the cells of a layer")
         if self.range is not None:
@@ -139,6 +150,7 @@ class Drift(SeaStudy):
             mean=self._mean,
             backward=self.backward,
             diffusivity=self.diffusivity,
+            coast=self.coast,
             say=say,
         )
         surface = result.layers[0].behaviour
@@ -171,7 +183,7 @@ class Drift(SeaStudy):
         return result
 
     def spec(self, result: Any) -> dict[str, Any]:
-        rules = {"spread": self._step.spread, "edge": self._step.edge}
+        rules = {"spread": self._step.spread, "edge": self._step.edge, "coast": self.coast}
         rules["current"] = "mean" if self._mean else "changing"
         of_result = {"depths_m": result.depths, "duration_s": result.step}
         return {**super().spec(result), **rules, **of_result}
@@ -235,6 +247,8 @@ def _currents(
     variables: tuple[str, str] | None,
     windage: float,
     stokes: bool,
+    land: Path | None,
+    gaps: str,
 ) -> "xr.Dataset":
     from ..drift import open_currents
     from ..drift.currents.netcdf import TooLargeError
@@ -249,6 +263,8 @@ def _currents(
         variables=variables,
         windage=windage,
         stokes=stokes,
+        land=land,
+        gaps=gaps,
     )
     try:
         return read()

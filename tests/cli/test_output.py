@@ -128,6 +128,7 @@ MISSING = [
     "drift none.nc",
     "drift 'none*.nc'",
     "drift @gyres --grid none.nc",
+    "drift @gyres --land none.geojson",
     "drift @gyres --regions none.geojson",
     "drifters @drifters none.nc",
     "dynamics none.py:x",

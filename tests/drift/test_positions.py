@@ -37,6 +37,15 @@ def test_the_positions_tell_the_unit_of_the_angle(tmp_path, turn_deg, angle, uni
         assert message in currents.attrs["notes"]
 
 
+def test_small_angles_in_declared_radians_are_radians(tmp_path):
+    def small(file):
+        file["angle"][:] = np.radians(2.0)
+
+    currents = open_currents(turned(tmp_path, 0.0, units="radians", change=small))
+    np.testing.assert_allclose(currents.angle, np.radians(2.0))
+    assert "in radians as the file says" in currents.attrs["notes"]
+
+
 @pytest.mark.parametrize("off", [-4.0, 4.0])
 def test_an_angle_that_is_a_little_off_is_taken(tmp_path, off):
     def shift(file):

@@ -293,3 +293,69 @@ def test_cells_lags_and_samples_out_of_range_are_refused(call, message):
     seen = drift.open_trajectories(parcels())
     with pytest.raises(ValueError, match=message):
         call(seen, drift.boxes(seen, 1.0))
+
+
+def known_trajectories():
+    lon, lat, hours = (np.concatenate(rows).astype(float) for rows in (LON, LAT, HOURS))
+    owner = np.repeat(np.arange(3), [4, 2, 3])
+    return drift.Trajectories(lon, lat, 3600.0 * hours, owner, since="2020-01-01")
+
+
+@pytest.mark.parametrize("suffix", ["nc", "parquet"])
+def test_written_trajectories_are_read_again(suffix, tmp_path):
+    if suffix == "parquet":
+        pytest.importorskip("pyarrow")
+    seen = known_trajectories()
+    drift.save_trajectories(seen, tmp_path / f"seen.{suffix}")
+    again = drift.open_trajectories(tmp_path / f"seen.{suffix}")
+    for name in ("lon", "lat", "time", "drifter"):
+        np.testing.assert_allclose(getattr(again, name), getattr(seen, name), rtol=1e-12)
+    assert again.since == seen.since
+
+
+def test_written_trajectories_have_the_convention_of_trajan():
+    """The rules by which TrajAn 0.10 finds a contiguous ragged array."""
+    dataset = known_trajectories().dataset()
+    role = [name for name, v in dataset.variables.items() if "cf_role" in v.attrs]
+    assert role == ["trajectory"]
+    assert dataset["trajectory"].dims == ("trajectory",)
+    assert dataset["lon"].dims == ("index",)
+    assert "time" in dataset.coords
+    assert dataset["time"].attrs["standard_name"] == "time"
+    rows = [name for name in dataset.data_vars if dataset[name].dims == ("trajectory",)]
+    assert rows == ["rowsize"]
+    assert int(dataset["rowsize"].sum()) == dataset.sizes["index"]
+
+
+def test_tables_of_parcels_are_read(tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    pa = pytest.importorskip("pyarrow")
+    # In the order of time, with more columns, as Parcels 4 writes them.
+    seen = known_trajectories()
+    order = np.argsort(seen.time, kind="stable")
+    units = {"units": SINCE, "calendar": "standard"}
+    fields = [
+        *(pa.field(name, pa.float32()) for name in "xyz"),
+        pa.field("t", pa.float64(), metadata=units),
+        pa.field("particle_id", pa.int64()),
+    ]
+    columns = [seen.lon, seen.lat, 0 * seen.lat, seen.time / 3600, 100 - seen.drifter]
+    arrays = [pa.array(c[order], f.type) for c, f in zip(columns, fields, strict=True)]
+    path = tmp_path / "particles.parquet"
+    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), path)
+    again = drift.open_trajectories(path)
+    assert again.drifters == 3
+    assert again.since == "2020-01-01"
+    first = again.drifter == 2
+    np.testing.assert_allclose(again.lon[first], LON[0], atol=1e-4)
+    np.testing.assert_array_equal(again.time[first], 3600.0 * np.array(HOURS[0]))
+
+
+def test_bad_tables_and_names_are_refused(tmp_path):
+    pytest.importorskip("pyarrow")
+    path = tmp_path / "particles.parquet"
+    path.write_bytes(b"no table")
+    with pytest.raises(ValueError, match="cannot be read as Parquet"):
+        drift.open_trajectories(path)
+    with pytest.raises(ValueError, match=r"ends in \.nc or \.parquet"):
+        drift.save_trajectories(known_trajectories(), tmp_path / "seen.csv")

@@ -76,6 +76,25 @@ def roms():
     }
 
 
+def mitgcm():
+    """Currents as in MITgcm: on the western and southern sides of cells, with gaps."""
+    u = np.full((2, 3, 4, 5), 0.1)
+    u[:, :, 1, 2] = np.nan
+    return {
+        "dims": {"time": 2, "Z": 3, "YC": 4, "XC": 5, "YG": 4, "XG": 5},
+        "attributes": {},
+        "variables": {
+            "time": variable(("time",), [0, 3600], units="seconds since 2016-02-02"),
+            "Z": variable(("Z",), [-5.0, -15.0, -30.0], units="m", positive="up"),
+            "XC": variable(("XC",), -118 + 0.01 * np.arange(5), units="degrees_east"),
+            "YC": variable(("YC",), 33 + 0.01 * np.arange(4), units="degrees_north"),
+            "UVEL": variable(("time", "Z", "YC", "XG"), u, units="m/s"),
+            "VVEL": variable(("time", "Z", "YG", "XC"), np.full((2, 3, 4, 5), 0.2)),
+            "hFacC": variable(("Z", "YC", "XC"), np.full((3, 4, 5), 0.5)),
+        },
+    }
+
+
 def target():
     return {
         "dims": {"x": 3, "y": 2},
@@ -211,7 +230,7 @@ def changed(draw, make):
 
 
 FILES = {
-    "currents": [currents, roms],
+    "currents": [currents, roms, mitgcm],
     "target": [target, target_of_positions],
     "info": [currents, target],
 }

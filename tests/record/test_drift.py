@@ -15,8 +15,9 @@ from jaxcell import drift, record
 from jaxcell.drift.ranks import basin_ranks
 from jaxcell.mapping import Chain
 from jaxcell.record.canvas.stream import new_stream
+from jaxcell.record.drift.frame import place_name, round_below
 from jaxcell.record.drift.groups import group_classes
-from jaxcell.record.drift.map import Clock, CurrentMap, place_name, round_below
+from jaxcell.record.drift.map import Clock, CurrentMap
 
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"

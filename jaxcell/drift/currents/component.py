@@ -9,8 +9,8 @@ from .axes.dimensions import Axes
 from .flags import Flag, read_flags
 from .grid import OceanGrid
 from .masks import Mask, part, read_mask
+from .models.roms import to_centres
 from .netcdf import OceanFile
-from .roms import to_centres
 
 
 FASTEST_CURRENT = 10.0
@@ -113,9 +113,12 @@ def component(
         first, last = int(cells[between][0]), int(cells[between][-1])
         outer = np.arange(max(first - 1, 0), min(last + 2, length))
         inner = cells[between] - outer[0]
-        if grid.wraps and between == -1 and first == 0 and last + 1 < length:
+        # On other grids without a repeated column the side at the seam is not in the file.
+        at_seam = last + 1 < length or file.dataset.sizes[axes.x] == length
+        if grid.wraps and between == -1 and first == 0 and at_seam:
             # The western side of the first column is the eastern one of the last.
-            outer, inner = np.append(last, outer), inner + 1
+            after = last + 1 if last + 1 < length else 0
+            outer, inner = np.concatenate([[last], cells[-1], [after]]), inner + 1
         cells[between] = outer
     mask = read_mask(file, rho, cells[0], cells[1], places, axes.depth)
     if between is not None:

@@ -61,6 +61,7 @@ CONVENTIONS: tuple[Convention, ...] = (
     _row("velocity", "water_u water_v", along="earth"),  # HYCOM
     _row("velocity", "uo vo", along="earth"),  # CMEMS; NEMO by the names of CMIP
     _row("velocity", "u_sur_eastward v_sur_northward", along="earth"),  # ROMS
+    _row("velocity", "evel nvel", along="earth"),  # ECCO on longitudes and latitudes
     _row("velocity", "utotal vtotal", along="earth"),  # CMEMS, with tides and waves
     _row("velocity", "ucur vcur", along="earth"),  # HF radar of IMOS
     _row("velocity", "ewct nsct", along="earth"),  # HF radar of EMODnet
@@ -72,6 +73,7 @@ CONVENTIONS: tuple[Convention, ...] = (
     _row("velocity", "ssu ssv"),  # NEMO
     _row("velocity", "sozocrtx somecrty"),  # NEMO
     _row("velocity", "u_velocity v_velocity"),  # RTOFS
+    _row("velocity", "uvel vvel"),  # MITgcm, ECCO
     _row("velocity", "ubar vbar"),  # ROMS
     _row("velocity", "ug vg"),  # OSCAR
     _row("wind", "", "eastward_wind northward_wind", along="earth"),

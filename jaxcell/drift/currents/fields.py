@@ -11,9 +11,10 @@ from .component import FASTEST_CURRENT, Component, component, read_cells
 from .conventions import find
 from .flags import LEAST_PRESENT, fill_gaps
 from .grid import OceanGrid
+from .land import Land, read_land
 from .masks import Mask, read_mask
+from .models.roms import at_height
 from .netcdf import OceanFile
-from .roms import at_height
 from .velocity import Velocity
 
 
@@ -28,6 +29,8 @@ class Field:
     "In m/s, NaN without water; at each record, or the mean."
     water: Bool[np.ndarray, "layers y x"]
     "The cells with a velocity at every record, read or interpolated in time."
+    land: Bool[np.ndarray, "layers y x"]
+    "The squares of land, or of the sea bed; the others without water are sea without data."
     notes: tuple[str, ...]
     "The steps of the reading, in words."
 
@@ -42,6 +45,10 @@ class FieldReader:
     records: Int[np.ndarray, " records"]
     times: Shaped[np.ndarray, " records"]
     layers: Layers
+    coast: Land | None = None
+    "The land for files without a mask; by default that of Natural Earth."
+    gaps: str = "open"
+    "As for [`jaxcell.drift.open_currents`][]."
 
     @property
     def names(self) -> str:
@@ -149,7 +156,56 @@ class FieldReader:
         if still := int((water & ((u == 0) & (v == 0)).all(axis=0)).sum()):
             notes.append(f"{still} water cells have a velocity of exactly 0: land without a mask?")
         u, v = (np.where(water, values, np.nan)[:, kept] for values in (u, v))
-        return Field(layers.depth[kept], u, v, water[kept], tuple(notes))
+        land, why = self._land(count > 0, dry, water)
+        notes += why
+        return Field(layers.depth[kept], u, v, water[kept], land[kept], tuple(notes))
+
+    def _land(
+        self,
+        seen: Bool[np.ndarray, "layers y x"],
+        deep: Bool[np.ndarray, "layers y x"],
+        water: Bool[np.ndarray, "layers y x"],
+    ) -> tuple[Bool[np.ndarray, "layers y x"], list[str]]:
+        """Mark land and the sea bed among the squares that are not water, with notes.
+
+        A square with a velocity at any record is sea. It is the sea bed if a layer above has one.
+        Elsewhere the mask decides, else depths of the sea bed that are not positive, and else a
+        coastline.
+        """
+        above = np.cumsum(seen, axis=0) > seen
+        if (top := self.layers.top) is not None:
+            above |= self._seen_at(top)
+        bed = ~seen & (deep | above)
+        unknown = ~(water | seen | bed | self.grid.closed[:, None])
+        if self.gaps == "land":
+            return ~water, []
+        if not unknown.any():
+            land, by = np.zeros(self.grid.lon.shape, bool), ""
+        elif self.mask is not None:
+            land, by = ~self.mask.water, self.mask.name
+        elif (dry := ~(self.bed > 0)).any() and not dry.all():
+            land, by = dry, "the depth of the sea bed"
+        else:
+            coast = self.coast or read_land()
+            some = unknown.any(axis=0)
+            land, by = coast.within(self.grid.lon, self.grid.lat, some), coast.name
+        land = ~water & (bed | self.grid.closed[:, None] | (unknown & land))
+        gaps = ~(water | land)
+        if not gaps.any():
+            return land, []
+        return land, [
+            f"{int(land[0].sum())} squares of the first layer are land{by and f' (by {by})'}, and "
+            f"{int(gaps[0].sum())} are sea without data, where drifters leave the map"
+        ]
+
+    def _seen_at(self, level: int) -> Bool[np.ndarray, "y x"]:
+        """Mark the cells with a velocity at a level, at the first record."""
+        both = ((self.velocity.u, self.velocity.u_axes), (self.velocity.v, self.velocity.v_axes))
+        values = (
+            component(self.file, name, axes, self.grid, np.array([level])).at(int(self.records[0]))
+            for name, axes in both
+        )
+        return np.all([np.isfinite(value[0]) for value, _, _ in values], axis=0)
 
     def _notes(self) -> list[str]:
         """Describe the mask, the surface, the sides and the flags of the velocity."""

@@ -61,8 +61,9 @@ _Box = tuple[float, float, float, float]
 
 
 def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
-    lon_in_file = file.read(file.dataset[axes.lon])
-    lat_in_file = file.read(file.dataset[axes.lat])
+    lon_in_file, lat_in_file = (
+        _in_degrees(file, name, file.read(file.dataset[name])) for name in (axes.lon, axes.lat)
+    )
     notes = []
     if again := repeated_columns(lon_in_file):
         lon_in_file = lon_in_file[:-again]
@@ -114,7 +115,8 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         values = file.read(file.dataset[name], axes.rho)
         return np.broadcast_to(values, tuple(sizes.values()))[:, kept]
 
-    lon, lat = wrapped(read(axes.lon)), read(axes.lat)
+    lon, lat = (_in_degrees(file, name, read(name)) for name in (axes.lon, axes.lat))
+    lon = wrapped(lon)
     rows, columns = (np.arange(size) for size in sizes.values())
     notes = []
     # Of two repeated columns one at each end is left out: the file has the sides of the others.
@@ -178,8 +180,9 @@ def _angle(
 ) -> tuple[Float[np.ndarray, "y x"], str]:
     """Convert the variable `angle` to radians, and return it with its origin in words.
 
-    Its unit is the one in which it agrees better with the positions of the cells, because files
-    omit the unit, and some of CROCO have radians with the unit degree.
+    It is in radians if the file says so and they agree with the positions of the cells. Else its
+    unit is the one that agrees better, because files omit the unit, and some of CROCO have radians
+    with the unit degree.
     """
     known = np.isfinite(angle + computed)
     if not known.any():
@@ -190,6 +193,9 @@ def _angle(
         for unit, values in units.items()
     }
     unit = min(off, key=lambda unit: off[unit])
+    declared = _declares_radians(file, "angle") and off["radians"] <= _MAX_ERROR_OF_ANGLE
+    if unit == "degrees" and declared:
+        return angle, "the variable angle, in radians as the file says"
     if off[unit] > _MAX_ERROR_OF_ANGLE:
         raise file.error(
             "angle",
@@ -199,6 +205,17 @@ def _angle(
             "is in degrees",
         )
     return units[unit], f"the variable angle, in {unit} as {axes.lon} and {axes.lat} show"
+
+
+def _declares_radians(file: OceanFile, name: str) -> bool:
+    return str(file.dataset[name].attrs.get("units", "")).lower() in ("radian", "radians", "rad")
+
+
+def _in_degrees(
+    file: OceanFile, name: str, values: Float[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "*shape"]:
+    """Convert positions that the file declares to be in radians."""
+    return np.degrees(values) if _declares_radians(file, name) else values
 
 
 def _turn(angle: Float[np.ndarray, "y x"]) -> Float[np.ndarray, "y x"]:

@@ -1,6 +1,7 @@
 """Ocean currents from a file, on cells."""
 
 import dataclasses
+import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,8 +12,9 @@ from .axes.depths import choose_layers
 from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
+from .land import read_land
+from .models.roms import turned
 from .netcdf import OceanFile
-from .roms import turned
 from .sources import Source, open_source, source_name
 from .surface import Push, read_surface
 from .velocity import Velocity, choose_velocity
@@ -34,6 +36,8 @@ def open_currents(
     mean: bool = False,
     windage: float | int = 0.0,
     stokes: bool = False,
+    land: str | os.PathLike[str] | None = None,
+    gaps: str = "open",
 ) -> xr.Dataset:
     """Read ocean currents (Alam 2018, section 5.4.1).
 
@@ -47,6 +51,10 @@ def open_currents(
     interpolated in time, and values with a bad quality flag are gaps. If the file has a mask, the
     cell must also be water by the mask, whose values are known by the names of ROMS, CROCO and
     NEMO, by flags or options such as `option_0`, or by a standard name.
+
+    Other squares are land, the sea bed, or *sea without data*, an open edge of the map. The sea bed
+    is below a square with a velocity. Else the mask decides, or depths of the sea bed that are not
+    positive, or, without either, a coastline: a square that holds land by it is land.
 
     If the columns go round the Earth, repeated columns are left out, and all computations go on
     across the seam; `notes` says so. Velocities on the sides of cells without a repeated column
@@ -79,18 +87,22 @@ def open_currents(
     - `windage`: the share of the speed of the wind that is added to the current of the first layer,
         if the file has the wind: some 0.01 to 0.04 for objects that project from the water.
     - `stokes`: whether to add the Stokes drift of waves to the first layer, if the file has it.
+    - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
+        land of Natural Earth, whose coasts are off by some kilometres.
+    - `gaps`: `"open"`, or `"land"` if all squares without a velocity are land.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
 
     - `u`, `v`: velocity towards the East and North in m/s, NaN without water;
     - `water`: whether a cell of a layer is water;
+    - `land`: whether it is land or the sea bed; the rest is sea without data;
     - `dx`, `dy`: the sides of each cell along the x and y axes of the grid, in metres;
     - `angle`: radians, counter-clockwise from East to the x axis;
     - coordinates `time` (UTC), `depth` of each layer in metres, `lon` and `lat` of the centres;
     - attributes `source`; `east_from` and `north_from`, the variables and the reason for their
         choice; `notes`, other steps of the reading, a line each; and `mean_of`, the number of
-        records in each mean.
+        records in each mean; and `coastline`, the file of `land`, or "".
 
     **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
     damaged or contradictory files, choices that the file does not have, and more data than 4 GiB;
@@ -105,6 +117,9 @@ def open_currents(
     """
     if not 0 <= windage <= 1:
         raise ValueError(f"windage: expected a share from 0 to 1, got {windage}")
+    if gaps not in ("open", "land"):
+        raise ValueError(f"gaps: expected 'open' or 'land', got {gaps!r}")
+    coast = None if land is None else read_land(land)
     with open_source(path, grid) as file:
         file, velocity = choose_velocity(file, variables)
         axes = velocity.u_axes
@@ -116,7 +131,7 @@ def open_currents(
         records = choose_records(file, times, time)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
         chosen = times.values[records]
-        field = FieldReader(file, velocity, cells, records, chosen, layers).read(mean)
+        field = FieldReader(file, velocity, cells, records, chosen, layers, coast, gaps).read(mean)
         _check_positions(file, axes.lon, cells, field)
         shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
         pushes = [
@@ -141,6 +156,7 @@ def open_currents(
         "north_from": _origin(velocity, "North", cells),
         "notes": "\n".join(note for note in notes if note),
         "mean_of": len(records) if mean else 1,
+        "coastline": "" if land is None else os.fspath(land),
     }
     field = dataclasses.replace(field, u=u, v=v)
     return _dataset(field, cells, chosen[:1] if mean else chosen, attributes)
@@ -196,6 +212,7 @@ def _dataset(
             "u": (moving, field.u, speed | east),
             "v": (moving, field.v, speed | north),
             "water": (moving[1:], field.water, {"long_name": "water at every record"}),
+            "land": (moving[1:], field.land, {"long_name": "land or sea bed"}),
             "dx": (cells, grid.dx, metres | {"long_name": "side of the cell along x"}),
             "dy": (cells, grid.dy, metres | {"long_name": "side of the cell along y"}),
             "angle": (cells, grid.angle, turn),

@@ -13,6 +13,7 @@ from ...base.paths import ADDRESS, existing
 from .axes.dimensions import axis_kind
 from .conventions import find
 from .netcdf import OceanFile, error_line, open_netcdf, open_undecoded, unwarned
+from .parquet import read_parquet
 from .records import join_records
 
 
@@ -72,6 +73,8 @@ def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
 
 def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
     """Open one file, Zarr store, or address of an OPeNDAP server."""
+    if path.lower().endswith(".parquet"):
+        return OceanFile(path, read_parquet(path))
     if ADDRESS.match(path):
         path = ADDRESS.sub(r"\1://", path)
         engine, why = "netcdf4", "cannot be reached by OPeNDAP (no network, or no such dataset)"

@@ -96,11 +96,14 @@ def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> 
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
     """Return the order in which longitudes ascend to the East, from the western end of the grid.
 
-    They are one turn to the East or the West, with any jumps by 360 degrees. A grid that goes round
-    the Earth begins at -180 degrees; others begin after their widest gap, so that a grid across the
-    antimeridian stays whole.
+    They are one turn to the East or the West, with any jumps by 360 degrees, or ascend or descend
+    within a turn, with a hole of any width. A grid that goes round the Earth begins at -180
+    degrees; others begin after their widest gap, so that a grid across the antimeridian stays
+    whole.
     """
-    steps = wrapped(np.diff(lon))
+    steps = np.diff(lon)
+    if not (((steps > 0).all() or (steps < 0).all()) and np.ptp(lon) < 360):
+        steps = wrapped(steps)
     if not (np.isfinite(lon).all() and ((steps > 0).all() or (steps < 0).all())):
         raise ValueError(f"expected longitudes in order, got {_around_break(lon, steps)}")
     if np.abs(steps).sum() >= 360 - 1e-9:

@@ -4,10 +4,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from .axes.dimensions import Axes, find_axes, is_rectangular, unstructured
+from .axes.dimensions import Axes, find_axes, is_rectangular, on_nodes, unstructured
 from .conventions import table
-from .nemo import on_points
+from .models import mitgcm, nemo
 from .netcdf import OceanFile
+
+
+_NAME_THEM = "name u and v with variables (--variables U V)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +56,7 @@ def choose_velocity(
         pair = _as_asked(file, variables)
     else:
         pair = _by_standard_name(file) or _by_name(file)
-    file = on_points(file, pair.u, pair.v)
+    file = nemo.on_points(mitgcm.on_points(file, pair.u, pair.v), pair.u, pair.v)
     u_axes, v_axes = find_axes(file, pair.u), find_axes(file, pair.v)
     if (u_axes.time, u_axes.depth, u_axes.rho) != (v_axes.time, v_axes.depth, v_axes.rho):
         raise file.error(
@@ -90,7 +93,7 @@ def _by_standard_name(file: OceanFile) -> _Pair | None:
                 raise file.error(
                     "standard_name",
                     f"expected one variable that is {standard_name}, got "
-                    f"{', '.join(candidates) or 'none'}; name u and v with variables",
+                    f"{', '.join(candidates) or 'none'}; {_NAME_THEM}",
                 )
         why = f"by the standard names {row.standard_names[0]} and {row.standard_names[1]}"
         return _Pair(names[0][0], names[1][0], row.along, why)
@@ -108,9 +111,10 @@ def _by_name(file: OceanFile) -> _Pair:
         for name, variable in file.dataset.variables.items()
         if variable.attrs.get("cf_role") == "mesh_topology"
     )
-    if (mesh := next(topology, None)) is not None:
+    schism = (str(name) for name, v in file.dataset.variables.items() if on_nodes(v.dims))
+    if (mesh := next(topology, None) or next(schism, None)) is not None:
         raise unstructured(file, mesh)
-    raise file.error("variables", f"no velocity found; the file has {_all(file)}")
+    raise file.error("variables", f"no velocity found; the file has {_all(file)}; {_NAME_THEM}")
 
 
 def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
@@ -128,7 +132,7 @@ def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "
         pair.u,
         f"ambiguous: on the dimensions ({axes.y}, {axes.x}) it may be towards the East or "
         "along the grid, and it has no standard name; to take it as towards the East, name "
-        f"{pair.u} and {pair.v} with variables",
+        f"{pair.u} and {pair.v} with variables (--variables {pair.u} {pair.v})",
     )
 
 

@@ -151,7 +151,8 @@ def boxes(
     number = np.where(visited[:-1], np.cumsum(visited[:-1]) - 1, -1)
     if not visited[:-1].any():
         raise ValueError("bounds: no drifter was within them")
-    return dataclasses.replace(whole, number=number.reshape(lat.shape).astype(np.int32))
+    number = number.reshape(lat.shape).astype(np.int32)
+    return dataclasses.replace(whole, number=number, land=number < 0)
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
@@ -226,7 +227,7 @@ def count_moves(
     known = kept[begin]
     grid = water.on_grid(number[:-1].astype(np.int32), -1).astype(np.int32)
     return CountedMoves(
-        dataclasses.replace(water, number=grid),
+        dataclasses.replace(water, number=grid, land=grid < 0),
         number[begin[known]],
         number[end[known]],
         seen.drifter[first[known]],

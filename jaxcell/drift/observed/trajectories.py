@@ -1,14 +1,19 @@
 """Trajectories of drifters, from observations and from models that follow particles."""
 
 import dataclasses
+import os
+import re
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
+from ...base.paths import replacing
 from ..currents.axes.times import SECONDS
 from ..currents.conventions import Role, find
 from ..currents.netcdf import OceanFile
+from ..currents.parquet import write_parquet
 from ..currents.sources import Source, open_source, source_name
 from ..currents.sphere import wrapped
 
@@ -17,7 +22,7 @@ _ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"
 # Names, in small letters, of counts of observations and of labels of drifters, and prefixes of the
 # dimension of drifters.
 _COUNTS = ("rowsize", "row_size")
-_LABELS = ("id", "drifter", "particle", "trajectory")
+_LABELS = ("id", "drifter", "particle", "particle_id", "trajectory")
 _DRIFTERS = ("traj", "drifter", "particle")
 _MAX_TIME = 1e17
 
@@ -47,6 +52,8 @@ class Trajectories:
     "The drifter of each observation, from 0 in order."
     source: str = "trajectories"
     "The name of the source."
+    since: str = ""
+    "The date from which seconds count, such as `2020-01-01`; empty if it is not known."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for observations that are not in order."""
@@ -70,6 +77,7 @@ class Trajectories:
         time: Float[np.ndarray, "observations"],
         drifter: Int[np.ndarray, "observations"],
         source: str = "trajectories",
+        since: str = "",
     ) -> "Trajectories":
         """Sort observations, and leave out invalid and repeated ones.
 
@@ -80,7 +88,50 @@ class Trajectories:
         lon, lat, time, drifter = (column[order] for column in (lon, lat, time, drifter))
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
         _, number = np.unique(drifter[new], return_inverse=True)
-        return cls(wrapped(lon[new]), lat[new], time[new], number.astype(np.int64), source)
+        return cls(wrapped(lon[new]), lat[new], time[new], number.astype(np.int64), source, since)
+
+    def dataset(self) -> xr.Dataset:
+        """Return a dataset in the convention of CF for trajectories, one after the other.
+
+        TrajAn reads it (`dataset.traj`), and so does [`open_trajectories`][].
+        """
+        unit = f"seconds since {self.since}" if self.since else "seconds"
+        data = {
+            "lon": ("index", self.lon, {"standard_name": "longitude", "units": "degrees_east"}),
+            "lat": ("index", self.lat, {"standard_name": "latitude", "units": "degrees_north"}),
+            "rowsize": ("trajectory", np.bincount(self.drifter), {"sample_dimension": "index"}),
+        }
+        names = np.arange(self.drifters), {"cf_role": "trajectory_id"}
+        coords = {
+            "time": ("index", self.time, {"standard_name": "time", "units": unit}),
+            "trajectory": ("trajectory", *names),
+        }
+        about = {"Conventions": "CF-1.8", "featureType": "trajectory", "source": self.source}
+        return xr.Dataset(data, coords, about)
+
+
+def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
+    """Write trajectories to a file, whose suffix decides its format.
+
+    **Arguments:**
+
+    - `path`: `.nc` for the dataset of [`Trajectories.dataset`][]; `.parquet` for a table in the
+        layout of Parcels 4, which needs pyarrow.
+
+    **Raises:** `ValueError` for another suffix, or without pyarrow.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".nc", ".parquet"):
+        raise ValueError(f"{os.fspath(path)}: expected a name that ends in .nc or .parquet")
+    with replacing(path) as temporary:
+        if suffix == ".parquet":
+            whole = seen.dataset()
+            names = {"x": "lon", "y": "lat", "t": "time"}
+            columns = {new: (whole[old].values, whole[old].attrs) for new, old in names.items()}
+            owner = seen.drifter, {"cf_role": "trajectory_id"}
+            write_parquet(temporary, {**columns, "particle_id": owner})
+        else:
+            seen.dataset().to_netcdf(temporary, engine="netcdf4")
 
 
 def open_trajectories(path: Source) -> Trajectories:
@@ -92,8 +143,8 @@ def open_trajectories(path: Source) -> Trajectories:
 
     **Arguments:**
 
-    - `path`: a file or several, a pattern, a Zarr store, an address of OPeNDAP, or an open dataset
-        with encoded times.
+    - `path`: a file or several, a pattern, a Zarr store, an address of OPeNDAP, a table of Parcels
+        4 that ends in `.parquet`, or an open dataset with encoded times.
 
     **Returns:** [`Trajectories`][].
 
@@ -131,7 +182,9 @@ def open_trajectories(path: Source) -> Trajectories:
         }
         full["drifter"] = drifter
         flat = {role: array.transpose(*lon.dims).values.ravel() for role, array in full.items()}
-        return Trajectories.of(**flat, source=source_name(path))
+        dated = re.search(r" since (.+)", str(time.attrs.get("units", "")))
+        since = "1970-01-01" if time.dtype.kind == "M" else dated[1].strip() if dated else ""
+        return Trajectories.of(**flat, source=source_name(path), since=since)
 
 
 def _field(file: OceanFile, role: Role) -> str:

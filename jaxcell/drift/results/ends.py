@@ -5,18 +5,29 @@ import functools
 from collections.abc import Mapping
 from typing import ClassVar
 
+import jax
 import numpy as np
+import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Outcome
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part
+from ...mapping import Chain
+from ...mapping.generalized import leaving_rows
 from ...markov import Absorption, absorption_probabilities
+from ...markov.transient import Transient
 from ..behaviour import LongTermBehaviour
+from ..maps import EXITS
 from ..water import Water
 
 
 ALMOST_FOREVER = 10_000
 """The expected number of steps above which drifters take almost forever to end."""
+LARGEST_BY_CELL = 200_000
+"""The number of cells at all phases above which a probability of leaving that takes a solve is
+known only as a mean over the cells."""
+LARGEST_MEAN = 500_000
+"""The number above which it is not known at all, because the solve takes a minute."""
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 
@@ -83,7 +94,55 @@ class Ends(Result):
 
     @derived("", "probability of leaving the map, mean", kind="share", padding="NaN: not known")
     def mean_leaving(self) -> float:
-        return float(np.concatenate([layer.leaving for layer in self._layers]).mean())
+        cells = [layer.water.cells for layer in self._layers]
+        return float(np.average([one.mean_by_way.sum() for one in self._layers], weights=cells))
+
+    @derived(
+        "",
+        "probability of leaving into sea without data, mean",
+        kind="share",
+        padding="NaN: not known",
+    )
+    def mean_leaving_into_gaps(self) -> float | None:
+        return self._mean_by_way(0) if self.gap_squares else None
+
+    @derived(
+        "",
+        "probability of leaving off the edge of the grid, mean",
+        kind="share",
+        padding="NaN: not known",
+    )
+    def mean_leaving_off_edge(self) -> float | None:
+        return self._mean_by_way(1)
+
+    @derived("", "probability of stranding on land, mean", kind="share", padding="NaN: not known")
+    def mean_stranding(self) -> float | None:
+        strand = any(layer.water.coast == "strand" for layer in self._layers)
+        return self._mean_by_way(2) if strand else None
+
+    @derived("", "squares of land or sea bed", kind="count")
+    def land_squares(self) -> int | None:
+        if not self._tells_ways:
+            return None
+        return sum(int(layer.water.land.sum()) for layer in self._layers)
+
+    @derived("", "squares of sea without data", kind="count")
+    def gap_squares(self) -> int | None:
+        if not self._tells_ways:
+            return None
+        waters = [layer.water for layer in self._layers]
+        return sum(int(((water.number < 0) & ~water.land).sum()) for water in waters)
+
+    @property
+    def _tells_ways(self) -> bool:
+        """True if the ways out are told apart, as in a current."""
+        return all(len(layer.exits) == len(EXITS) for layer in self._layers)
+
+    def _mean_by_way(self, way: int) -> float | None:
+        if not self._tells_ways:
+            return None
+        cells = [layer.water.cells for layer in self._layers]
+        return float(np.average([one.mean_by_way[way] for one in self._layers], weights=cells))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,14 +189,58 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def leaving(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the map from each cell; NaN if not known.
+        """The probability of ending off the map from each cell; NaN if not known."""
+        return self.leaving_by_way.sum(axis=0)
 
-        It is known without `ends` where no drifter can leave (0) or every drifter must (1).
+    @functools.cached_property
+    def exits(self) -> Float[np.ndarray, "ways states"]:
+        """The probability of leaving the map in a step, for each way out that is told apart."""
+        return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
+
+    @functools.cached_property
+    def leaving_by_way(self) -> Float[np.ndarray, "ways cells"]:
+        """The probability of ending off the map from each cell, by the way out; NaN if not known.
+
+        Without a solve it is known where no drifter can leave (0) or every drifter must (1).
         """
-        sure = self.begins.sure_to_leave
-        if not np.isnan(sure).any() or self.ends is None:
-            return sure
-        return np.asarray(self.ends.leaving)[: self.water.cells]
+        behaviour, cells = self.behaviour, self.water.cells
+        possible, sure = np.any(self.exits, axis=1), self.begins.sure_to_leave
+        shares = np.where(possible[:, None], sure, 0.0)
+        if possible.sum() <= 1:
+            if not np.isnan(sure).any():
+                return shares
+            if self.ends is not None:
+                shares[possible] = np.asarray(self.ends.leaving)[:cells]
+                return shares
+        if behaviour.unrolled.cells > LARGEST_BY_CELL:
+            return np.where(possible[:, None], np.nan, shares)
+        # All persistent groups are one end, and each way out is another.
+        matrix, count = behaviour.unrolled.to_scipy(), len(self.exits)
+        out = scipy.sparse.csr_array(self.exits.T)
+        stay = scipy.sparse.eye_array(count)
+        chain = Chain.from_scipy(scipy.sparse.block_array([[matrix, out], [None, stay]]))
+        group = np.append(np.asarray(behaviour.groups.group).clip(-1, 0), 1 + np.arange(count))
+        group = jax.device_put(group.astype(np.int32))
+        ends = dataclasses.replace(behaviour.groups, group=group, count=1 + count)
+        solved = absorption_probabilities(chain, ends, throw=False)
+        if solved.certificate.outcome is not Outcome.CONVERGED:
+            return np.where(possible[:, None], np.nan, shares)
+        return np.asarray(solved.value)[1:, :cells]
+
+    @functools.cached_property
+    def mean_by_way(self) -> Float[np.ndarray, "ways"]:
+        """The mean of `leaving_by_way` over the cells; NaN if not known."""
+        by_cell = self.leaving_by_way.mean(axis=1)
+        behaviour, cells = self.behaviour, self.water.cells
+        if not np.isnan(by_cell).any() or behaviour.unrolled.cells > LARGEST_MEAN:
+            return by_cell
+        transient = np.asarray(behaviour.groups.group) < 0
+        part = Transient.of(behaviour.unrolled.to_scipy(), transient)
+        visits, _ = part.visits((part.cells < cells) / cells)
+        mean = self.exits[:, part.cells[part.branching]] @ visits
+        # An eddy that almost holds drifters is beyond 64-bit numbers.
+        known = np.isfinite(mean).all() and mean.sum() <= 1 + PROBABILITY
+        return mean if known else np.full(mean.size, np.nan)
 
     @property
     def almost_forever(self) -> Bool[np.ndarray, "cells"]:

@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -9,7 +10,7 @@ from ...base.quantities import derived, from_part
 from ...mapping import Chain, ChainSequence
 from ..behaviour import long_term_behaviour
 from ..flow import Flow
-from ..maps import drift_maps
+from ..maps import drift_maps, exit_shares
 from ..step import METHODS, DriftStep
 from ..validation.diagnosis import Diagnosis, diagnose
 from ..validation.distance import FAR, Distance, distances, longest_duration, mapped
@@ -87,6 +88,12 @@ class Layer(LayerEnds, Compared):
         *("depth", "cells", "persistent_groups", "distance_24h", "drifters_left", "median_hours"),
     )
 
+    _ashore: ClassVar[Mapping[str, str]] = {
+        "hold": "are held at the coast",
+        "slip": "stay at the coast",
+        "strand": "strand",
+    }
+
     flow: Flow
     "The current at all records, in which simulated drifters move."
     by: Flow
@@ -121,6 +128,11 @@ class Layer(LayerEnds, Compared):
         behaviour = long_term_behaviour(chain, duration, throw=False)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance)
+
+    @functools.cached_property
+    def exits(self) -> Float[np.ndarray, "ways states"]:
+        """The probability of leaving the map in a step, for each of `EXITS`."""
+        return exit_shares(self.water, self.by, self.step, self.behaviour.chain)
 
     @functools.cached_property
     def distance(self) -> Distance:
@@ -190,7 +202,7 @@ class Layer(LayerEnds, Compared):
         if ashore := self.diagnosis.ashore:
             remarks.append(
                 f"{at} the current runs ashore at {ashore} of {self.persistent_groups} persistent "
-                "groups: there drifters strand."
+                f"groups, where drifters {self._ashore[self.water.coast]}."
             )
         if (far := self.distance).worst > FAR:
             remarks.append(

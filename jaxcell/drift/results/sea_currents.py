@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import derived
+from ..maps import EXITS
 from ..validation.diagnosis import group_counts
 from ..validation.distance import Distance
 from .layer import Compared, Layer
@@ -43,6 +44,34 @@ class SeaCurrents(SeaLayers, Compared):
     @property
     def _distances(self) -> list[Distance]:
         return [layer.distance for layer in self.layers]
+
+    @derived("", "rule at the coast")
+    def coast(self) -> str:
+        return self.waters[0].coast
+
+    @derived("exit", "way out of the map", kind="text")
+    def exit(self) -> np.ndarray:
+        return np.array(EXITS)
+
+    @derived(
+        "layer exit y x",
+        "probability of ending off the map, by the way out",
+        "1",
+        kind="share",
+        padding="NaN: no water, or not known",
+    )
+    def leaving_by_way(self) -> Float[np.ndarray, "layers exits rows columns"]:
+        by_way = [layer.leaving_by_way for layer in self.layers]
+        ways = (np.concatenate([shares[way] for shares in by_way]) for way in range(len(EXITS)))
+        return np.stack([self.sea.on_squares(way) for way in ways], axis=1)
+
+    @derived("layer y x", "land or sea bed", kind="flag")
+    def land(self) -> Bool[np.ndarray, "layers rows columns"]:
+        return np.stack([water.land for water in self.waters])
+
+    @derived("layer y x", "sea without data", kind="flag")
+    def sea_without_data(self) -> Bool[np.ndarray, "layers rows columns"]:
+        return np.stack([(water.number < 0) & ~water.land for water in self.waters])
 
     @derived("", "current towards the East")
     def east_from(self) -> str:

@@ -81,6 +81,7 @@ class SeaDrift(SeaCurrents):
     brief: ClassVar[tuple[str, ...]] = (
         *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
         *("distance_6h", "map_left", "compared_hours", "compared_cells"),
+        *("mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding", "coast"),
         *("drifter_count", "fewest_count", "cells", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
@@ -130,6 +131,7 @@ class SeaDrift(SeaCurrents):
         mean: bool = False,
         backward: bool = False,
         diffusivity: float | int = 0.0,
+        coast: str = "hold",
         say: Callable[..., None] = lambda *_: None,
     ) -> "SeaDrift":
         """Compute the long-term behaviour in each layer.
@@ -153,12 +155,13 @@ class SeaDrift(SeaCurrents):
         - `mean`: whether to map by the mean of the records.
         - `backward`: whether drifters go back in time from the last record, by the reversed flow.
         - `diffusivity`: of unresolved motion, in m²/s; for sampled maps.
+        - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
         - `say`: called with each stage of the computation.
         """
         step = step or DriftStep()
         count = range(currents.sizes["layer"])
-        waters = [Water.of(currents, k) for k in count]
-        flows = [Flow.of(currents, k, diffusivity=diffusivity) for k in count]
+        waters = [Water.of(currents, k, coast) for k in count]
+        flows = [Flow.of(currents, k, diffusivity=diffusivity, coast=coast) for k in count]
         notices = []
         if backward:
             flows = [flow.reversed() for flow in flows]

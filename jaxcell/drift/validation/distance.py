@@ -16,7 +16,7 @@ from ..flow import Flow, crossing_time, steps_in
 from ..maps import diffused_cells, drift_maps
 from ..step import DriftStep
 from ..water import Water, on_grid
-from .drifters import diffuse, total_variation
+from .drifters import diffuse, nearest_square, total_variation
 
 
 HOURS = (6.0, 24.0)
@@ -244,13 +244,14 @@ def _shares(
     # A substep is at most half a cell long, and not longer than from one record to the next.
     between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
     longest, shares, now = _SUBSTEPS * min(crossing_time(water, flow) / 2, between), {}, 0.0
-    sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
+    sides, wet, gone = np.stack([water.dx, water.dy]), ~water.closed, water.gone
     key = jax.random.key(0)
     for time in times:
         moves = math.ceil((time - now) / longest)
         length = (time - now) / moves
         for start in np.linspace(now, time, moves, endpoint=False).tolist():
             on = on_grid(water.number.shape, water.wraps, x, y)
+            on &= ~gone[nearest_square(gone.shape, water.wraps, x, y)]
             after = carried(flow, x, y, length, start, "rk4", _SUBSTEPS)
             if flow.diffusivity:
                 key, drawn = jax.random.split(key)

@@ -22,8 +22,8 @@ class Drifters:
     """The positions of simulated drifters, step by step."""
 
     x: Float[Array, "steps drifters"]
-    """Column of each drifter after each step, in cells. A drifter that left the grid stays at its
-    edge; around the Earth columns go on past the last one, turn after turn."""
+    """Column of each drifter after each step, in cells. A drifter that left the map stays where it
+    left; around the Earth columns go on past the last one, turn after turn."""
     y: Float[Array, "steps drifters"]
     cell: Int[np.ndarray, "steps drifters"]
     "The cell, or the nearest cell for a drifter that ran ashore; -1 off the grid."
@@ -50,7 +50,7 @@ def simulate_drifters(
 ) -> Drifters:
     """Simulate drifters in the flow itself, without cells, as a check of the map between cells.
 
-    They move by the Runge-Kutta method, and do not return once they have left the grid.
+    They move by the Runge-Kutta method, and do not return once they have left the map.
 
     **Arguments:**
 
@@ -83,13 +83,14 @@ def simulate_drifters(
         )
     released = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
     centre = np.stack([water.column, water.row]).astype(np.float64)[:, released]
-    sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
+    sides, wet = np.stack([water.dx, water.dy]), ~water.closed
     begin = start + np.arange(steps) * duration
     choice, off = map(np.asarray, _release(key, released.size, drifters))
     x, y = centre[:, choice] + off
     # Without turns none are drawn.
     turning = float(rho) if rho < 1 else None
-    xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, turning, substeps)
+    gone = water.gone
+    xs, ys = _paths(key, flow, sides, wet, gone, x, y, begin, duration, turning, substeps)
     cell = water.landing(np.asarray(xs), np.asarray(ys), origin=released[choice], exits=True)
     return Drifters(xs, ys, cell, duration)
 
@@ -103,7 +104,7 @@ def _release(key, squares, drifters):  # type: ignore[no-untyped-def]
 
 
 @functools.partial(jax.jit, static_argnames="substeps")
-def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
+def _paths(key, flow, sides, wet, gone, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
     """Return the places of drifters at the beginning and after every step."""
     rows, columns = sides.shape[1:]
     keys = jax.random.split(jax.random.fold_in(key, 1), begin.size)
@@ -112,6 +113,7 @@ def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type
         x, y = place
         key, began = now
         on = on_grid((rows, columns), flow.wraps, x, y)
+        on &= ~gone[nearest_square((rows, columns), flow.wraps, x, y)]
         end = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
         if rho is not None:
             row, column = nearest_square((rows, columns), flow.wraps, x, y)

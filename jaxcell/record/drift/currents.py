@@ -30,7 +30,7 @@ def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
     for map in maps:
         _log_arrows(map, len(maps))
         _log_drifters(map, seed)
-        shown = [f"current_{map.number}", f"drifters_{map.number}/**"]
+        shown = [f"current_{map.number}", f"drifters_{map.number}/**", "key/**"]
         views.append(map.view(f"{map.title}: currents and drifters", shown))
     legend = [("the current", _ARROW), ("a drifter and its way", DRIFTER)]
     return maps[0].tab("currents", "Currents", views, _text(maps[0]), legend)
@@ -83,7 +83,8 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
     most = max(1, _MAX_DRAWN // (cells.size * layers))
     shown = shown[:: -(-shown.size // most)]
     rate = np.asarray(flow.rate)[shown % count][:, :, water.row[cells], water.column[cells]]
-    spacing = max(1.0, np.sqrt(water.cells / cells.size))
+    spacing = max(1.0, float(np.sqrt(water.cells / cells.size)))
+    map.log_key(spacing)
     vector = np.moveaxis(rate, 1, 2) * (map.arrow * spacing)
     length = np.linalg.norm(vector, axis=2, keepdims=True)
     vector = vector * np.minimum(1, _MAX_LENGTH * spacing / np.maximum(length, 1e-12)) * map.side

@@ -126,6 +126,7 @@ def groups_text(drift: SeaDrift, spec: Spec) -> str:
     """Write the text beside the groups in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
+    ways = "mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding"
     distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
     hours = f"**{drift.step / 3600:.3g} hours**"
     current = "the mean current" if drift.phases is None else "the current, as it changes,"
@@ -141,6 +142,8 @@ def groups_text(drift: SeaDrift, spec: Spec) -> str:
 {GROUPS_SEEN}
 
 {described(drift.layers, *columns, *domiciles)}
+
+{described(drift.layers, "depth", "mean_leaving", *ways)}
 
 {beware}
 

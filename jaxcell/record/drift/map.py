@@ -1,4 +1,4 @@
-"""The maps of a sea: land, a North arrow, a scale bar, and places on the grid.
+"""The maps of a sea: land and sea without data, and places on the grid.
 
 Maps are drawn in the axes of the grid, in kilometres of its mean cell, so that a cell is a square
 of a picture whichever way the grid is turned; an arrow says where North is.
@@ -19,14 +19,17 @@ from scipy.ndimage import distance_transform_edt
 from ...drift import Flow, SeaDrift, Water
 from ...drift.results.sea_layers import SeaLayers
 from ..canvas.map import log_pictures
-from ..canvas.marks import log_arrows, log_labels, log_lines
+from ..canvas.marks import log_arrows, log_labels
 from ..canvas.page import Legend, log_tab
-from ..canvas.palette import FREE, PLAIN, TEXT, Color, PictureClass
+from ..canvas.palette import CLEAR, FREE, OBSTACLE, PLAIN, TEXT, Color, PictureClass, mix
 from ..canvas.scale import Scale
 from ..canvas.stream import plane
+from .frame import log_frame, round_below
 
 
 LAND: Color = PLAIN
+GAP: Color = mix(PLAIN, OBSTACLE, 0.75)
+_GAP = "sea without data"
 DRIFTER: Color = (20, 20, 24)
 # The number of layers with a map, from the surface down.
 _MAX_MAPS = 6
@@ -84,7 +87,7 @@ class SeaMap:
     """The map of a layer in a recording."""
 
     dry: ClassVar[str] = "land"
-    "The name of squares without a cell."
+    "The name of squares of land."
 
     stream: rr.RecordingStream
     drift: SeaLayers
@@ -96,6 +99,11 @@ class SeaMap:
     def water(self) -> Water:
         """The cells of water."""
         return self.drift.waters[self.number]
+
+    @property
+    def gaps(self) -> Bool[np.ndarray, "rows columns"]:
+        """The squares of sea without data."""
+        return (self.water.number < 0) & ~self.water.land
 
     @property
     def title(self) -> str:
@@ -166,11 +174,15 @@ class SeaMap:
     ) -> str:
         """Log the class of each cell as a picture, or as a picture per time; land has class 0.
 
+        Sea without data has a class of its own after the others.
+
         **Returns:** the name of the entity, for [`SeaMap.view`][].
         """
         water = self.water
         squares = np.zeros((*kind.shape[:-1], *water.number.shape), np.uint8)
+        squares[..., self.gaps] = len(classes)
         squares[..., water.row, water.column] = kind
+        classes = [*classes, PictureClass(_GAP, CLEAR if order > -20 else GAP)]
         path, unit = f"map/grid/{name}", self.clock.unit
         log_pictures(self.stream, path, classes, squares, unit, times, order)
         return f"grid/{name}"
@@ -186,14 +198,14 @@ class SeaMap:
         width, height = self.size.tolist()
         margin = 0.04 * self.extent
         shown = "frame/**", f"grid/water_{self.number}", *contents
-        box = -margin, -height - margin, width + margin, 2.6 * margin
+        box = -2.6 * margin, -height - margin, width + margin, 3.6 * margin
         return plane("/", title, box, [f"/map/{name}" for name in shown])
 
     def tab(
         self, path: str, name: str, views: Sequence[rrb.View], text: str, legend: Legend
     ) -> rrb.Container:
         """Log the text and the legend of a tab with maps side by side."""
-        legend = [*legend, (self.dry, LAND)]
+        legend = [*legend, (self.dry, LAND), *([(_GAP, GAP)] if self.gaps.any() else [])]
         return log_tab(self.stream, path, name, views, text, legend)
 
 
@@ -211,9 +223,26 @@ class CurrentMap(SeaMap):
     @functools.cached_property
     def arrow(self) -> float:
         """The length of an arrow in cells per speed in cells per second: 0.9 at the mean speed."""
-        rates = (np.asarray(layer.flow.rate) for layer in self.drift.layers)
-        speed = [np.hypot(rate[:, 0], rate[:, 1]) for rate in rates]
-        return 0.9 / float(np.concatenate([of_layer[of_layer > 0] for of_layer in speed]).mean())
+        speeds = []
+        for layer in self.drift.layers:
+            rate = np.asarray(layer.flow.rate)[:, :, layer.water.number >= 0]
+            speeds.append(np.hypot(rate[:, 0], rate[:, 1]))
+        return 0.9 / float(np.concatenate([one[one > 0] for one in speeds]).mean())
+
+    def log_key(self, spacing: float) -> None:
+        """Log an arrow below the map with its speed; `spacing` is that of the arrows, in cells."""
+        # An arrow of one cell per second, in kilometres per m/s.
+        length = self.arrow * spacing / 1000
+        margin, width = 0.04 * self.extent, float(self.size[0])
+        speed = round_below(0.2 * width / length)
+        speed = min(speed, round_below(2.5 * spacing * float(self.side[0]) / length))
+        foot = np.array([0.62 * width, -2.2 * margin])
+        log_arrows(
+            self.stream, "map/key/arrow", [foot], [[speed * length, 0.0]], TEXT,
+            0.08 * spacing * float(self.side.min()), order=50.0,
+        )  # fmt: skip
+        middle = float(foot[0]) + speed * length / 2
+        log_labels(self.stream, "map/key/speed", [(f"{speed:g} m/s", middle, float(foot[1]))])
 
 
 def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
@@ -227,38 +256,6 @@ def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> lis
     for map in maps:
         wet = np.ones(map.water.cells, np.uint8)
         map.picture(f"water_{map.number}", classes, wet, order=-20.0)
-    _log_frame(maps[0])
+    coastline = drift.currents.attrs.get("coastline", "") if isinstance(drift, SeaDrift) else ""
+    log_frame(stream, maps[0].water, maps[0].side, coastline)
     return maps
-
-
-def _log_frame(map: SeaMap) -> None:
-    """Log a scale bar, a North arrow, and the position of the middle of the map."""
-    stream, water = map.stream, map.water
-    width, margin = float(map.size[0]), 0.04 * map.extent
-    low, length = -1.2 * margin, round_below(0.25 * width)
-    log_lines(stream, "map/frame/scale", [[[0, low], [length, low]]], TEXT, order=50.0)
-    angle = float(water.angle[water.row, water.column].mean())
-    north = 1.5 * margin * np.array([math.sin(angle), math.cos(angle)])
-    foot = np.array([0.42 * width, low]) - north / 2
-    log_arrows(stream, "map/frame/north", [foot], [north], TEXT, 0.1 * margin, order=50.0)
-    rows, columns = water.number.shape
-    lon, lat = (float(place[rows // 2, columns // 2]) for place in (water.lon, water.lat))
-    beside_x, beside_y = (foot + north / 2 + [0.7 * margin, 0.3 * margin]).tolist()
-    labels = [
-        (f"{length:g} km", 0.5 * length, low),
-        ("N", beside_x, beside_y),
-        (f"centre {place_name(lon, lat)}", 0.8 * width, low + 0.4 * margin),
-    ]
-    log_labels(stream, "map/frame/labels", labels)
-
-
-def place_name(lon: float, lat: float) -> str:
-    """Write a place in degrees with its hemispheres."""
-    east, north = "W" if lon < 0 else "E", "S" if lat < 0 else "N"
-    return f"{abs(lat):.2f}° {north}, {abs(lon):.2f}° {east}"
-
-
-def round_below(length: float) -> float:
-    """Round a length down to 1, 2 or 5 times a power of ten."""
-    size = 10.0 ** math.floor(math.log10(length))
-    return next(size * n for n in (5, 2, 1) if size * n <= length * (1 + 1e-9))

@@ -9,7 +9,8 @@ from ...drift import SeaDrift
 from ..canvas.marks import log_dots
 from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, tint
 from ..canvas.prose import described
-from .map import CurrentMap, place_name
+from .frame import place_name
+from .map import CurrentMap
 
 
 _CLASSES = [

@@ -16,7 +16,8 @@ from ..canvas.palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEX
 from ..canvas.prose import described
 from ..canvas.scale import Scale
 from ..canvas.stream import send_changing
-from .map import DRIFTER, LAND, CurrentMap, place_name
+from .frame import place_name
+from .map import DRIFTER, LAND, CurrentMap
 
 
 # The numbers of squares and arrows of a layer.
@@ -108,7 +109,7 @@ def _log_land(space: _Space) -> None:
     """Log the land of each layer, and its depth."""
     stream = space.surface.stream
     for layer, water in enumerate(space.surface.drift.waters):
-        row, column = np.nonzero(water.number < 0)
+        row, column = np.nonzero(water.land)
         stride = max(1, math.ceil(math.sqrt(row.size / _MAX_SQUARES)))
         some = (row % stride == stride // 2) & (column % stride == stride // 2)
         at = np.stack([column[some], row[some]], axis=1).astype(float)

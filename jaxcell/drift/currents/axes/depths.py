@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..models.roms import ALONE, SLevels, read_s_levels
 from ..netcdf import OceanFile
-from ..roms import ALONE, SLevels, read_s_levels
 from .dimensions import axis_kind
 
 
@@ -23,6 +23,8 @@ class Layers:
     "The levels, if they follow the sea bed and each depth is interpolated."
     asked: bool
     "True if the caller chose the depths."
+    top: int | None = None
+    "The number of the highest level, if it is not read."
     note: str = ""
     "The origin of the depths, in words; may be empty."
 
@@ -44,24 +46,25 @@ def choose_layers(
         if wanted is not None and (len(wanted) > 1 or abs(wanted[0] - level) > 0.01):
             raise file.error("depths", f"{velocity} has a single level, {why}; got {depths!r}")
         note = f"{velocity} has a single level, {why}"
-        return Layers(np.array([level]), None, None, wanted is not None, note)
+        return Layers(np.array([level]), None, None, wanted is not None, note=note)
     if _is_s(file, dim):
         s_levels, why = read_s_levels(file, dim)
         depth = np.zeros(1) if wanted is None else wanted
         text = ", ".join(f"{value:g}" for value in depth)
         note = f"{dim}: {why}; interpolated to {text} m below the surface in each cell"
-        return Layers(depth, s_levels.places, s_levels, wanted is not None, note)
+        return Layers(depth, s_levels.places, s_levels, wanted is not None, note=note)
     levels, note = _z_levels(file, dim)
     if wanted is None:
         places = np.argsort(levels)
-        return Layers(levels[places], places, None, False, note)
+        return Layers(levels[places], places, None, False, note=note)
     places = np.abs(levels - wanted[:, None]).argmin(axis=1)
     # To the centimetre, because levels such as 0.494025 m are known by their rounded values.
     wrong = np.abs(levels[places] - wanted) > 0.01
     if wrong.any():
         known = ", ".join(f"{value:g}" for value in np.sort(levels))
         raise file.error("depths", f"{wanted[wrong][0]:g} m is not one of the levels {known} m")
-    return Layers(levels[places], places, None, True, note)
+    top = int(levels.argmin())
+    return Layers(levels[places], places, None, True, None if top in places else top, note)
 
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:

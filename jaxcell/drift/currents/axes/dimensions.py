@@ -1,6 +1,7 @@
 """The axes of a velocity: its dimensions of time, depth, y and x, and its positions."""
 
 import dataclasses
+from collections.abc import Hashable, Iterable
 from typing import Literal, TypeAlias
 
 import xarray as xr
@@ -103,9 +104,16 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
         along = [str(name) for name, variable in variables.items() if variable.dims == (dim,)]
         lon, lat = (find(file.dataset, which, along) for which in ("lon", "lat"))
         if file.dataset.sizes[dim] > 1 and (
-            dim == "nele" or (lon is not None and lat is not None and lon != lat)
+            dim == "nele"
+            or on_nodes((dim,))
+            or (lon is not None and lat is not None and lon != lat)
         ):
             raise unstructured(file, velocity)
+
+
+def on_nodes(dims: Iterable[Hashable]) -> bool:
+    """Return whether a dimension is that of the nodes or elements of SCHISM."""
+    return any(str(dim).lower().startswith("nschism_hgrid") for dim in dims)
 
 
 def _check_lengths(file: OceanFile, axes: Axes) -> None:

@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .netcdf import OceanFile
+from ..netcdf import OceanFile
 
 
 ALONE = 0.1

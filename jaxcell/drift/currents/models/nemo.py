@@ -9,10 +9,10 @@ import dataclasses
 import numpy as np
 import xarray as xr
 
-from .axes.dimensions import axis_kind
-from .conventions import CONVENTIONS, POINTS
-from .netcdf import OceanFile
-from .sphere import wrapped
+from ..axes.dimensions import axis_kind
+from ..conventions import CONVENTIONS, POINTS
+from ..netcdf import OceanFile
+from ..sphere import wrapped
 
 
 # The dimensions of centres and sides, as those of ROMS: in the order y, x.

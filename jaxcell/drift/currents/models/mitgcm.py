@@ -1,0 +1,67 @@
+"""Files of MITgcm and ECCO, whose velocities are on the western and southern sides of cells."""
+
+import dataclasses
+
+import numpy as np
+import xarray as xr
+
+from ..netcdf import OceanFile
+
+
+# The dimensions of sides and of the centres beside them, by diagnostics, by ECCO, and by mnc.
+_CENTRES = {"XG": "XC", "YG": "YC", "i_g": "i", "j_g": "j", "Xp1": "X", "Yp1": "Y"}
+_POSITIONS = {"lon_rho": ("XC", "X"), "lat_rho": ("YC", "Y")}
+# Masks, or the open share of a cell or side.
+_MASKS = {"mask_rho": "C", "mask_u": "W", "mask_v": "S"}
+_FACES = ("tile", "face")
+
+
+def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
+    """Name the dimensions of a file of MITgcm as those of ROMS, with the sides in their order.
+
+    In a file of MITgcm the first side lies before the first centre, and in one of ROMS after it.
+    Other files are returned unchanged.
+    """
+    dataset = file.dataset
+    faces = [dim for dim in _FACES if dataset[u].sizes.get(dim, 1) > 1]
+    if faces:
+        raise file.error(
+            u,
+            f"on {dataset[u].sizes[faces[0]]} faces ({faces[0]}), each with axes of its own; take "
+            f"one face, dataset.isel({faces[0]}=0), or a product on longitudes and latitudes (of "
+            "ECCO those of half a degree, with EVEL and NVEL)",
+        )
+    across = {dim: _CENTRES[str(dim)] for dim in dataset[u].dims if dim in _CENTRES}
+    along = {dim: _CENTRES[str(dim)] for dim in dataset[v].dims if dim in _CENTRES}
+    if len(across) != 1 or len(along) != 1:
+        return file
+    [(x_side, x)], [(y_side, y)] = across.items(), along.items()
+    names = {x: "x_rho", y: "y_rho", x_side: "x_u", y_side: "y_v"}
+
+    def placed(array: xr.DataArray) -> xr.Variable:
+        """Order the sides of a variable so that each follows its centre."""
+        for side, centre in ((x_side, x), (y_side, y)):
+            if side in array.dims:
+                count = dataset.sizes[centre]
+                after = np.arange(1, count + 1) % dataset.sizes[side]
+                array = array.isel({side: after})
+        levels = {"k": "Z"} if "k" in array.dims and "Z" in dataset.variables else {}
+        kept = {old: new for old, new in {**names, **levels}.items() if old in array.dims}
+        return array.drop_vars(array.coords).rename(kept).variable.to_base_variable()
+
+    variables = {
+        str(name): placed(dataset[name]) for name in dataset.variables if name not in names
+    }
+    for name, known in _POSITIONS.items():
+        found = next((one for one in known if one in dataset.variables), None)
+        if found is None or str(dataset[found].attrs.get("units", "")).lower().startswith("m"):
+            raise file.error(
+                u, "expected longitudes and latitudes of its cells (XC, YC) in degrees; if another "
+                "file has them, name it with grid",
+            )  # fmt: skip
+        variables[name] = placed(dataset[found])
+    for name, letter in _MASKS.items():
+        for prefix in ("mask", "hFac"):
+            if (open_share := f"{prefix}{letter}") in dataset.variables:
+                variables.setdefault(name, placed(dataset[open_share] > 0))
+    return dataclasses.replace(file, dataset=xr.Dataset(variables))

@@ -1,0 +1,64 @@
+"""Tables of particles in Parquet, with the columns of Parcels 4."""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .netcdf import error_line
+
+
+# Parcels 4 calls the coordinates x, y and t.
+_NAMES = {"x": "lon", "y": "lat", "t": "time"}
+_NEEDED = ("lon", "lat", "time", "particle_id", "trajectory", *_NAMES)
+
+
+def read_parquet(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Read the positions in a table, on a dimension `obs`, with the attributes of the columns.
+
+    **Raises:** `ValueError` for a file that is not Parquet, or without pyarrow.
+    """
+    pa = _pyarrow(path)
+    try:
+        columns = [name for name in pa.parquet.read_schema(path).names if name in _NEEDED]
+        table = pa.parquet.read_table(path, columns=columns)
+    except (pa.ArrowException, OSError) as error:
+        why = f"{os.fspath(path)}: cannot be read as Parquet: {error_line(error)}"
+        raise ValueError(why) from error
+    variables = {}
+    for name in table.column_names:
+        about = table.field(name).metadata or {}
+        attributes = {key.decode(): text.decode() for key, text in about.items()}
+        new = _NAMES.get(name, name)
+        values = np.asarray(table.column(name).to_numpy())
+        variables[name if new in table.column_names else new] = ("obs", values, attributes)
+    return xr.Dataset(variables)
+
+
+def write_parquet(
+    path: str | os.PathLike[str], columns: Mapping[str, tuple[np.ndarray, Mapping[str, str]]]
+) -> None:
+    """Write the columns of a table, each with its attributes.
+
+    **Raises:** `ValueError` without pyarrow.
+    """
+    pa = _pyarrow(path)
+    fields = [
+        pa.field(name, pa.from_numpy_dtype(values.dtype), metadata=about)
+        for name, (values, about) in columns.items()
+    ]
+    schema = pa.schema(fields, metadata={"feature_type": "trajectory"})
+    arrays = [pa.array(values) for values, _ in columns.values()]
+    pa.parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
+
+
+def _pyarrow(path: str | os.PathLike[str]) -> Any:
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ValueError(
+            f"{os.fspath(path)}: Parquet needs the package pyarrow: pip install 'jaxcell[parquet]'"
+        ) from error
+    return pyarrow

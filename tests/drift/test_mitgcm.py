@@ -1,0 +1,157 @@
+"""MITgcm and ECCO, and layouts that are refused with a way out."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from drift.products import refused, write
+
+from jaxcell.drift import Water, open_currents
+
+
+ROWS, COLUMNS = 4, 5
+
+
+def sides(layout):
+    """Velocities that tell row and column on the western and southern sides, and their centres."""
+    y, x, y_side, x_side, more = {
+        "diagnostics": ("YC", "XC", "YG", "XG", 0),
+        "ecco": ("j", "i", "j_g", "i_g", 0),
+        "mnc": ("Y", "X", "Yp1", "Xp1", 1),
+    }[layout]
+    row, column = np.indices((ROWS, COLUMNS + more))
+    u = (row + 10 * column)[None, None] / 100
+    row, column = np.indices((ROWS + more, COLUMNS))
+    v = (100 * row + column)[None, None] / 1000
+    depth = "k" if layout == "ecco" else "Z"
+    names = ("U", "V") if layout == "mnc" else ("UVEL", "VVEL")
+    lon, lat = 200 + 0.5 * np.arange(COLUMNS), 10 + 0.5 * np.arange(ROWS)
+    mask = np.ones((1, ROWS, COLUMNS))
+    mask[0, 0, 0] = 0
+    data = {
+        names[0]: (("time", depth, y, x_side), u, {"units": "m/s"}),
+        names[1]: (("time", depth, y_side, x), v, {"units": "m/s"}),
+        "hFacC": ((depth, y, x), 0.3 * mask),
+        "Z": ((depth,), [-5.0], {"units": "m", "positive": "up"}),
+        "time": (("time",), [0.0], {"units": "hours since 2000-01-01"}),
+    }
+    if layout == "ecco":
+        both = np.meshgrid(lon, lat)
+        data |= {"XC": ((y, x), both[0]), "YC": ((y, x), both[1])}
+    else:
+        data |= {x: ((x,), lon), y: ((y,), lat)}
+    return xr.Dataset(data), u[0, 0], v[0, 0], mask[0].astype(bool)
+
+
+@pytest.mark.parametrize("layout", ["diagnostics", "ecco", "mnc"])
+def test_velocities_on_western_and_southern_sides_are_averaged_to_centres(layout, tmp_path):
+    file, u, v, wet = sides(layout)
+    currents = open_currents(write(tmp_path, file))
+    np.testing.assert_array_equal(currents.water.values[0], wet)
+    assert float(currents.depth[0]) == 5.0
+    for name, values, axis in (("u", u, 1), ("v", v, 0)):
+        count = wet.shape[axis]
+        inner = values.take(range(1, count), axis)
+        beside = np.moveaxis(wet, axis, 0)
+        open_side = np.moveaxis(beside[1:] & beside[:-1], 0, axis)
+        flow = np.where(open_side, inner, 0.0)
+        expected = np.zeros(wet.shape)
+        for k in range(count):
+            two = [flow.take(j, axis) for j in (k - 1, k) if 0 <= j < count - 1]
+            np.moveaxis(expected, axis, 0)[k] = np.mean(two, axis=0)
+        got = currents[name].values[0, 0]
+        # The grid is turned by the angle between its centres, which is not quite 0 at the edge.
+        np.testing.assert_allclose(got[wet], expected[wet], atol=1e-3)
+    assert "XC" not in currents
+    assert not Water.of(currents).wraps
+
+
+def test_a_grid_of_mitgcm_round_the_earth_has_the_side_at_the_seam():
+    columns = 12
+    lon, lat = 30.0 * np.arange(columns), 10.0 + np.arange(3)
+    u = np.broadcast_to(np.arange(columns) / 10.0, (3, columns))
+    file = xr.Dataset(
+        {
+            "UVEL": (("YC", "XG"), u, {"units": "m/s"}),
+            "VVEL": (("YG", "XC"), 0 * u, {"units": "m/s"}),
+            "XC": (("XC",), lon), "YC": (("YC",), lat),
+        }
+    )  # fmt: skip
+    currents = open_currents(file)
+    assert Water.of(currents).wraps
+    expected = (u[0] + np.roll(u[0], -1)) / 2
+    np.testing.assert_allclose(currents.u.values[0, 0, 1], expected)
+
+
+def test_ecco_on_longitudes_and_latitudes_is_read():
+    row, column = np.indices((3, 4))
+    dims = ("latitude", "longitude")
+    file = xr.Dataset(
+        {"EVEL": (dims, row / 10.0), "NVEL": (dims, column / 10.0)},
+        {"latitude": [1.0, 2.0, 3.0], "longitude": [1.0, 2.0, 3.0, 4.0]},
+    )
+    currents = open_currents(file)
+    np.testing.assert_allclose(currents.u.values[0, 0], row / 10)
+    assert currents.attrs["east_from"].startswith("EVEL")
+
+
+def llc():
+    dims = ("tile", "j", "i_g"), ("tile", "j_g", "i")
+    values = np.zeros((13, 3, 3))
+    place = dict.fromkeys(("XC", "YC"), (("tile", "j", "i"), values))
+    return xr.Dataset({"UVEL": (dims[0], values), "VVEL": (dims[1], values), **place})
+
+
+def schism(names):
+    dims = ("time", "nSCHISM_hgrid_node", "nSCHISM_vgrid_layers")
+    values = np.zeros((1, 5, 2))
+    return xr.Dataset(dict.fromkeys(names, (dims, values)))
+
+
+def unknown():
+    return xr.Dataset({"a": (("y", "x"), np.zeros((3, 3))), "b": (("y", "x"), np.zeros((3, 3)))})
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (llc(), r"UVEL: on 13 faces \(tile\).*dataset.isel\(tile=0\).*EVEL and NVEL"),
+        (schism(["hvel_x"]), "on an unstructured grid .*griddata"),
+        (schism(["u", "v"]), "on an unstructured grid .*griddata"),
+        (unknown(), r"no velocity found; the file has a, b; .*--variables U V"),
+    ],
+)
+def test_other_layouts_are_refused_with_a_way_out(made, message, tmp_path):
+    refused(write(tmp_path, made), message)
+
+
+def test_positions_in_metres_are_refused(tmp_path):
+    file, *_ = sides("diagnostics")
+    file["XC"].attrs["units"] = "m"
+    refused(write(tmp_path, file), "expected longitudes and latitudes of its cells")
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_longitudes_with_a_hole_begin_after_it(turned):
+    lon = np.array([0.0, 1.0, 2.0, 357.0, 358.0, 359.0])
+    lon = lon[::-1] if turned else lon
+    u = np.broadcast_to(lon / 1000, (3, 6)).copy()
+    dims = ("latitude", "longitude")
+    file = xr.Dataset(
+        {"uo": (dims, u), "vo": (dims, 0 * u)}, {"latitude": [1.0, 2.0, 3.0], "longitude": lon}
+    )
+    currents = open_currents(file)
+    np.testing.assert_array_equal(currents.lon[0], [-3, -2, -1, 0, 1, 2])
+    np.testing.assert_allclose(currents.u.values[0, 0, 0] * 1000, [357, 358, 359, 0, 1, 2])
+    np.testing.assert_allclose(currents.dx[0], currents.dx[0, 0], rtol=1e-3)
+
+
+def test_declared_radians_are_radians(tmp_path):
+    row, column = np.indices((3, 4))
+    dims = ("latitude", "longitude")
+    lon, lat = np.radians([10.0, 11, 12, 13]), np.radians([40.0, 41, 42])
+    about = {"units": "radians"}
+    file = xr.Dataset(
+        {"uo": (dims, row / 10.0), "vo": (dims, column / 10.0)},
+        {"latitude": ("latitude", lat, about), "longitude": ("longitude", lon, about)},
+    )
+    np.testing.assert_allclose(open_currents(file).lon[0], [10, 11, 12, 13])

@@ -1,0 +1,119 @@
+"""The frame of the maps of a sea, and squares of sea without data in recordings."""
+
+import re
+
+import numpy as np
+import pytest
+import shapely
+from seas import sea
+
+from jaxcell import drift, record
+from jaxcell.drift.currents.land import read_land
+from jaxcell.drift.currents.sphere import EARTH_RADIUS
+from jaxcell.record.drift.frame import _coasts, _ticks, latitude, longitude, on_the_grid
+
+
+DEGREE = np.radians(1) * EARTH_RADIUS
+
+
+def turned(angle=0.6, rows=20, columns=30, side=2000.0, lon=-119.7, lat=34.1):
+    """A grid of squares that is turned by an angle in radians."""
+    row, column = np.indices((rows, columns)) - np.array([rows, columns])[:, None, None] / 2
+    east = side * (column * np.cos(angle) - row * np.sin(angle))
+    north = side * (column * np.sin(angle) + row * np.cos(angle))
+    whole = np.ones((rows, columns))
+    y = lat + north / DEGREE
+    x = lon + east / DEGREE / np.cos(np.radians(y))
+    number = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    return drift.Water(number, side * whole, side * whole, angle * whole, x, y, 0.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6, -2.0])
+def test_places_in_degrees_are_found_on_turned_grids(angle):
+    grid = turned(angle)
+    place, square = on_the_grid(grid, grid.lon.ravel(), grid.lat.ravel())
+    row, column = np.indices(grid.number.shape)
+    np.testing.assert_allclose(place, np.stack([column.ravel(), row.ravel()], axis=1), atol=1e-9)
+    np.testing.assert_array_equal(square, np.arange(grid.number.size))
+    # Between four centres.
+    middle = [(v[1:, 1:] + v[:-1, :-1] + v[1:, :-1] + v[:-1, 1:]) / 4 for v in (grid.lon, grid.lat)]
+    place, _ = on_the_grid(grid, *(values.ravel() for values in middle))
+    expected = np.stack([column[1:, 1:].ravel(), row[1:, 1:].ravel()], axis=1) - 0.5
+    np.testing.assert_allclose(place, expected, atol=0.01)
+
+
+def test_coasts_on_the_map_are_those_of_the_land():
+    grid = turned()
+    coasts = list(_coasts(grid, ""))
+    assert sum(map(len, coasts)) > 20
+    near = shapely.union_all(
+        [one for one in read_land().polygons if one.intersects(shapely.box(-121, 33, -118, 35))]
+    )
+    rows, columns = grid.number.shape
+    for x, y in np.concatenate(coasts):
+        assert -0.5 <= x <= columns - 0.5
+        assert -0.5 <= y <= rows - 0.5
+        if min(x, y, columns - 1 - x, rows - 1 - y) < 0.5:
+            continue  # cut at the edge
+        east = 2000 * ((x - columns / 2) * np.cos(0.6) - (y - rows / 2) * np.sin(0.6))
+        north = 2000 * ((x - columns / 2) * np.sin(0.6) + (y - rows / 2) * np.cos(0.6))
+        lat = 34.1 + north / DEGREE
+        lon = -119.7 + east / DEGREE / np.cos(np.radians(lat))
+        assert near.boundary.distance(shapely.Point(lon, lat)) < 0.003
+
+
+def test_far_from_land_there_is_no_coast():
+    assert not list(_coasts(turned(lon=-150.0, lat=40.0), ""))
+
+
+def test_degrees_are_marked_at_the_edges():
+    currents = sea(np.ones((21, 29)), np.zeros((21, 29)))
+    grid = drift.Water.of(currents)
+    side = np.array([1.0, 1.0])
+    marks = list(_ticks(grid, side))
+    for name, place, axis in marks:
+        degrees = float(re.match(r"[\d.]+", name)[0]) * (-1 if name[-1] in "WS" else 1)
+        first, step = ((-118, 0.0107), (33, 0.009))[axis]
+        assert place == pytest.approx((degrees - first) / step + 0.5, abs=1e-6)
+    assert {axis for *_, axis in marks} == {0, 1}
+    assert sum(axis == 0 for *_, axis in marks) >= 3
+
+
+def test_places_have_their_hemispheres():
+    assert longitude(-118.25) == "118.25° W"
+    assert longitude(181.5, 1) == "178.5° W"
+    assert longitude(0.0, 0) == "0°"
+    assert latitude(-33.5, 1) == "33.5° S"
+    assert latitude(67.0, 0) == "67° N"
+
+
+def test_the_recording_tells_land_from_sea_without_data(tmp_path, read, few_drifters):
+    wet = np.ones((4, 6), bool)
+    wet[1:3, 3] = False
+    currents = sea(np.where(wet, 0.3, 0), np.zeros(wet.shape), wet)
+    land = np.zeros_like(wet)
+    land[1, 3] = True
+    currents["land"] = ("layer", "y", "x"), land[None]
+    names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
+    found = drift.SeaDrift.of(currents.assign_attrs(names), drift.METHODS["drifters"].lasting(3000))
+    np.testing.assert_array_equal(found.land[0], land)
+    np.testing.assert_array_equal(found.sea_without_data[0], ~wet & ~land)
+    assert found.land_squares == 1
+    assert found.gap_squares == 1
+    assert found.mean_leaving == pytest.approx(
+        found.mean_leaving_into_gaps + found.mean_leaving_off_edge
+    )
+    record.save_recording(found, tmp_path / "sea.rrd", spec={})
+    shown = read(tmp_path / "sea.rrd")
+    for name in ("water_0", "groups_0"):
+        buffer = shown.static(f"/map/grid/{name}", "SegmentationImage:buffer")[0]
+        kind = np.reshape(buffer, wet.shape).astype(int)
+        context = shown.static(f"/map/grid/{name}", "AnnotationContext:context")[0]
+        labels = {one["class_id"]: one["class_description"]["info"]["label"] for one in context}
+        assert labels[kind[1, 3]] == "land"
+        assert labels[kind[2, 3]] == "sea without data"
+    speeds = shown.static("/map/key/speed", "Points2D:labels")
+    assert re.fullmatch(r"[\d.]+ m/s", speeds[0])
+    length = np.array(shown.static("/map/key/arrow", "Arrows2D:vectors"))[0, 0]
+    # The current of 0.3 m/s, whose arrows are 0.9 of a cell of 1 km.
+    assert length == pytest.approx(0.9 * float(speeds[0].split()[0]) / 0.3)
