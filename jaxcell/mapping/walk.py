@@ -34,7 +34,7 @@ def walked_leaders(
 
     It takes 8 bytes per cell beside the image.
     """
-    chain, place, _ = _chains(image, jnp.zeros(1, jnp.int32))
+    chain, place, _ = _chains(jnp.asarray(image), jnp.zeros(1, jnp.int32))
     return _ended(chain, place, None)
 
 
