@@ -72,7 +72,9 @@ def tried(map: Map, basins: Any) -> Trial:
     for level in range(1, _HALVINGS + 1):
         mappings = min(_MAX_MAPPINGS, 2 * basins.longest_step << level)
         finer = Box(box.lower, box.upper, [1] * box.dimensions, box.axes)
-        last, left = _snapped(map, finer, params, points, box.width / 2**level, mappings, needed)
+        last, left = _snapped(
+            map, finer, params, points, box.width / 2**level, mappings, basins.follow
+        )
         label = np.where(np.asarray(left), -1, reached(np.asarray(last), needed))
         wrong.append(float(np.mean(label != truth)))
     return Trial(needed, _POINTS, tuple(wrong), _cells(box, wrong))
