@@ -29,7 +29,7 @@ from .passes import groups_in_passes
 # Number of cells after which the record is written.
 PART = 64 * CHUNK
 # Bytes per cell in files (image, group, step and basin; level, several and left) and in memory.
-_FILES = 4 * 4 + 3
+_FILES = 4 * 4.0 + 3
 _MEMORY = 1
 _FIXED = memory.LIBRARIES + 400e6
 # Seconds per cell of all passes, measured for Thomas' system on a processor of 2 cores.
