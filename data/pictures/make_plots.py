@@ -1,4 +1,4 @@
-"""Make the plot of README, `plot.png`, and the sheet of plots of the gallery, `plots.png`.
+"""Make the plots of README and of a page, and the sheet of plots of the gallery, `plots.png`.
 
 python data/pictures/make_plots.py [FOLDER] [STYLE]
 """
@@ -59,6 +59,8 @@ def main(folder: Path, style: str) -> None:
     groups.plot("step", direction=1).figure.savefig(
         folder / "plot.png", dpi=80, bbox_inches="tight"
     )
+    sets = study.Morse(system="pendulum", depth=4).run()
+    sets.plot().figure.savefig(folder / "morse.png", dpi=80, bbox_inches="tight")
     Image.open(folder / "plots.png").convert("RGB").quantize(128).save(folder / "plots.png")
 
 

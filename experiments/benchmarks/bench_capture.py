@@ -96,7 +96,7 @@ def by_programs(graph: Graph, attack: int) -> float:
     among = ChainPolytope.on(graph)
 
     def law(moves: np.ndarray) -> LinearizedCapture:
-        return LinearizedCapture(among, moves, attack)
+        return LinearizedCapture(among, moves, np.full(graph.vertices, attack))
 
     return maximize_least_capture(law, among, among.starts(1, 1, 0)[0], 1e-4)[1]
 

@@ -3,7 +3,8 @@
 Run `python experiments/benchmarks/bench_rosso.py`; it takes about 40 s, and with `--full` 2 minutes
 for larger grids. `--rosso FOLDER` is the folder `robosurvstratopt` of a checkout of
 github.com/conhugh/RoSSO (Hughes, John and Bullo, ICRA 2024); without it, only its published figures
-stand beside ours, and its time is missing.
+stand beside ours, and its time is missing. `--memory 8` adds what robots with up to 8 states of
+memory capture (2 in San Francisco), beside a tour and an upper bound; that takes many minutes.
 
 Its gradients are run as in its specification of San Francisco (RMSprop, 5 random starts), on its
 graphs: a grid of 3 by 3, a star, a line, and 12 crossings of San Francisco with its travel times,
@@ -28,7 +29,7 @@ from timing import begin, line
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol import maximin_capture
-from jaxcell.patrol.walks import walk_capture_probabilities
+from jaxcell.patrol.walks import memory_patrol, walk_capture_probabilities
 
 
 # Steps between crossings of San Francisco, RoSSO's `SF_problem_spec.json`.
@@ -159,18 +160,44 @@ def row(case: Case, peer: bool) -> Row:
     return Row("rosso", what, size, seconds, "RoSSO, 5 starts", peer_s)
 
 
+def print_memory(chosen: list[Case], most: int) -> None:
+    """Print the least capture by the number of states of memory, of a tour, and the bound."""
+    sizes = [f"memory {2**k}" for k in range(most.bit_length())]
+    line("graph", "attack", *sizes, "tour", "tour, any time", "bound", "s")
+    line("---", *["--:"] * (len(sizes) + 5))
+    for case in chosen:
+        began = time.perf_counter()
+        given = {"travel_times": case.travel_times, "stay": case.stay}
+        states = min(most, 2) if case.stay else most
+        found = memory_patrol(case.graph, case.attack_time, states, ours(case)[None], **given)
+        values = dict(zip(found.patrol, found.least_capture.tolist(), strict=True))
+        shown = [f"{values[name]:.4f}" if name in values else "" for name in (*sizes, "tour")]
+        bound, seconds = f"{found.upper_bound:.4f}", time.perf_counter() - began
+        line(
+            case.name,
+            case.attack_time,
+            *shown,
+            f"{found.any_time[-1]:.4f}",
+            bound,
+            f"{seconds:.0f}",
+        )
+
+
 def main() -> None:
     parser: argparse.ArgumentParser = options(__doc__, repeats=1, full="grids up to 8 x 8")
     parser.add_argument("--rosso", type=Path, metavar="FOLDER", help="its folder robosurvstratopt")
+    parser.add_argument("--memory", type=int, default=1, help="most states of memory")
     arguments = parser.parse_args()
     if arguments.rosso is not None:
         sys.path.insert(0, str(arguments.rosso))
     begin("jax", "optax", "numpy")
     line("graph", "attack", "ours", "RoSSO, published", "RoSSO here", "ours, s", "RoSSO, s")
     line("---", *["--:"] * 6)
-    write_rows(
-        arguments.rows, [row(case, arguments.rosso is not None) for case in cases(arguments.full)]
-    )
+    chosen = cases(arguments.full)
+    write_rows(arguments.rows, [row(case, arguments.rosso is not None) for case in chosen])
+    if arguments.memory > 1:
+        print()
+        print_memory(chosen, arguments.memory)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ PACKAGES = (
     "pymdptoolbox",
     "deeptime",
     "gldpy",
+    "cmgdb",
     "distributed",
 )
 

@@ -3,11 +3,11 @@
     python -m experiments.chapter_2.physics_localization --maps lab_b --runs 20
 
 What a user learns before buying a robot. On each map, with the true radius of a Create 2, `jaxcell
-localize` makes a filter of one bouncing angle, a policy and a belief of two, a belief that knows by
-how much a bump turns the robot, and sets on walls for a robot that starts anywhere at any heading.
-A cloud of particles slips as that belief does, with the angle of the filter. Each then localizes a
-robot in MuJoCo, through the driver. All but the sets start from the centre of a random cell, with
-the heading known to the walker. A run ends
+localize` makes a filter of one bouncing angle, a policy and a belief of two, a belief that knows
+what a bump does to the robot, and sets on walls for a robot that starts anywhere at any heading. A
+cloud of particles slips as that belief does, with the angle of the filter. Each then localizes a
+robot in MuJoCo, through the driver; filter and particles follow the same robot. All but the sets
+start from the centre of a random cell, with the heading known to the walker. A run ends
 
 - `right`: localized, with the place of the robot among those that are left;
 - `wrong`: localized, and it is elsewhere;
@@ -16,13 +16,22 @@ the heading known to the walker. A run ends
 
 Bumps and seconds of the robot are means over the runs that were localized. `holds` is the share of
 all observations after which the answer (the cells of a filter or a policy, the 95 % credible set of
-a belief or of particles, the sets on walls) has the robot in it; each run counts once. The runs of
-all maps and estimators take turns, and `localization.csv` is written after each turn of `--turn`
-runs, so that a run of this script that is cut off leaves a table.
+a belief or of particles, the sets on walls) has the robot in it. A credible set is made of whole
+cells, so it holds more than 95 %, and a belief of which one cell has 99 % is never a set of 95 %.
+`exactly` is the share of sets of exactly 95 %: their last cell counts by the part of its
+probability that makes up the 95 %. For a belief that is right this is 95 % whatever the robot does;
+`±` is the standard error. `at the end` is the same for the last observation of each run.
+
+The turn by a bump is what `jaxcell robot calibrate --log` estimates from a run of this robot in
+`lab_b` (seed 3, 100 bumps). The skid is how far behind its start the robot stands after a head-on
+bump and the drive back, at 0.2 m/s.
+
+`runs.csv` has each run as it ends. A script that was cut off goes on from there.
 """
 
 import argparse
 import concurrent.futures
+import csv
 import dataclasses
 import functools
 import itertools
@@ -31,7 +40,6 @@ import multiprocessing
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,34 +60,92 @@ from ..shared.data import MAPS
 from ..shared.report import Rows, emit
 
 
-SLIP, BUMP_TURN = 0.01, 2.0
+SLIP, BUMP_TURN, BUMP_SKID = 0.01, 2.0, 0.012
 BOUNDS = "run=0.01 distance=0.05 turn=3 displacement=0.06"
-PARTICLES, ANYWHERE = "particles, bumps turn them", "sets on walls, from anywhere"
+FILTER, PARTICLES, POLICY = "filter, 135°", "particles, 135°", "policy, 45° and 135°"
+PLAIN, BELIEF, ANYWHERE = "belief, slip only", "belief, calibrated", "sets, from anywhere"
+ANGLES = ["--bounces", "45", "135"]
 ESTIMATORS = {
-    "filter, 135°": (["--bounce", "135"], "filter.jxf"),
-    "policy, 45° and 135°": (["--bounces", "45", "135"], "policy.jxf"),
-    "belief, 45° and 135°": (["--bounces", "45", "135", "--slip", str(SLIP)], "belief.jxb"),
-    "belief, bumps turn it": (
-        ["--bounces", "45", "135", "--slip", str(SLIP), "--bump-turn", str(BUMP_TURN)],
+    FILTER: (["--bounce", "135"], "filter.jxf"),
+    PARTICLES: (["--bounce", "135"], "filter.jxf"),
+    POLICY: (ANGLES, "policy.jxf"),
+    PLAIN: ([*ANGLES, "--slip", str(SLIP)], "belief.jxb"),
+    BELIEF: (
+        [
+            *ANGLES,
+            "--slip",
+            str(SLIP),
+            "--bump-turn",
+            str(BUMP_TURN),
+            "--bump-skid",
+            str(BUMP_SKID),
+        ],
         "belief.jxb",
     ),
-    PARTICLES: (["--bounce", "135"], "filter.jxf"),
     ANYWHERE: (
         "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5 "
         f"--errors {BOUNDS}".split(),
         "anywhere.json",
     ),
 }
+# The estimators of one robot: those that do not choose angles.
+TOGETHER = (FILTER, PARTICLES), (POLICY,), (PLAIN,), (BELIEF,), (ANYWHERE,)
+SHARE = 0.95
 ENDS = ("right", "wrong", "lost", "unfinished")
 
 
 class Run(NamedTuple):
-    """The end of a run."""
+    """The end of a run, and the answers along it."""
 
+    map: str
+    by: str
+    seed: int
     end: str
     bumps: int
     seconds: float
-    holds: float
+    observations: int
+    held: int
+    "Number of observations after which the robot was in the answer."
+    exactly: float
+    "The same of sets of exactly 95 %."
+    last: float
+    "The term of the last observation in `exactly`."
+
+
+class Listener:
+    """An estimator that follows a robot, and how often its answers held the robot."""
+
+    def __init__(self, follower: Any) -> None:
+        self.follower = follower
+        self.bumps, self.seconds = 0, 0.0
+        self.held: list[bool] = []
+        self.parts: list[float] = []
+
+    def add(self, bump: int, seconds: float, held: bool, part: float) -> None:
+        """Note an observation, after which the answer held the robot or not."""
+        self.bumps, self.seconds = self.bumps + bump, seconds
+        self.held.append(held)
+        self.parts.append(part)
+
+    def judge(self, observation: int, at: int, seconds: float) -> None:
+        """Note whether the answer after an observation and a turn has the robot in it."""
+        cells = [] if self.follower.result == "refuted" else list(self.follower.cells)
+        part = float(at in cells)
+        if part and isinstance(self.follower, BeliefFollower) and at == cells[-1]:
+            mass = self.follower.estimate.probability
+            part = max(0.0, (SHARE - float(mass[:-1].sum())) / float(mass[-1]))
+        self.add(observation, seconds, at in cells, part)
+
+    def run(self, name: str, by: str, seed: int, *, stopped: bool) -> Run:
+        """Describe the run, which the driver may have stopped."""
+        ends = {"localized": "right" if self.held and self.held[-1] else "wrong", "refuted": "lost"}
+        result = self.follower.result
+        end = ends.get(result, "lost" if stopped else "unfinished")
+        count, held = len(self.held), sum(self.held)
+        last = self.parts[-1] if self.parts else math.nan
+        return Run(
+            name, by, seed, end, self.bumps, self.seconds, count, held, sum(self.parts), last
+        )
 
 
 class ParticleFollower(BeliefFollower):
@@ -111,71 +177,86 @@ def problem(path: Path, name: str) -> tuple[Any, CellSpace]:
     return task, CellSpace.of(workspace, task.cell, task.directions)
 
 
-def run(path: Path, name: str, estimator: str, seed: int, limit: int) -> Run:
-    """Localize one robot."""
-    task, cells = problem(path, name)
-    if estimator == ANYWHERE:
-        return run_anywhere(task, cells, seed, limit)
+def run(paths: dict[str, Path], name: str, seed: int, limit: int) -> list[Run]:
+    """Localize one robot by one estimator, or by several that choose no angles."""
+    if ANYWHERE in paths:
+        return [run_anywhere(paths[ANYWHERE], name, seed, limit)]
+    tasks = {by: problem(path, name)[0] for by, path in paths.items()}
+    _, cells = problem(next(iter(paths.values())), name)
     rng = np.random.default_rng([23, seed])
     start = int(rng.integers(cells.size))
     body = PhysicsBody(room(cells), tuple(map(float, cells.centre(start))), rng=rng)
     robot = SimulatedCreate(Emulator(body, line=Line(latency=LATENCY, speedup=1e9)))
     strides = cell_strides(cells.directions, cells.cell, cells.cell)
     walker = Walker(robot, cells.cell, strides=strides, direction=start // cells.positions)
-    follower, bounces = follower_of(task, cells, estimator, seed)
-    held: list[bool] = []
+    listeners, stopped = (
+        {by: Listener(follower_of(by, tasks[by], cells, seed)) for by in tasks},
+        False,
+    )
+    bounces = angles(next(iter(tasks.values())))
     try:
-        while follower.result is None and len(follower.observations) < limit:
-            follower.observe(int(walker.step()))
-            if follower.turn is not None:
-                walker.rotate(bounces[follower.turn])
+        for _ in range(limit):
+            left = [one for one in listeners.values() if one.follower.result is None]
+            if not left:
+                break
+            observation = int(walker.step())
+            for one in left:
+                one.follower.observe(observation)
+            turn = left[0].follower.turn if len(tasks) == 1 else 0 if observation else None
+            if turn is not None:
+                walker.rotate(bounces[turn])
             at = int(nearest_cell(cells, *body.pose))
-            held.append(follower.result != "refuted" and at in follower.cells)
+            for one in left:
+                one.judge(observation, at, robot.robot.seconds)
     except RobotStopped:
-        return Run("lost", walker.observations.count("1"), robot.robot.seconds, share(held))
-    ends = {"localized": "right" if held[-1] else "wrong", "refuted": "lost"}
-    end = ends.get(str(follower.result), "unfinished")
-    return Run(end, follower.observations.count("1"), robot.robot.seconds, share(held))
+        stopped = True
+    return [one.run(name, by, seed, stopped=stopped) for by, one in listeners.items()]
 
 
-def follower_of(
-    task: Any, cells: CellSpace, estimator: str, seed: int
-) -> tuple[Any, Sequence[float]]:
-    """Make the follower of a run, and list the angles that it chooses from."""
-    if estimator == PARTICLES:
-        slip = Slip.of(SLIP, give=bumper_give(cells.cell), bump_turn=math.radians(BUMP_TURN))
-        particles = Particles(cells, task.bounce, slip, seed=seed)
-        return ParticleFollower(particles), [task.bounce]  # type: ignore[arg-type]
+def angles(task: Any) -> tuple[float, ...]:
+    """List the angles that a follower chooses from, or the one of a filter."""
+    return (task.bounce,) if hasattr(task, "filter") else tuple(task.bounces)
+
+
+def follower_of(by: str, task: Any, cells: CellSpace, seed: int) -> Any:
+    """Make the follower of a run."""
+    if by == PARTICLES:
+        slip = Slip.of(
+            SLIP,
+            give=bumper_give(cells.cell),
+            bump_turn=math.radians(BUMP_TURN),
+            bump_skid=BUMP_SKID,
+        )
+        return ParticleFollower(Particles(cells, task.bounce, slip, seed=seed))  # type: ignore[arg-type]
     if hasattr(task, "belief"):
-        return BeliefFollower(task.belief), task.bounces
-    if hasattr(task, "policy"):
-        return PolicyFollower(task.policy), task.bounces
-    return FilterFollower(task.filter, "known"), [task.bounce]
+        return BeliefFollower(task.belief)
+    return PolicyFollower(task.policy) if hasattr(task, "policy") else FilterFollower(task.filter)
 
 
-def run_anywhere(task: Any, cells: CellSpace, seed: int, limit: int) -> Run:
+def run_anywhere(path: Path, name: str, seed: int, limit: int) -> Run:
     """Localize one robot that starts anywhere at any heading."""
+    task, cells = problem(path, name)
     rng = np.random.default_rng([29, seed])
     x, y = places_anywhere(room(cells), 1, rng)[0].tolist()
     body = PhysicsBody(room(cells), (x, y, float(rng.uniform(0, math.tau))), rng=rng)
     robot = SimulatedCreate(Emulator(body, line=Line(latency=LATENCY, speedup=1e9)))
     walker, follower = Walker(robot, cells.cell), SetFollower(task.settings)
     filter, errors = task.settings.filter, task.settings.filter.errors
-    held: list[bool] = []
+    listener, stopped = Listener(follower), False
     try:
         while follower.result is None and follower.bumps < limit:
-            ran = walker.run_to_wall(2 * filter.boundary.diameter, errors.displacement / 2)
-            follower.observe(ran)
-            held.append(is_held(follower, body.pose, errors.displacement))
+            follower.observe(
+                walker.run_to_wall(2 * filter.boundary.diameter, errors.displacement / 2)
+            )
+            held = is_held(follower, body.pose, errors.displacement)
+            listener.add(1, robot.robot.seconds, held, float(held))
             if follower.result is None:
                 turn = follower.choose()
                 follower.turn(turn)
                 walker.rotate(turn)
     except RobotStopped:
-        return Run("lost", follower.bumps, robot.robot.seconds, share(held))
-    ends = {"localized": "right" if held[-1] else "wrong", "refuted": "lost"}
-    end = ends.get(str(follower.result), "unfinished")
-    return Run(end, follower.bumps, robot.robot.seconds, share(held))
+        stopped = True
+    return listener.run(name, ANYWHERE, seed, stopped=stopped)
 
 
 def is_held(follower: SetFollower, pose: tuple[float, float, float], reach: float) -> bool:
@@ -192,50 +273,103 @@ def is_held(follower: SetFollower, pose: tuple[float, float, float], reach: floa
     return bool(apart.min(initial=np.inf) <= reach)
 
 
-def share(held: list[bool]) -> float:
-    return float(np.mean(held)) if held else math.nan
-
-
 def room(cells: CellSpace) -> Workspace:
     assert cells.workspace is not None
     return cells.workspace
 
 
-def row(name: str, estimator: str, runs: list[Run]) -> dict[str, Any]:
+def row(name: str, by: str, runs: list[Run]) -> dict[str, Any]:
     """Summarize the runs of an estimator on a map."""
     shares = {f"{end}, %": 100 * float(np.mean([one.end == end for one in runs])) for end in ENDS}
     ended = [one for one in runs if one.end in ("right", "wrong")]
     bumps = float(np.mean([one.bumps for one in ended])) if ended else math.nan
     seconds = float(np.mean([one.seconds for one in ended])) if ended else math.nan
-    holds = 100 * float(np.nanmean([one.holds for one in runs]))
-    counts = {"map": name, "by": estimator, "runs": len(runs)}
-    return {**counts, **shares, "bumps": bumps, "s": seconds, "holds, %": holds}
+    count = np.array([one.observations for one in runs])
+    held, exactly, last = (
+        np.array([float(getattr(one, field)) for one in runs])
+        for field in ("held", "exactly", "last")
+    )
+    percent = 100 / max(count.sum(), 1)
+    summary = {"map": name, "by": by, "runs": len(runs), **shares, "bumps": bumps, "s": seconds}
+    # A policy has cells at bumps only.
+    summary["holds, %"] = math.nan if by == POLICY else percent * held.sum()
+    if "belief" in by or by == PARTICLES:
+        # Robots are independent, and observations of one are not.
+        share = exactly.sum() / max(count.sum(), 1)
+        error = percent * float(np.sqrt(((exactly - share * count) ** 2).sum()))
+        summary |= {"exactly, %": percent * exactly.sum(), "±": error}
+        summary |= {"at the, end, %": 100 * float(np.nanmean(last))}
+    return summary
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/chapter_2/physics_localization"))
     parser.add_argument("--maps", nargs="+", default=["lab_a", "lab_b", "complex", "cafe", "depot"])
+    parser.add_argument("--by", nargs="+", choices=ESTIMATORS, default=list(ESTIMATORS))
     parser.add_argument("--runs", type=int, default=200, help="runs of each map and estimator")
-    parser.add_argument("--turn", type=int, default=8, help="runs of each in a turn")
     parser.add_argument("--limit", type=int, default=300)
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    cases = {case: make(*case, options.out) for case in itertools.product(options.maps, ESTIMATORS)}
-    cases = {case: path for case, path in cases.items() if path.exists()}
-    runs: dict[tuple[str, str], list[Run]] = {case: [] for case in cases}
+    chosen = [group for group in TOGETHER if set(group) & set(options.by)]
+    paths = {
+        (name, by): make(name, by, options.out)
+        for name, group in itertools.product(options.maps, chosen)
+        for by in group
+    }
+    path = options.out / "runs.csv"
+    runs = read(path)
+    done = {(one.map, one.by, one.seed) for one in runs}
+    jobs = [
+        (
+            {by: paths[name, by] for by in group if paths[name, by].exists()},
+            name,
+            seed,
+            options.limit,
+        )
+        for seed, name, group in itertools.product(range(options.runs), options.maps, chosen)
+        if (name, group[-1], seed) not in done
+    ]
     spawn = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(options.processes, spawn) as pool:
-        for first in range(0, options.runs, options.turn):
-            seeds = range(first, min(first + options.turn, options.runs))
-            for (name, estimator), path in cases.items():
-                arguments = [(path, name, estimator, seed, options.limit) for seed in seeds]
-                runs[name, estimator] += pool.map(run, *zip(*arguments, strict=True))
-                print(row(name, estimator, runs[name, estimator]), file=sys.stderr, flush=True)
-            table: Rows = [row(*case, ended) for case, ended in runs.items()]
-            emit("In the physics engine", table, options.out / "localization.csv", spec=".1f")
+    with (
+        path.open("a", newline="", encoding="utf-8") as file,
+        concurrent.futures.ProcessPoolExecutor(options.processes, spawn) as pool,
+    ):
+        writer = csv.writer(file)
+        if not runs:
+            writer.writerow(Run._fields)
+        for number, ended in enumerate(pool.map(run, *zip(*jobs, strict=True))):
+            writer.writerows(ended)
+            file.flush()
+            runs += ended
+            if number % 25 == 24:
+                print(f"{number + 1} of {len(jobs)} robots", file=sys.stderr, flush=True)
+    write_table(runs, options.out)
     return 0
+
+
+def read(path: Path) -> list[Run]:
+    """Read the runs of a file, if there is one."""
+    if not path.exists():
+        return []
+    kinds = Run.__annotations__
+    with path.open(newline="", encoding="utf-8") as file:
+        return [
+            Run(**{field: kinds[field](text) for field, text in values.items()})
+            for values in csv.DictReader(file)
+        ]
+
+
+def write_table(runs: list[Run], out: Path) -> None:
+    """Write the table of all runs."""
+    table: Rows = []
+    for name, by in itertools.product(dict.fromkeys(one.map for one in runs), ESTIMATORS):
+        if some := [one for one in runs if (one.map, one.by) == (name, by)]:
+            table.append(row(name, by, some))
+    columns = dict.fromkeys(name for one in table for name in one)
+    table = [{name: one.get(name, math.nan) for name in columns} for one in table]
+    emit("In the physics engine", table, out / "localization.csv", spec=".1f")
 
 
 if __name__ == "__main__":

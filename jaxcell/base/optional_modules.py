@@ -11,9 +11,11 @@ _NEEDS = {
     "irobot_create_msgs": "a Create 3 needs ros-$ROS_DISTRO-irobot-create-msgs, by apt",
     "matplotlib": "plots need matplotlib; install it with: pip install 'jaxcell[plot]'",
     "mujoco": "the physics engine needs MuJoCo; install it with: pip install 'jaxcell[physics]'",
+    "pyarrow": "Parquet needs PyArrow; install it with: pip install 'jaxcell[parquet]'",
     "rclpy": "ROS 2 is not here; where it is: source /opt/ros/$ROS_DISTRO/setup.bash",
     "rerun": "recordings need Rerun; install it with: pip install 'jaxcell[view]'",
     "scipy": "beliefs need SciPy; install it with: pip install scipy",
+    "shapefile": "shapefiles need pyshp; install it with: pip install 'jaxcell[land]'",
 }
 
 

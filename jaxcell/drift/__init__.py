@@ -49,7 +49,7 @@ exponent), `ridges` and `agreement` compare the borders of groups with coherent 
 **Observed drifters.** `open_trajectories` reads positions of drifters or of the particles of a
 model, and `count_moves` counts their moves in a time between cells: `boxes` of longitude and
 latitude, or those of a model. The shares of moves are a chain, with the same questions; `bootstrap`
-gives the sampling errors of the answers.
+gives the sampling errors of the answers. `save_trajectories` writes positions for other programs.
 
 **Deployment.** A *deployment* is a set of cells to release drifters in, so that in the long term
 they reach every cell that any drifter can: one in each persistent group, and more that cover the

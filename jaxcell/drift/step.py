@@ -50,8 +50,8 @@ class DriftStep:
     edge: str = "uniform"
     """`"uniform"`, the rule of the source: a cell with fewer than eight neighbours is mapped to its
     neighbours and to itself, all with one probability, and nothing ever leaves the grid. `"exit"`:
-    it drifts as other cells do, and what ends off the grid goes to the sink (one element of
-    `A(z)`)."""
+    it drifts as other cells do, and what ends off the grid, in sea without data, or stranded on
+    land goes to the sink (one element of `A(z)`)."""
     method: str = "euler"
     "The integration method, as for [`jaxcell.drift.advect`][]."
     substeps: int = 1

@@ -35,7 +35,10 @@ Functions:
 - `edge_states`: the saddles on boundaries of basins.
 - `refined`: basins with finer cells at their boundaries; `relative_attractor`: a cover of the
     points that have always been in a box, by finer and finer cells.
-- `unstable_set`, `morse_sets`: reachable and recurrent cells, by images of points of each cell.
+- `unstable_set`: reachable cells, by images of points of each cell.
+- `morse_sets`: recurrent sets and their order, a `MorseSets` with a certificate, by outer images of
+    boxes that are bisected again and again: `Intervals` (with proof), `Corners` or `Samples`.
+- `enclose`: the image of a box, by interval arithmetic that is rounded outward.
 - `System`, `systems`: a map with its box, and six examples.
 """
 

@@ -20,6 +20,18 @@ from .maps import (
     section as section,
     strobe as strobe,
 )
+from .outer.images import (
+    Corners as Corners,
+    Intervals as Intervals,
+    OuterMap as OuterMap,
+    Samples as Samples,
+)
+from .outer.morse import (
+    MorseCertificate as MorseCertificate,
+    MorseSets as MorseSets,
+    morse_sets as morse_sets,
+)
+from .outer.transform import enclose as enclose
 from .quantify import (
     basin_entropy as basin_entropy,
     basin_stability as basin_stability,
@@ -30,5 +42,5 @@ from .quantify import (
     uncertainty_exponent as uncertainty_exponent,
     wada as wada,
 )
-from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
+from .recurrent import unstable_set as unstable_set
 from .system import System as System

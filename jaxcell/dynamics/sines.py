@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, JaxprEqn, jaxpr_as_fun
 from jaxtyping import Array, Float
 
 
@@ -33,37 +33,63 @@ def with_sines(function: Callable[..., Result]) -> Callable[..., Result]:
     @functools.wraps(function)
     def of_polynomials(*arguments: Any) -> Result:
         traced, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
-        leaves = jaxpr_as_fun(_changed(traced))(*jax.tree.leaves(arguments))
+        leaves = jaxpr_as_fun(_changed(traced, _as_polynomial))(*jax.tree.leaves(arguments))
         return cast("Result", jax.tree.unflatten(jax.tree.structure(shape), leaves))
 
     return of_polynomials
 
 
-def _changed(traced: ClosedJaxpr) -> ClosedJaxpr:
+def without_polynomials(traced: ClosedJaxpr) -> ClosedJaxpr:
+    """Undo [`with_sines`][jaxcell.dynamics.sines.with_sines] in all parts of a program."""
+    return _changed(traced, _as_sine)
+
+
+def _changed(traced: ClosedJaxpr, change: Callable[[JaxprEqn], JaxprEqn | None]) -> ClosedJaxpr:
+    """Change the steps for which `change` returns another step, in all parts of a program."""
     steps = []
     for step in traced.jaxpr.eqns:
-        kind = step.outvars[0].aval
-        if step.primitive in (lax.sin_p, lax.cos_p) and kind.dtype.name in _PI:
-            own = jax.jit(_cosine if step.primitive is lax.cos_p else _sine)
-            (call,) = jax.make_jaxpr(own)(jax.ShapeDtypeStruct(kind.shape, kind.dtype)).eqns
-            step = step.replace(primitive=call.primitive, params=call.params)
-        elif isinstance(inner := step.params.get("jaxpr"), ClosedJaxpr):
-            step = step.replace(params={**step.params, "jaxpr": _changed(inner)})
-        steps.append(step)
+        changed = change(step)
+        if changed is None and isinstance(inner := step.params.get("jaxpr"), ClosedJaxpr):
+            changed = step.replace(params={**step.params, "jaxpr": _changed(inner, change)})
+        steps.append(changed or step)
     return ClosedJaxpr(traced.jaxpr.replace(eqns=steps), traced.consts)
 
 
+def _as_polynomial(step: JaxprEqn) -> JaxprEqn | None:
+    kind: Any = step.outvars[0].aval
+    if step.primitive not in (lax.sin_p, lax.cos_p) or kind.dtype.name not in _PI:
+        return None
+    own = jax.jit(_cosine if step.primitive is lax.cos_p else _sine)
+    return _replaced(step, own)
+
+
+def _as_sine(step: JaxprEqn) -> JaxprEqn | None:
+    for ours, plain in ((_sine, lax.sin), (_cosine, lax.cos)):
+        if step.params.get("name") == ours.__name__ and len(step.invars) == 1:
+            # A function of a user may have the same name.
+            known = _replaced(step, jax.jit(ours))
+            if str(known.params["jaxpr"]) == str(step.params["jaxpr"]):
+                return _replaced(step, plain)
+    return None
+
+
+def _replaced(step: JaxprEqn, function: Callable[[Any], Any]) -> JaxprEqn:
+    kind: Any = step.outvars[0].aval
+    (call,) = jax.make_jaxpr(function)(jax.ShapeDtypeStruct(kind.shape, kind.dtype)).eqns
+    return step.replace(primitive=call.primitive, params=call.params)
+
+
 def _sine(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    here = functools.partial(_polynomial, first=0.0)
+    here = functools.partial(polynomial, first=0.0)
     return lax.platform_dependent(x, cpu=here, default=jnp.sin)
 
 
 def _cosine(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    here = functools.partial(_polynomial, first=0.5)
+    here = functools.partial(polynomial, first=0.5)
     return lax.platform_dependent(x, cpu=here, default=jnp.cos)
 
 
-def _polynomial(x: Float[Array, "*shape"], first: float) -> Float[Array, "*shape"]:
+def polynomial(x: Float[Array, "*shape"], first: float) -> Float[Array, "*shape"]:
     """Compute the sine that rises through 0 at `first` half turns.
 
     The error is at most two units in the last place of 1.

@@ -65,7 +65,7 @@ def least_resistance(
             f"constraints: rules of cvxpy are for up to {MAX_VERTICES} vertices, got {vertices}; "
             "expected linear constraints"
         )
-    weights = cvxpy.Variable(edges)
+    weights = cvxpy.Variable(edges, name="weights")
     visits = _incidence(graph, 1.0).T @ weights / 2
     bounds: list[Any] = [weights >= 0, cvxpy.sum(weights) == 1]
     for rule in constraints:
@@ -80,14 +80,14 @@ def least_resistance(
     problem = cvxpy.Problem(cvxpy.Minimize(energy), [*bounds, evenly])
     if not problem.is_dcp():
         raise ValueError("constraints: expected rules that are convex by those of cvxpy")
-    least = _solve(problem)
+    least = _solve(problem, [] if rules is None else bounds[2:])
     best = np.maximum(np.asarray(weights.value), 0)
     best /= best.sum()
     resistance, gain = resistance_gains(vertices, graph.edges, best / times)
     gain /= times
     steps = int(problem.solver_stats.num_iters or 0)
     most = cvxpy.Problem(cvxpy.Maximize(gain / gain.max() @ weights), bounds)
-    gap = 1 - resistance / (gain.max() * _solve(most))
+    gap = 1 - resistance / (gain.max() * _solve(most, []))
     return ConicWeights(best, resistance, least, max(0.0, gap), steps)
 
 
@@ -98,14 +98,36 @@ def _incidence(graph: Graph, other: float) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array(entries, (len(graph.edges), graph.vertices))
 
 
-def _solve(problem: Any) -> float:
+def _solve(problem: Any, constraints: Sequence[Any]) -> float:
     """Solve a problem of cvxpy; the caller's gap decides whether that is accurate enough.
 
-    **Raises:** `RuntimeError` if no variables meet the constraints.
+    **Raises:** `RuntimeError` if no variables meet the constraints, with those of the given ones
+    that cannot be met together.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         problem.solve(solver="CLARABEL", **_ACCURATE)
     if problem.status not in ("optimal", "optimal_inaccurate"):
-        raise RuntimeError(f"constraints: no weights meet them (Clarabel says {problem.status})")
+        named = ", ".join(map(str, _contradicting(problem, constraints)))
+        because = f", because of {named}" if named else ""
+        raise RuntimeError(
+            f"constraints: no weights meet them{because} (Clarabel says {problem.status})"
+        )
     return float(problem.value)
+
+
+def _contradicting(problem: Any, constraints: Sequence[Any]) -> list[Any]:
+    """Find constraints without any one of which the others could be met, together with the rest."""
+    import cvxpy
+
+    always = [one for one in problem.constraints if not any(one is each for each in constraints)]
+    kept = list(constraints)
+    for constraint in constraints:
+        without = [one for one in kept if one is not constraint]
+        trial = cvxpy.Problem(cvxpy.Minimize(0), [*always, *without])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            trial.solve(solver="CLARABEL")
+        if trial.status in ("infeasible", "infeasible_inaccurate"):
+            kept = without
+    return kept

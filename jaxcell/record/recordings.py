@@ -20,6 +20,7 @@ _FAMILIES = {
     "CoveragePolicy": "bounce.coverage:log_coverage",
     "GraphPatrol": "patrol.graph:log_patrol_graph",
     "Localized": "bounce.localization:log_localization",
+    "MorseSets": "dynamics.morse:log_morse_sets",
     "ObservedDrift": "drift.observed:log_observed_drift",
     "PatrolledMap": "patrol.map:log_patrol_map",
     "Plan": "bounce.navigation:log_navigation",

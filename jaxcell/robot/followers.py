@@ -188,15 +188,16 @@ class BeliefFollower(Follower):
     def __init__(self, belief: Belief) -> None:
         super().__init__()
         self._belief, self._state = belief, belief.start()
-        self._estimate = belief.estimate(self._state)
+        self.estimate = belief.estimate(self._state)
+        "The credible set after the last observation."
 
     def observe(self, observation: int) -> None:
         self.observations += str(observation)
         self._state = self._belief.observe(self._state, observation)
-        self._estimate = self._belief.estimate(self._state)
-        if self._estimate.nowhere > NOWHERE:
+        self.estimate = self._belief.estimate(self._state)
+        if self.estimate.nowhere > NOWHERE:
             self.result = "refuted"
-        elif self._estimate.cells.size <= SMALL:
+        elif self.estimate.cells.size <= SMALL:
             self.result = "localized"
 
     @property
@@ -205,14 +206,14 @@ class BeliefFollower(Follower):
 
     @property
     def cells(self) -> list[int]:
-        return self._estimate.cells.tolist()
+        return self.estimate.cells.tolist()
 
     @property
     def fields(self) -> dict[str, Any]:
-        cells = self._estimate.cells
+        cells = self.estimate.cells
         return {
             "credible": int(cells.size),
-            "nowhere": round(self._estimate.nowhere, 6),
+            "nowhere": round(self.estimate.nowhere, 6),
             "likeliest": int(cells[0]) if cells.size else None,
         }
 
@@ -220,14 +221,14 @@ class BeliefFollower(Follower):
     def localized(self) -> str:
         return (
             f"localized after {len(self.observations)} observations to {self.places}, which hold "
-            f"the robot with probability {float(self._estimate.probability.sum()):.3g}"
+            f"the robot with probability {float(self.estimate.probability.sum()):.3g}"
         )
 
     @property
     def refuted(self) -> str:
         return (
             f"the belief is nowhere on the map after {len(self.observations)} observations, with "
-            f"probability {self._estimate.nowhere:.3g}: the map is another, or the robot slips more"
+            f"probability {self.estimate.nowhere:.3g}: the map is another, or the robot slips more"
         )
 
 

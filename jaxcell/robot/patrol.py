@@ -97,7 +97,7 @@ class Patrol:
         self.goal: int | None = None
         "The cell that was drawn, while the robot is on its way there."
         self._task, self._ways = task, task.ways.copy()
-        self._at = start
+        self._at = self._drawn = start
         self._rng = np.random.default_rng([seed, task.robot])
         self._visits, self._most_bumps, self._limit = visits, most_bumps, limit
         self._distance = wave(self._ways, start)
@@ -110,7 +110,7 @@ class Patrol:
                 self._draw()
             elif self.position == self.goal:
                 self.visited.append(self.goal)
-                self._at, self.goal = self.goal, None
+                self._at, self.goal = self._drawn, None
             else:
                 return next_way(self._ways, self._distance, self.position, self.facing)
         return None
@@ -144,15 +144,17 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draw the next cell, among those that can be reached."""
+        """Draw the next cell, with the state of the memory, among those that can be reached."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
-        reached = wave(self._ways, self.position)[image] >= 0
+        positions = self._task.cells.positions
+        reached = wave(self._ways, self.position)[image % positions] >= 0
         weight = np.cumsum(np.where(reached, probability, 0.0))
         if weight[-1] == 0:
             self._ways = self._task.ways.copy()
             weight = np.cumsum(probability)
         drawn = np.searchsorted(weight, self._rng.random() * weight[-1], side="right")
-        self.goal = int(image[min(drawn, np.flatnonzero(np.diff(weight, prepend=0))[-1])])
+        self._drawn = int(image[min(drawn, np.flatnonzero(np.diff(weight, prepend=0))[-1])])
+        self.goal = self._drawn % positions
         self._distance = wave(self._ways, self.goal)
 
     def outcome(self) -> PatrolOutcome:

@@ -31,7 +31,7 @@ class Slip:
 
         >>> from jaxcell import space
         >>> space.Slip.of(0.02)
-        Slip(step=0.02, turn=0.02, heading=0.02, bumper=0.0, give=0.0, bump_turn=0.0)
+        Slip(step=0.02, turn=0.02, heading=0.02, bumper=0.0, give=0.0, bump_turn=0.0, bump_skid=0.0)
     """
 
     step: float = 0.0
@@ -49,6 +49,10 @@ class Slip:
     """Turn toward the wall by a bump at 45 degrees of incidence, in radians, -1 to 1. It is the
     same at each bump, and the wheels do not measure it. At an incidence i it is `sin(2 i)` times as
     much, so that a head-on bump turns the robot to neither side."""
+    bump_skid: float = 0.0
+    """Distance that the wheels skid at a head-on bump, in metres. They measure it as a way, so a
+    robot that drives back by its wheels goes back too far. At an incidence i it is `cos(i)**2`
+    times as much."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):
@@ -59,7 +63,7 @@ class Slip:
             raise ValueError(
                 f"slip: bump_turn: expected -1 to 1 radians, got {self.bump_turn:g} radians"
             )
-        for name in ("bumper", "give"):
+        for name in ("bumper", "give", "bump_skid"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"slip: {name}: expected a length of 0 m or more, got {value:g} m")
@@ -142,15 +146,15 @@ def to_wall(
     return xp.where(meets, distance, xp.inf)
 
 
-def turned_by_bump(
+def incidence_slope(
     place: Float[Any, "*batch 2"],
     heading: Float[Any, "*batch"],
     ahead: Float[Any, "*batch"],
     ahead_of: Callable[[Any, Any], Any],
 ) -> Float[Any, "*batch"]:
-    """Compute the sine of twice the incidence at the wall ahead, by a second ray beside the first.
+    """Compute the tangent of the incidence at the wall ahead, by a second ray beside the first.
 
-    It is positive where a bump turns the robot counterclockwise, toward a wall on its left.
+    It is positive where the wall is on the left of the robot.
 
     **Arguments:**
 
@@ -163,19 +167,18 @@ def turned_by_bump(
         >>> import math
         >>> import numpy as np
         >>> from jaxcell import examples, space
-        >>> from jaxcell.space.slip import turned_by_bump
+        >>> from jaxcell.space.slip import incidence_slope
         >>> walls = space.felt_walls(examples.corridor().workspace, 0.0)
         >>> ahead_of = lambda place, heading: space.free_ahead(walls, place, heading)
         >>> here = np.array([0.5, 0.5]), np.array(-math.pi / 4)
-        >>> round(float(turned_by_bump(*here, ahead_of(*here), ahead_of)), 6)
+        >>> round(float(incidence_slope(*here, ahead_of(*here), ahead_of)), 6)
         -1.0
     """
     xp = place.__array_namespace__()
     left = place + _BESIDE * _unit(xp, heading + math.pi / 2)
     beside = ahead_of(left, heading)
     met = xp.isfinite(ahead) & xp.isfinite(beside)
-    slope = (xp.where(met, ahead, 0.0) - xp.where(met, beside, 0.0)) / _BESIDE
-    return 2 * slope / (1 + slope**2)
+    return (xp.where(met, ahead, 0.0) - xp.where(met, beside, 0.0)) / _BESIDE
 
 
 def slipping_step(
@@ -226,20 +229,19 @@ def slipping_step(
     felt = slip.bumper * e[8]
 
     def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """Drive a stretch: its end, headings, the distance to a wall or `inf`, and its turn."""
+        """Drive a stretch: its end, headings, the distance to a wall or `inf`, and its slope."""
         length = leg * (1 + slip.step * relative)
         drift = slip.heading * xp.sqrt(xp.abs(leg)) * drifts
         chord = heading + drift / 2 + slip.heading * xp.sqrt(xp.abs(leg) / 12) * sways
         ahead = ahead_of(walls, place, chord)
         end = place + length[..., None] * _unit(xp, chord)
-        gain = 0.0
-        if slip.bump_turn:
-            share = turned_by_bump(place, chord, ahead, lambda p, h: ahead_of(walls, p, h))
-            gain = slip.bump_turn * share
-        return end, heading + drift, chord, xp.where(ahead < length + felt, ahead, xp.inf), gain
+        slope = 0.0
+        if slip.bump_turn or slip.bump_skid:
+            slope = incidence_slope(place, chord, ahead, lambda p, h: ahead_of(walls, p, h))
+        return end, heading + drift, chord, xp.where(ahead < length + felt, ahead, xp.inf), slope
 
     first, turn, second = legs[..., 0], legs[..., 1], legs[..., 2]
-    middle, drifted, chord, ahead, gain = stretch(place, heading, first, e[0], e[1], e[2])
+    middle, drifted, chord, ahead, slope = stretch(place, heading, first, e[0], e[1], e[2])
     turned = drifted + turn * (1 + slip.turn * e[3])
     end, last, _, beyond, later = stretch(middle, turned, second, e[4], e[5], e[6])
     straight = second == 0
@@ -252,10 +254,13 @@ def slipping_step(
     run = xp.where(xp.isfinite(ahead), ahead, first + xp.where(xp.isfinite(beyond), beyond, 0.0))
     along = slip.step * math.sqrt(2) * run * e[4]
     across = slip.heading * math.sqrt(2 / 3) * run**1.5 * e[5]
-    if slip.bump_turn:
+    gain = 0.0
+    if slip.bump_turn or slip.bump_skid:
+        slope = xp.where(xp.isfinite(ahead), slope, later)
+        gain = slip.bump_turn * 2 * slope / (1 + slope**2)
         # The robot backs along its heading after the bump.
-        gain = xp.where(xp.isfinite(ahead), gain, later)
         across = across - run * xp.sin(gain)
+        along = along - slip.bump_skid / (1 + slope**2)
     back = place + along[..., None] * _unit(xp, chord)
     back = back + across[..., None] * _unit(xp, chord + math.pi / 2)
     aside = xp.where(xp.isfinite(ahead), 0.0, math.sqrt(2) * turn * slip.turn * e[6])

@@ -26,6 +26,7 @@ from .dynamics import Dynamics as Dynamics
 from .groups import Groups as Groups
 from .localize import Localize as Localize
 from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
+from .morse import Morse as Morse
 from .navigate import Navigate as Navigate, Plans as Plans
 from .parameters import (
     AtLeastOne as AtLeastOne,
@@ -53,6 +54,7 @@ STUDIES: tuple[type[Study], ...] = (
     Dynamics,
     Groups,
     Localize,
+    Morse,
     Navigate,
     PatrolGraph,
     PatrolMap,

@@ -76,22 +76,22 @@ class GraphStudy(Study):
                 base,
                 times=times,
                 unit=1.0 if times is None else self.time_unit,
-                name=self.base,
+                names=patrolled.names,
             )
         if self.charger is not None and self.every is not None:
             (charger,) = self.vertices(patrolled.names, "charger", self.charger)
             walk = patrolled.graph, patrolled.matrices, charger, self.every
             if self.attack_time is None:
-                more["charged"] = patrol.team.charged(*walk, name=self.charger)
+                more["charged"] = patrol.team.charged(*walk, names=patrolled.names)
             else:
                 say("seeking a walk that is back at the charger in time")
-                options: Any = {"name": self.charger, "seed": self.seed}
+                options: Any = {"names": patrolled.names, "seed": self.seed}
                 more["charged"] = patrol.walks.charged_capture(*walk, self.attack_time, **options)
         if self.baselines:
             say("simulating patrols")
             more["idleness"] = patrol.team.simulate_idleness(
                 patrolled.graph,
-                patrolled.matrices,
+                patrolled.walks,
                 times=seconds,
                 attack_time=self.attack_time,
                 seed=self.seed,

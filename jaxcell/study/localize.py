@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from .anywhere import AnywhereStudy
 from .map_study import cell_at
-from .parameters import Degrees, Limit, Only, Share
+from .parameters import Degrees, Limit, Metres, Only, Share
 from .study import Say, silent
 
 
@@ -60,6 +60,9 @@ class Localize(AnywhereStudy):
     bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
     """Turn of the robot toward the wall by a bump at an incidence of 45 degrees, in degrees, which
     the wheels do not measure; at an incidence i it is sin(2 i) times as much."""
+    bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
+    """Distance that the wheels skid at a head-on bump, in metres, by which the robot then drives
+    back too far; at an incidence i it is cos(i)² times as much."""
 
     @property
     def choice(self) -> dict[str, Any]:
@@ -151,7 +154,10 @@ class Localize(AnywhereStudy):
         if self.bounces:
             different_shifts(bounces, cells.directions)
         slip = Slip.of(
-            self.slip, give=bumper_give(cells.cell), bump_turn=math.radians(self.bump_turn)
+            self.slip,
+            give=bumper_give(cells.cell),
+            bump_turn=math.radians(self.bump_turn),
+            bump_skid=self.bump_skid,
         )
         fine = FineCells.within(cells, slip)
         say(f"mapping {fine.size:,} fine cells")

@@ -53,6 +53,11 @@ class PatrolGraph(GraphStudy):
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
     """File of a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
+    memory_states: Annotated[
+        AtLeastOne, Only(strategy="capture", division=False, base=False, charger=False)
+    ] = 1
+    """Number of states of the memory of a robot, which the search chooses together with the moves:
+    the result compares walks with 1, 2, 4, ... of them, a tour, and an upper bound."""
     visits: Annotated[
         Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
     ] = None
@@ -80,7 +85,8 @@ class PatrolGraph(GraphStudy):
 
         graph, _ = load_graph(self.file)
         weighted = self.strategy == "commute" or self.game
-        needed = estimates.walk(graph.vertices, len(graph.edges), weighted)
+        states = graph.vertices * self.memory_states
+        needed = estimates.walk(states, len(graph.edges), weighted)
         doing = f"a walk on {graph.vertices:,} vertices and {len(graph.edges):,} edges"
         memory.check(needed, doing, "expected a smaller graph, or another strategy")
         return needed
@@ -88,6 +94,7 @@ class PatrolGraph(GraphStudy):
     def run(self, say: Say = silent) -> "GraphPatrol":
         from ..patrol import GraphPatrol, load_graph, strategy_game
         from ..patrol.files import has_weights, load_stakes
+        from ..patrol.walks import memory_patrol
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
@@ -107,6 +114,17 @@ class PatrolGraph(GraphStudy):
         by_steps = ("mixing", "kemeny", "entropy", "return-time")
         options["by_steps"] = self.speed is not None and self.strategy in by_steps
         patrolled = GraphPatrol.of(graph, **walk, game=game, **options)
+        if self.memory_states > 1:
+            remembered = memory_patrol(
+                graph,
+                self._attack(names),
+                self.memory_states,
+                patrolled.matrices,
+                travel_times=self.times(graph),
+                names=names,
+                say=say,
+            )
+            patrolled = dataclasses.replace(patrolled, remembered=remembered)
         return dataclasses.replace(patrolled, **self.more(patrolled, say))
 
     def headline(self, spec: dict[str, Any]) -> str:
@@ -134,6 +152,11 @@ class PatrolGraph(GraphStudy):
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
                 f"computed for at most {MAX_VERTICES:,}"
+            )
+        if graph.vertices * self.memory_states > MAX_VERTICES:
+            raise ValueError(
+                f"memory_states: {graph.vertices:,} vertices times {self.memory_states} are more "
+                f"than {MAX_VERTICES:,} states; expected fewer"
             )
         apart = vertices_apart(graph.vertices, graph.edges)
         if apart is not None:
@@ -177,7 +200,7 @@ class PatrolGraph(GraphStudy):
         if self.division is None:
             return self._walk(graph, names, emphasis, self.robots)
         with about("robots"):
-            region = patrol.team.divide_graph(graph, self.robots)
+            region = patrol.team.divide_graph(graph, self.robots, names=names)
         parts, matrices = [], []
         for robot in range(self.robots):
             say(f"seeking a walk on part {robot + 1} of {self.robots}")
@@ -247,11 +270,7 @@ class PatrolGraph(GraphStudy):
             if rules:
                 bounds = patrol.walks.MetConstraints(rules, best.weights, best.prices)
         elif self.strategy == "capture":
-            times = self.attack_time
-            if self.attack_times is not None:
-                times = patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
-            unit = 1.0 if self.speed is None else self.time_unit
-            times = np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
+            times = self._attack(names)
             best = patrol.maximin_capture(
                 graph, times, travel_times=self.times(graph), robots=robots, throw=False
             )
@@ -280,6 +299,18 @@ class PatrolGraph(GraphStudy):
             "value": value,
             "local": self.strategy in ("kemeny", "return-time", "capture"),
         }
+
+    def _attack(self, names: Sequence[str]) -> "np.ndarray":
+        """Return the duration of attacks in steps, or in units of time with a speed."""
+        import numpy as np
+
+        from ..patrol.files import load_values
+
+        times: Any = self.attack_time
+        if self.attack_times is not None:
+            times = load_values(self.attack_times, names, whole=self.speed is None)
+        unit = 1.0 if self.speed is None else self.time_unit
+        return np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
 
     @property
     def _within(self) -> str:

@@ -21,6 +21,7 @@ STRIDES = space.cell_strides(24, 1.0, 1.0)
 GIVE = 1e-6
 SLIP = 0.005
 BUMP_TURN = math.radians(3)
+BUMP_SKID = 0.02
 TURN = math.radians(135)
 
 
@@ -46,8 +47,26 @@ def test_a_bump_turns_toward_the_wall_by_twice_the_sine_of_the_incidence(degrees
     assert after[0, 2] - heading == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_emulated_robot_is_turned_as_the_model_says():
-    walls, slip = space.felt_walls(ROOM, GIVE), space.Slip(bump_turn=BUMP_TURN)
+@pytest.mark.parametrize("degrees", [-60, 0, 30, 45])
+def test_a_robot_whose_wheels_skid_at_a_bump_stands_behind_its_start(degrees):
+    heading = math.radians(degrees)
+    after, _ = space.slipping_step(
+        np.array([[3.5, 1.5, heading]]),
+        np.array([[2.0, 0, 0]]),
+        0.0,
+        np.zeros((1, 9)),
+        space.felt_walls(ROOM, 0.0),
+        space.Slip(bump_skid=BUMP_SKID),
+    )
+    behind = BUMP_SKID * math.cos(heading) ** 2
+    expected = (3.5 - behind * math.cos(heading), 1.5 - behind * math.sin(heading), heading)
+    assert after[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_emulated_robot_is_turned_and_skids_as_the_model_says():
+    walls = space.felt_walls(ROOM, GIVE)
+    slip = space.Slip(bump_turn=BUMP_TURN, bump_skid=BUMP_SKID)
+    noise = Noise(bump_turn=BUMP_TURN, bump_skid=BUMP_SKID)
     compared = 0
     for direction in range(24):
         for position in range(CELLS.positions):
@@ -60,7 +79,7 @@ def test_the_emulated_robot_is_turned_as_the_model_says():
             # Near a corner, and in the second of two stretches, the model simplifies.
             if not bumped[0] or first >= LEGS[direction, 0] or _near_a_corner(pose[0], first):
                 continue
-            walker, body = emulated(cell)
+            walker, body = emulated(cell, noise=noise)
             assert walker.step()
             turned = math.remainder(body.theta - after[0, 2], 2 * math.pi)
             assert turned == pytest.approx(0.0, abs=1e-5)
@@ -93,19 +112,21 @@ def test_a_belief_that_knows_the_turn_holds_a_robot_that_one_without_it_loses():
 
 def test_bounded_sets_hold_a_robot_that_bumps_turn():
     fine = bounce.FineCells.of(CELLS, squares=1, directions=9, reach=4)
-    slip = space.Slip.of(3 * SLIP, give=0.02, bump_turn=BUMP_TURN)
+    slip = space.Slip.of(3 * SLIP, give=0.02, bump_turn=BUMP_TURN, bump_skid=BUMP_SKID)
     sets = bounce.bounded_map(fine, TURN, slip)
     rng = np.random.default_rng(1)
     for cell in rng.integers(CELLS.size, size=6).tolist():
         state = sets.start()
-        for observed, place in run(cell, 12, rng):
+        for observed, place in run(cell, 12, rng, bump_skid=BUMP_SKID):
             state = sets.observe(state, observed)
             assert place in sets.estimate(state).cells
 
 
-def run(cell: int, steps: int, rng: np.random.Generator) -> Iterator[tuple[int, int]]:
+def run(
+    cell: int, steps: int, rng: np.random.Generator, *, bump_skid: float = 0.0
+) -> Iterator[tuple[int, int]]:
     """Each observation of an emulated robot that slips, and the cell where it is."""
-    noise = Noise(distance=SLIP, rotation=SLIP, veer=SLIP, bump_turn=BUMP_TURN)
+    noise = Noise(distance=SLIP, rotation=SLIP, veer=SLIP, bump_turn=BUMP_TURN, bump_skid=bump_skid)
     walker, body = emulated(cell, give=0.02, noise=noise, rng=rng)
     for _ in range(steps):
         bumped = walker.step()

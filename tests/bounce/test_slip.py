@@ -221,6 +221,7 @@ def test_equal_seeds_give_equal_particles():
         ("heading", float("nan"), "slip: heading: expected a number from 0 to 1"),
         ("bumper", -1.0, "slip: bumper: expected a length of 0 m or more"),
         ("give", float("inf"), "slip: give: expected a length of 0 m or more"),
+        ("bump_skid", -0.01, "slip: bump_skid: expected a length of 0 m or more"),
         ("bump_turn", 2.0, "slip: bump_turn: expected -1 to 1 radians"),
         ("bump_turn", float("nan"), "slip: bump_turn: expected -1 to 1 radians"),
     ],

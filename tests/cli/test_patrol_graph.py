@@ -170,3 +170,48 @@ def test_the_game_is_in_steps(capsys, line):
     assert status == 0
     assert found["game"]
     assert "the game counts steps, not seconds" in said
+
+
+def test_walks_with_memory_stand_beside_a_tour_and_a_bound(capsys, line):
+    args = "--strategy", "capture", "--attack-time", 5, "--memory-states", 2
+    status, found, said = run(capsys, *args, file=line)
+    assert status == 0
+    part = found["remembered"]
+    assert [row["patrol"] for row in part["patrols"]] == ["memory 1", "memory 2", "tour"]
+    least = [row["least_capture"] for row in part["patrols"]]
+    assert least[0] == pytest.approx(found["value"])
+    assert least[0] <= least[1] <= part["upper_bound"]
+    assert "shares and entropy above are those of the walk without memory" in said
+    assert [row["vertex"] for row in part["vertices"]] == [
+        row["vertex"] for row in found["vertices"]
+    ]
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (
+            ("--memory-states", 2),
+            "--memory-states: it has an effect only with --strategy capture and without",
+        ),
+        (
+            ("--strategy", "capture", "--attack-time", 9, "--memory-states", 300),
+            "--memory-states: 8 vertices times 300 are more than 2,000 states; expected fewer",
+        ),
+    ],
+)
+def test_memory_without_use_or_beyond_the_limit_is_refused(capsys, args, message):
+    status, _, error = run(capsys, *args)
+    assert status == 2
+    assert message in error
+
+
+def test_tables_of_news_and_of_charging_have_the_names_of_vertices(capsys):
+    status, found, _ = run(capsys, "--base", 1, "--charger", 3, "--every", 20)
+    assert status == 0
+    for part in ("news", "charged"):
+        rows = found[part]["vertices"]
+        assert [row["vertex"] for row in rows] == [row["vertex"] for row in found["vertices"]]
+    # News of the base itself are the newest.
+    ages = {row["vertex"]: row["mean_age"] for row in found["news"]["vertices"]}
+    assert min(ages, key=ages.get) == found["news"]["base"] == "1"

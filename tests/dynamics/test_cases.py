@@ -226,18 +226,6 @@ def test_images_that_are_not_finite_are_not_outside():
     assert found.basin[:4].tolist() == [-1] * 4
 
 
-def test_morse_sets_of_the_logistic_map():
-    # CMGDB finds 10 with one box of padding.
-    sets, _ = dynamics.morse_sets(lambda x, p: 1.4 * x * (1 - x), Box([-1], [1], [1024]), padding=1)
-    assert sorted(map(len, sets)) == [1] * 8 + [6, 6]
-
-
-def test_morse_sets_of_a_product():
-    # CMGDB: 25 sets and 119 edges; so do all powers of an axis with five sets.
-    sets, edges = dynamics.morse_sets(lambda x, p: x / (2 - x), Box([0, 0], [1.2, 1.2], [64, 64]))
-    assert (len(sets), edges.nnz) == (25, 119)
-
-
 def test_cover_of_lorenz_attractor_equals_gaio():
     def lorenz(x, p):
         return jnp.stack(

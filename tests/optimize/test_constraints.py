@@ -113,7 +113,10 @@ CONTRADICTION = [
             [Linear("apart", UNIT[:2].sum(axis=0), upper=0)],
             "leave no weight for edges between vertex 1 and vertex 0",
         ),
-        (lambda weights, visits: [weights <= 0.01], "no weights meet them"),
+        (
+            lambda w, _: [w[0] >= 0.5, w[5] <= 0.2, w[1] + w[2] >= 0.6],
+            r"meet them, because of 0.5 <= weights\[0\], 0.6 <= weights\[1\] \+ weights\[2\] \(C",
+        ),
     ],
 )
 def test_a_smallest_contradiction_is_named(constraints, message):

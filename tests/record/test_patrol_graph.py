@@ -12,7 +12,7 @@ from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import GraphPatrol, random_walk
 from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.team import age_of_news, charged
-from jaxcell.patrol.walks import walk_hitting_times
+from jaxcell.patrol.walks import memory_patrol, walk_hitting_times
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.record import dataset, summary
 from jaxcell.record.canvas.matrix import log_matrix
@@ -231,8 +231,8 @@ def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
 def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
     graph, names = eight
     patrol = patrol_of(graph, names=names)
-    news = age_of_news(graph, patrol.matrices, 1, name="2")
-    kept = charged(graph, patrol.matrices, 1, 8, name="2")
+    news = age_of_news(graph, patrol.matrices, 1, names=names)
+    kept = charged(graph, patrol.matrices, 1, 8, names=names)
     file = tmp_path / "patrol.rrd"
     save_recording(dataclasses.replace(patrol, news=news, charged=kept), file)
     found = read(file)
@@ -252,6 +252,26 @@ def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
     bars = found.picture("/waits/charges/interval")
     assert np.argmax(bars.sum(axis=0)) == kept.interval.argmax()
     assert "/waits/news/0" not in _recorded(patrol, tmp_path, read).entities
+
+
+def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
+    """To and fro between the ends of a line, which no walk without memory does."""
+    line = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
+    plain = random_walk(line, np.ones(2))
+    there = np.zeros((6, 6))
+    # State 0 of the memory leads right, and state 1 left.
+    there[[0, 1, 2, 3, 4, 5], [1, 2, 4, 1, 3, 4]] = 1
+    matrices = plain.to_scipy().toarray()[None]
+    remembered = dataclasses.replace(
+        memory_patrol(line, 4, 1, matrices, names="abc"), memory=2, chance=there[None]
+    )
+    patrol = GraphPatrol.of(line, plain, names="abc", remembered=remembered)
+    found = _recorded(patrol, tmp_path, read)
+    assert "| memory 1 | 75 %" in found.static("/text", "TextDocument:text")[0]
+    shares = found.static("/graph/vertices", "Points2D:labels")
+    assert shares == [f"{share} % of the time" for share in (25, 50, 25)]
+    idle = found.over("step", "/graph/idle", "Points2D:colors")
+    assert len({tuple(idle[step]) for step in range(100, 200)}) == 4
 
 
 def _recorded(patrol, folder, read):

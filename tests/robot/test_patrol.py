@@ -106,6 +106,19 @@ def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
         replay_patrol(run, other)
 
 
+def test_a_robot_with_memory_goes_on_in_its_direction(task_of, tmp_path):
+    """From the middle of a corridor of three it goes to the end that it does not come from."""
+    hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
+    walk = np.array([[1, 2, 4, 1, 3, 4]]), np.ones((1, 6))
+    task = task_of(hall, walk)
+    walker, _ = walker_at(task, 0, hall.workspace)
+    patrol = patrol_of(task, visits=9)
+    with log_of(tmp_path / "run.jsonl", patrol) as log:
+        outcome = run_patrol(walker, patrol, log=log)
+    assert outcome.visited == (1, 2, 1, 0, 1, 2, 1, 0, 1)
+    assert replay_patrol(read_log(tmp_path / "run.jsonl"), task) == outcome
+
+
 def test_an_intruder_ends_a_patrol(task_of, tmp_path):
     task = task_of(LAB, round_tour(LAB, np.array([0, 18])))
     walker, _ = walker_at(task, 0, LAB.workspace)
@@ -209,8 +222,12 @@ def test_robots_and_seeds_draw_differently(task_of):
         (lambda f: f.update(range_m=-1), "range_m: expected a finite number from 0, got -1"),
         (lambda f: f.update(robots={}), "robots: expected a list, got {}"),
         (lambda f: f["robots"][0].update(start=99), r"robots\[0\].start: expected a whole number"),
-        (lambda f: f["robots"][0]["image"][0].__setitem__(0, 19), "image: expected positions from"),
-        (lambda f: f["robots"][0]["image"].append([1]), "image: expected whole numbers, any x 19"),
+        (lambda f: f["robots"][0]["image"][0].__setitem__(0, 19), "image: expected states from"),
+        (lambda f: f["robots"][0]["image"].append([1]), "image: expected whole numbers, any x any"),
+        (
+            lambda f: f["robots"][0].__setitem__("image", [[0] * 20]),
+            "image: expected rows of 19 states, or a multiple with memory",
+        ),
         (lambda f: f["robots"][0]["probability"].pop(), "probability: expected numbers, 3 x 19"),
         (
             lambda f: f["robots"][0]["probability"][0].__setitem__(0, 2.0),

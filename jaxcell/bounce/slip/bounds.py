@@ -87,7 +87,7 @@ def bounded_map(
         # The drive back ends at the start except for the errors of both drives.
         run = (first + abs(second)) * (1 + slip.step)
         gap = run * (2 * slip.step / max(1 - slip.step, 1e-9) + 4 * drift + aside)
-        gap += run * abs(slip.bump_turn)
+        gap += run * abs(slip.bump_turn) + slip.bump_skid
         spread = bin_ / 2 + drift * (2 + slip.step) + aside + turned + abs(slip.bump_turn)
         back = np.array([-gap, -gap, gap, gap])
         _add_places(cells, row, bumps, back, half, right[1], up[1])

@@ -5,12 +5,14 @@ import functools
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
 from ...base.bundled import bundled
+from ...base.optional_modules import import_module
 from .netcdf import error_line
 from .sphere import wrapped
 
@@ -96,14 +98,10 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
     """Read a file, again if its time or size has changed."""
-    shapefile = Path(path).suffix.lower() in (".shp", ".zip")
+    in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
+    reader = import_module("shapefile").Reader if in_shapefile else None
     try:
-        shapes = _shapefile(path) if shapefile else shapely.from_geojson(Path(path).read_text())
-    except ImportError as error:
-        raise ValueError(
-            f"{path}: shapefiles need the package pyshp: pip install 'jaxcell[land]', or convert "
-            "the file to GeoJSON"
-        ) from error
+        shapes = _geojson(path) if reader is None else _shapes(reader, path)
     except Exception as error:  # the exceptions for damaged files are not documented
         raise ValueError(
             f"{path}: cannot be read as GeoJSON or a shapefile: {error_line(error)}"
@@ -139,11 +137,13 @@ def _bundled_polygons() -> np.ndarray:
     return shapely.from_ragged_array(shapely.GeometryType.POLYGON, corners, offsets)
 
 
-def _shapefile(path: str) -> list[shapely.Geometry]:
-    import shapefile
+def _geojson(path: str) -> shapely.Geometry:
+    return shapely.from_geojson(Path(path).read_text())
 
-    with shapefile.Reader(path) as reader:
-        return [shapely.geometry.shape(shape.__geo_interface__) for shape in reader.iterShapes()]
+
+def _shapes(reader: Any, path: str) -> list[shapely.Geometry]:
+    with reader(path) as file:
+        return [shapely.geometry.shape(shape.__geo_interface__) for shape in file.iterShapes()]
 
 
 def _steps(

@@ -2,11 +2,11 @@
 
 import os
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from ...base.optional_modules import import_module
 from .netcdf import error_line
 
 
@@ -18,12 +18,12 @@ _NEEDED = ("lon", "lat", "time", "particle_id", "trajectory", *_NAMES)
 def read_parquet(path: str | os.PathLike[str]) -> xr.Dataset:
     """Read the positions in a table, on a dimension `obs`, with the attributes of the columns.
 
-    **Raises:** `ValueError` for a file that is not Parquet, or without pyarrow.
+    **Raises:** `ValueError` for a file that is not Parquet; `ModuleNotFoundError` without PyArrow.
     """
-    pa = _pyarrow(path)
+    pa, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     try:
-        columns = [name for name in pa.parquet.read_schema(path).names if name in _NEEDED]
-        table = pa.parquet.read_table(path, columns=columns)
+        columns = [name for name in parquet.read_schema(path).names if name in _NEEDED]
+        table = parquet.read_table(path, columns=columns)
     except (pa.ArrowException, OSError) as error:
         why = f"{os.fspath(path)}: cannot be read as Parquet: {error_line(error)}"
         raise ValueError(why) from error
@@ -42,23 +42,13 @@ def write_parquet(
 ) -> None:
     """Write the columns of a table, each with its attributes.
 
-    **Raises:** `ValueError` without pyarrow.
+    **Raises:** `ModuleNotFoundError` without PyArrow.
     """
-    pa = _pyarrow(path)
+    pa, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     fields = [
         pa.field(name, pa.from_numpy_dtype(values.dtype), metadata=about)
         for name, (values, about) in columns.items()
     ]
     schema = pa.schema(fields, metadata={"feature_type": "trajectory"})
     arrays = [pa.array(values) for values, _ in columns.values()]
-    pa.parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
-
-
-def _pyarrow(path: str | os.PathLike[str]) -> Any:
-    try:
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ValueError(
-            f"{os.fspath(path)}: Parquet needs the package pyarrow: pip install 'jaxcell[parquet]'"
-        ) from error
-    return pyarrow
+    parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path)

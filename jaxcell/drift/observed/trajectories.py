@@ -116,9 +116,22 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
     **Arguments:**
 
     - `path`: `.nc` for the dataset of [`Trajectories.dataset`][]; `.parquet` for a table in the
-        layout of Parcels 4, which needs pyarrow.
+        layout of Parcels 4, which needs PyArrow.
 
-    **Raises:** `ValueError` for another suffix, or without pyarrow.
+    **Raises:** `ValueError` for another suffix; `ModuleNotFoundError` without PyArrow.
+
+    Three positions of a drifter, written and read:
+
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> lon, time = np.array([4.0, 4.1, 4.2]), 3600.0 * np.arange(3)
+        >>> seen = drift.Trajectories(lon, 0 * lon, time, np.zeros(3, int), since="2020-01-01")
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "seen.nc"
+        >>> drift.save_trajectories(seen, path)
+        >>> again = drift.open_trajectories(path)
+        >>> again.lon.round(6).tolist(), again.since
+        ([4.0, 4.1, 4.2], '2020-01-01')
     """
     suffix = Path(path).suffix.lower()
     if suffix not in (".nc", ".parquet"):

@@ -212,8 +212,10 @@ class LayerEnds(Ends):
             if self.ends is not None:
                 shares[possible] = np.asarray(self.ends.leaving)[:cells]
                 return shares
+        else:
+            shares = np.where(possible[:, None] & (sure != 0), np.nan, 0.0)
         if behaviour.unrolled.cells > LARGEST_BY_CELL:
-            return np.where(possible[:, None], np.nan, shares)
+            return shares
         # All persistent groups are one end, and each way out is another.
         matrix, count = behaviour.unrolled.to_scipy(), len(self.exits)
         out = scipy.sparse.csr_array(self.exits.T)
@@ -224,7 +226,7 @@ class LayerEnds(Ends):
         ends = dataclasses.replace(behaviour.groups, group=group, count=1 + count)
         solved = absorption_probabilities(chain, ends, throw=False)
         if solved.certificate.outcome is not Outcome.CONVERGED:
-            return np.where(possible[:, None], np.nan, shares)
+            return shares
         return np.asarray(solved.value)[1:, :cells]
 
     @functools.cached_property

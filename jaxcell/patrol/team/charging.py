@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -10,7 +10,7 @@ from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
 from ..walks.arrival import captured_by_any
 from .idleness import idleness_over_vertices, steps_between_visits
-from .times import check_vertex
+from .times import check_vertex, names_of
 
 
 # Number of step probabilities per robot, by steps since the charge, at 8 bytes each.
@@ -25,6 +25,7 @@ class Charged(Result):
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
 
     charger: Annotated[str, quantity("", "vertex of the charger", kind="text")]
+    vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     every: Annotated[int, quantity("", "steps between charges, at most", "steps", kind="count")]
     chance: Annotated[
         Float[np.ndarray, "robots ages starts targets"],
@@ -65,7 +66,7 @@ class Charged(Result):
         charger: int,
         *,
         attack_time: Any = None,
-        name: str = "",
+        names: Sequence[str] | None = None,
     ) -> "Charged":
         """Compute the law of walks whose steps depend on the number of steps since the charge.
 
@@ -92,7 +93,8 @@ class Charged(Result):
             least = float(captured_by_any(np.array(each)[:, None]).min())
         shares = often.sum(axis=1) / often.sum(axis=(1, 2))[:, None]
         mean = interval.mean(axis=0)
-        return cls(name or str(charger), every, chance, shares, mean, least)
+        called = names_of(vertices, names)
+        return cls(called[charger], called, every, chance, shares, mean, least)
 
     @derived("since", "steps since the charge", "steps", kind="coordinate")
     def since(self) -> Int[np.ndarray, "ages"]:
@@ -124,7 +126,7 @@ def charged(
     every: int,
     *,
     attack_time: Any = None,
-    name: str = "",
+    names: Sequence[str] | None = None,
 ) -> Charged:
     """Keep walks near enough to a charger, and compute their law exactly.
 
@@ -140,7 +142,7 @@ def charged(
     - `charger`: the vertex of the charger; a visit charges the robot.
     - `every`: the largest number of steps from one charge to the next.
     - `attack_time`: number of steps that an attack takes, one number or array `[vertices]`.
-    - `name`: name of the charger.
+    - `names`: names of the vertices; by default their numbers.
 
     **Returns:** [`Charged`][].
 
@@ -165,7 +167,7 @@ def charged(
     total = drawn.sum(axis=3, keepdims=True)
     # States from which the charger is too far never occur.
     chance = np.divide(drawn, total, out=np.zeros_like(drawn), where=total > 0)
-    return Charged.of(chance, charger, attack_time=attack_time, name=name)
+    return Charged.of(chance, charger, attack_time=attack_time, names=names)
 
 
 def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:

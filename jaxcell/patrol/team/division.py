@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -9,6 +9,12 @@ from jaxtyping import Float, Int
 from ...base.connected import check_connected
 from ...base.quantities import Result, quantity
 from ...optimize import Graph
+
+
+# Steps per vertex of the search for equal parts, and the number of vertices that it may look at.
+_STEPS, _WORK = 150, 1_500_000
+# Its first temperature relative to the size of the largest part, and the cost of a single vertex.
+_HEAT, _ALONE = 1.0, 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,20 +43,24 @@ class Division(Result):
     ]
 
 
-def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
-    """Divide a graph into connected parts of nearly equally many vertices.
+def divide_graph(
+    graph: Graph, parts: int, *, names: Sequence[str] | None = None
+) -> Int[np.ndarray, "vertices"]:
+    """Divide a graph into connected parts of equally many vertices, as nearly as a search finds.
 
     Parts grow from vertices far apart: the smallest part takes the nearest free vertex next to it.
+    If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
 
     **Arguments:**
 
     - `graph`: a connected graph.
     - `parts`: number of parts, at most half the number of vertices.
+    - `names`: names of the vertices, for errors; by default their numbers.
 
-    **Returns:** the part of each vertex.
+    **Returns:** the part of each vertex. Every part has two or more vertices.
 
-    **Raises:** `ValueError` for a graph that is not connected, for too many parts, and if a part
-    would be a single vertex.
+    **Raises:** `ValueError` for a graph that is not connected, for too many parts, and if every
+    division that was found has a part of a single vertex.
 
     A line of six vertices:
 
@@ -79,12 +89,79 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
             if free.size:
                 part[free[apart[seeds[smallest], free].argmin()]] = smallest
                 break
+    part = _balanced(part, [np.flatnonzero(row).tolist() for row in beside], parts)
     alone = np.flatnonzero(np.bincount(part, minlength=parts) == 1)
     if alone.size:
+        vertex = int(np.flatnonzero(part == alone[0])[0])
         raise ValueError(
-            f"a part of {parts} would be a single vertex, number {seeds[alone[0]]}; expected fewer"
+            f"in every division into {parts} parts that was found, a part is a single vertex, as "
+            f"{vertex if names is None else names[vertex]}; expected fewer"
         )
     return part
+
+
+def _balanced(
+    part: Int[np.ndarray, "vertices"], beside: list[list[int]], parts: int
+) -> Int[np.ndarray, "vertices"]:
+    """Move vertices between connected parts until their sizes differ by at most 1, or time is over.
+
+    A vertex moves to a part beside it, with all pieces that its own part falls into without it,
+    except one. Each part therefore stays connected. The cost is the sum of the squares of the
+    sizes, and much more for a part of a single vertex.
+    """
+    random = np.random.default_rng(0)
+    owner, sizes = part.tolist(), np.bincount(part, minlength=parts).tolist()
+
+    def cost(size: int) -> int:
+        return size**2 + (_ALONE if size == 1 else 0)
+
+    best, lowest, total = part, sum(map(cost, sizes)), 0
+    steps = min(_STEPS * len(owner), _WORK // (1 + len(owner) // parts))
+    for step in range(steps):
+        if max(sizes) - min(sizes) <= 1:
+            return np.array(owner)
+        vertex = int(random.integers(len(owner)))
+        old = owner[vertex]
+        others = [owner[near] for near in beside[vertex] if owner[near] != old]
+        if not others or sizes[old] == 1:
+            continue
+        new = others[int(random.integers(len(others)))]
+        pieces = _pieces_without(vertex, owner, beside)
+        stays = pieces[int(random.integers(len(pieces)))]
+        rise = (
+            cost(len(stays))
+            + cost(sizes[new] + sizes[old] - len(stays))
+            - cost(sizes[old])
+            - cost(sizes[new])
+        )
+        heat = _HEAT * (1 - step / steps) * max(sizes)
+        if rise > 0 and random.random() >= np.exp(-rise / heat):
+            continue
+        for moved in [vertex, *(each for piece in pieces if piece is not stays for each in piece)]:
+            owner[moved] = new
+        sizes[new] += sizes[old] - len(stays)
+        sizes[old] = len(stays)
+        total += rise
+        if total < 0:
+            best, lowest, total = np.array(owner), lowest + total, 0
+    return best
+
+
+def _pieces_without(vertex: int, owner: list[int], beside: list[list[int]]) -> list[list[int]]:
+    """Return the connected pieces of the part of a vertex without the vertex."""
+    pieces, reached = [], {vertex}
+    for first in beside[vertex]:
+        if owner[first] != owner[vertex] or first in reached:
+            continue
+        piece = [first]
+        reached.add(first)
+        for here in piece:
+            for near in beside[here]:
+                if owner[near] == owner[vertex] and near not in reached:
+                    reached.add(near)
+                    piece.append(near)
+        pieces.append(piece)
+    return pieces
 
 
 def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:

@@ -1,5 +1,6 @@
 import dataclasses
 import heapq
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar
@@ -17,6 +18,8 @@ from .times import move_times
 
 # Number of moves of a simulation: at least the first, and the second per vertex.
 _MOVES, _VISITS = 20_000, 50
+# Number of parts of a simulation whose means give the standard error.
+_BATCHES = 10
 # Share of the time before idleness is counted, because at the start no vertex is visited.
 _BEFORE = 0.1
 # Decimals of times in a simulation, whose unit is the least travel time.
@@ -38,9 +41,15 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "time between visits, mean over vertices", kind="time"),
     ]
+    mean_error: Annotated[
+        Float[np.ndarray, "patrols"], quantity("patrol", "standard error of the mean", kind="time")
+    ]
     worst: Annotated[
         Float[np.ndarray, "patrols"],
         quantity("patrol", "at the vertex where it is longest", kind="time"),
+    ]
+    worst_error: Annotated[
+        Float[np.ndarray, "patrols"], quantity("patrol", "standard error of the worst", kind="time")
     ]
     longest: Annotated[
         Float[np.ndarray, "patrols"],
@@ -116,7 +125,7 @@ def steps_between_visits(
 
 def simulate_idleness(
     graph: Graph,
-    matrices: Float[np.ndarray, "robots vertices vertices"],
+    matrices: Float[np.ndarray, "robots states states"],
     *,
     times: Any = None,
     attack_time: Any = None,
@@ -133,7 +142,9 @@ def simulate_idleness(
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `matrices`: the transition matrix of each robot.
+    - `matrices`: the transition matrix of each robot, between the vertices, or between pairs of a
+        state of its memory and a vertex, as in
+        [`MaximinCapture`][jaxcell.patrol.walks.MaximinCapture].
     - `times`: array `[edges]`, the travel time of each edge; by default 1. Waiting takes the least
         of them.
     - `attack_time`: duration of an attack, one number or array `[vertices]`, to compute capture.
@@ -151,7 +162,7 @@ def simulate_idleness(
         >>> result.patrol[1], result.mean[1].item(), result.longest[1].item()
         ('tour', 4.0, 4.0)
     """
-    robots, vertices = matrices.shape[:2]
+    robots, vertices = len(matrices), graph.vertices
     each = np.broadcast_to(np.asarray(1.0 if times is None else times, float), len(graph.edges))
     # In units of the least time and rounded, coinciding visits have equal times.
     unit = float(each.min())
@@ -161,11 +172,15 @@ def simulate_idleness(
     neighbours = [np.flatnonzero(row) for row in graph.matrix(each).toarray()]
     random = np.random.default_rng(seed)
     total = matrices.cumsum(axis=2)
-    place = list(spaced)
+    place, state = list(spaced), tour[spaced]
+    attack = None
+    if attack_time is not None:
+        attack = np.broadcast_to(np.asarray(attack_time, float), vertices)
 
     def walk(robot, here, last):  # type: ignore[no-untyped-def]
-        row = total[robot, here]
-        return int(np.searchsorted(row, random.random() * row[-1], side="right"))
+        row = total[robot, state[robot]]
+        state[robot] = np.searchsorted(row, random.random() * row[-1], side="right")
+        return int(state[robot]) % vertices
 
     def follow(robot, here, last):  # type: ignore[no-untyped-def]
         place[robot] = (place[robot] + 1) % tour.size
@@ -185,23 +200,37 @@ def simulate_idleness(
         "random": anywhere,
         "reactive": reactive,
     }
-    starts = tour[spaced]
     moves = max(_MOVES, _VISITS * vertices)
-    gaps = [
-        [unit * times for times in _gaps(rule, durations, starts, moves)] for rule in rules.values()
-    ]
-    means = [np.array([times.mean() for times in patrol]) for patrol in gaps]
-    caught = None
-    if attack_time is not None:
-        attack = np.broadcast_to(np.asarray(attack_time, float), vertices)
-        caught = np.array([_least_capture(patrol, attack) for patrol in gaps])
+    rows = []
+    for rule in rules.values():
+        gaps = [unit * times for times in _gaps(rule, durations, tour[spaced], moves)]
+        batches = np.array([[part.mean() for part in _batches(times)] for times in gaps])
+        means = np.array([times.mean() for times in gaps])
+        at, longest = int(means.argmax()), max(float(times.max()) for times in gaps)
+        errors = _error(batches.mean(axis=0)), _error(batches[at])
+        caught = np.nan if attack is None else _least_capture(gaps, attack)
+        rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
+    mean, mean_error, worst, worst_error, most, captured = np.array(rows).T
     return Idleness(
         patrol=list(rules),
-        mean=np.array([mean.mean() for mean in means]),
-        worst=np.array([mean.max() for mean in means]),
-        longest=np.array([max(float(times.max()) for times in patrol) for patrol in gaps]),
-        least_capture=caught,
+        mean=mean,
+        mean_error=mean_error,
+        worst=worst,
+        worst_error=worst_error,
+        longest=most,
+        least_capture=None if attack is None else captured,
     )
+
+
+def _batches(times: Float[np.ndarray, "_"]) -> list[Float[np.ndarray, "_"]]:
+    """Divide the times between visits to a vertex into consecutive parts; infinite if too few."""
+    few = times.size < _BATCHES
+    return [np.array([np.inf])] * _BATCHES if few else np.array_split(times, _BATCHES)
+
+
+def _error(means: Float[np.ndarray, "batches"]) -> float:
+    """Compute the standard error of the mean of batches; infinite with too few visits."""
+    return float(means.std(ddof=1) / math.sqrt(means.size)) if np.isfinite(means).all() else np.inf
 
 
 def _least_capture(

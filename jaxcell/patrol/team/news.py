@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
 from .idleness import long_run
-from .times import check_vertex, move_times
+from .times import check_vertex, move_times, names_of
 
 
 # Probability of greater ages at which the law may end, and the greatest age computed.
@@ -26,6 +26,7 @@ class News(Result):
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
 
     base: Annotated[str, quantity("", "vertex of the base", kind="text")]
+    vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     unit: Annotated[float, quantity("", "unit of ages", kind="time")]
     "The unit of ages in seconds; 1 if ages are numbers of steps."
     passed: Annotated[
@@ -72,7 +73,7 @@ def age_of_news(
     *,
     times: Any = None,
     unit: float = 1.0,
-    name: str = "",
+    names: Sequence[str] | None = None,
 ) -> News:
     """Compute the law of the age of news at a base, exactly.
 
@@ -90,7 +91,7 @@ def age_of_news(
     - `base`: the vertex of the base.
     - `times`: integer array `[edges]`, units of time that an edge takes; by default 1.
     - `unit`: length of a unit, in seconds.
-    - `name`: name of the base.
+    - `names`: names of the vertices; by default their numbers.
 
     **Returns:** [`News`][]. Ages end where the law does, or at 20,000 units.
 
@@ -118,7 +119,8 @@ def age_of_news(
             break
         for law in laws:
             law.step()
-    return News(name or str(base), unit, 1 - np.array(missed), 1 - np.array(unheard))
+    called = names_of(graph.vertices, names)
+    return News(called[base], called, unit, 1 - np.array(missed), 1 - np.array(unheard))
 
 
 @dataclasses.dataclass

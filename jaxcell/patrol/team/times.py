@@ -1,5 +1,6 @@
 """Travel times of moves on a graph, and a check of hitting times."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,11 @@ def check_vertex(parameter: str, vertex: int, vertices: int) -> None:
     """
     if not 0 <= vertex < vertices:
         raise ValueError(f"{parameter}: expected a vertex, 0 to {vertices - 1}, got {vertex}")
+
+
+def names_of(vertices: int, names: Sequence[str] | None) -> list[str]:
+    """Return the names of vertices, by default their numbers."""
+    return [str(vertex) for vertex in range(vertices)] if names is None else list(names)
 
 
 def hitting_check(

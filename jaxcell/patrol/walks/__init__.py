@@ -28,7 +28,9 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
     `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`, by the
     recursion `F_t = P + P (F_{t-1} - diag F_{t-1})`; `charged_capture` does so for robots that
-    return to a charger.
+    return to a charger. With a *memory*, a state that changes with the moves, robots capture more:
+    `memory_patrol` compares numbers of states with a tour (`MemoryPatrol`), and `capture_bound` is
+    an upper bound for any memory.
 - In `strategy_game`, a `StrategyGame`, the patroller commits to a mixture of walks and the
     adversary, who knows it, attacks a vertex (Eq. 4.6, 4.7). The `k`-th closest vertex of a walk is
     worth `1/2^(k-1)` as a probability of capture, as in Table 4.2 (Alg. 4.2 prints another

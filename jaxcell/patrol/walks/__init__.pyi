@@ -2,6 +2,8 @@ from .arrival import walk_capture_probabilities as walk_capture_probabilities
 from .game import StrategyGame as StrategyGame, strategy_game as strategy_game
 from .graph_patrol import GraphPatrol as GraphPatrol
 from .measures import Measures as Measures, measure as measure
+from .memory import MemoryPatrol as MemoryPatrol, memory_patrol as memory_patrol
+from .optimal.bound import capture_bound as capture_bound
 from .optimal.capture import MaximinCapture as MaximinCapture, maximin_capture as maximin_capture
 from .optimal.charged_capture import charged_capture as charged_capture
 from .optimal.constraints import (

@@ -23,11 +23,13 @@ def walk_capture_probabilities(
     **Arguments:**
 
     - `graph`: the graph.
-    - `matrix`: array `[vertices, vertices]`, the transition matrix of the robot.
+    - `matrix`: array `[states, states]`, the transition matrix of the robot. Its states are the
+        vertices, or for a robot with memory the pairs of a state of the memory and a vertex, the
+        vertex fastest.
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
     - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
 
-    **Returns:** array `[vertices, vertices]`, the start first.
+    **Returns:** array `[states, vertices]`, the start first.
 
     **Raises:** `ValueError` for times or a matrix that do not fit the graph.
 
@@ -41,8 +43,13 @@ def walk_capture_probabilities(
     """
     delays, attack = whole_numbers(graph, attack_time, travel_times)
     given = np.array(matrix, np.float64)
+    memory = max(1, given.shape[0] // graph.vertices)
+    delays = np.tile(delays, (memory, memory))
     if given.shape != delays.shape:
-        raise ValueError(f"matrix: expected {list(delays.shape)}, got {list(given.shape)}")
+        raise ValueError(
+            f"matrix: expected {[graph.vertices] * 2}, or a multiple for a robot with memory, got "
+            f"{list(given.shape)}"
+        )
     if not (given >= 0).all() or np.abs(given.sum(axis=1) - 1).max() > 1e-9:
         raise ValueError("matrix: expected rows of numbers of at least 0 that sum to 1")
     wrong = np.argwhere((given > 0) & (delays == 0))
@@ -61,32 +68,39 @@ def captured_by_any(
 
 @jax.jit
 def first_passage(
-    P: Float[Array, "vertices vertices"],
-    delays: Int[Array, "vertices vertices"],
-    attack: Int[Array, "vertices"],
+    P: Float[Array, "states states"],
+    seen: Float[Array, "states targets"],
+    delays: Int[Array, "states states"],
+    attack: Int[Array, "targets"],
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
-) -> Float[Array, "vertices vertices"]:
-    """Compute the first passage `F_k(i, j) = sum_l p_il (t_il = k and l = j, or else F_(k -
+) -> Float[Array, "states targets"]:
+    """Compute the first passage `F_k(i, j) = sum_l p_il (t_il = k and l at j, or else F_(k -
     t_il)(l, j))`.
 
-    The sum is over `l != j`. The lengths of the last two arguments are the lengths of the loops:
-    they are passed as shapes because JAX compiles once per shape.
+    The sum is over the states `l` that are not at `j`. The lengths of the last two arguments are
+    the lengths of the loops: they are passed as shapes because JAX compiles once per shape.
     """
-    n, slots = P.shape[0], longest.size
-    each = jnp.arange(1, slots + 1, dtype=delays.dtype)
+    each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
 
     def step(state, time):  # type: ignore[no-untyped-def]
         later, captured = state
-        first = jnp.where(delays == time, P, 0.0) + jnp.einsum("dil,dlj->ij", moves, later)
+        first = jnp.einsum("dil,dlj->ij", moves, later)
         captured = captured + jnp.where((time <= attack)[None, :], first, 0.0)
-        onward = first - jnp.diag(jnp.diagonal(first))
-        return (jnp.concatenate([onward[None], later[:-1]]), captured), None
+        return (jnp.concatenate([((1 - seen) * first)[None], later[:-1]]), captured), None
 
-    start = jnp.zeros((slots, n, n), P.dtype), jnp.zeros((n, n), P.dtype)
+    # With no time left, a robot that is at the target has arrived.
+    later = jnp.zeros((longest.size, *seen.shape), P.dtype).at[0].set(seen)
     times = jnp.arange(1, horizon.size + 1, dtype=delays.dtype)
-    return jax.lax.scan(step, start, times)[0][1]
+    return jax.lax.scan(step, (later, jnp.zeros(seen.shape, P.dtype)), times)[0][1]
+
+
+def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:
+    """Return 1 where a state is at a vertex, else 0. The vertices repeat for each state of the
+    memory.
+    """
+    return np.tile(np.eye(vertices), (states // vertices, 1))
 
 
 def whole_numbers(
@@ -103,11 +117,11 @@ def whole_numbers(
 
 
 def on_device(
-    delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
-) -> tuple[Array, Array, Array, Array]:
+    delays: Int[np.ndarray, "states states"], attack: Int[np.ndarray, "targets"]
+) -> tuple[Array, Array, Array, Array, Array]:
     """Return the arguments of [`first_passage`][] after the matrix."""
     slots = np.zeros(delays.max()), np.zeros(attack.max())
-    return jax.device_put((delays, attack, *slots))
+    return jax.device_put((states_at(len(delays), attack.size), delays, attack, *slots))
 
 
 def _whole(name: str, given: Any, count: int, what: str) -> Int[np.ndarray, "count"]:

@@ -20,10 +20,11 @@ from ..team.idleness import (
     steps_between_visits,
 )
 from ..team.news import News
-from ..team.times import move_times
+from ..team.times import move_times, names_of
 from .arrival import captured_by_any, walk_capture_probabilities
 from .game import StrategyGame
 from .measures import Measures, measure
+from .memory import MemoryPatrol
 from .optimal.constraints import MetConstraints
 
 
@@ -72,6 +73,8 @@ class GraphPatrol(Measures):
     "The age of news at a base, or `None`."
     charged: Charged | None = None
     "The walks that return to a charger in time, or `None`."
+    remembered: MemoryPatrol | None = None
+    "The walks of robots with memory, or `None`; the other measures are of the walk without."
     idleness: Idleness | None = None
     "The times between visits, by these walks and by three other patrols, or `None`."
     weights_unused: bool = False
@@ -128,7 +131,7 @@ class GraphPatrol(Measures):
         """
         if robots < 1:
             raise ValueError(f"robots: expected at least 1, got {robots}")
-        names = [str(vertex) for vertex in range(graph.vertices)] if names is None else names
+        names = names_of(graph.vertices, names)
         measures = measure(chain)
         team = more.get("team")
         if robots > 1 and team is None and graph.vertices <= _MAX_ARRIVALS:
@@ -149,7 +152,7 @@ class GraphPatrol(Measures):
             more["captured"] = captured_by_any(whole)
         alike = np.broadcast_to(measures.stationary, (robots, measures.stationary.size))
         more["shares"] = alike if team is None else long_run(team)
-        return cls(**vars(measures), graph=graph, names=list(names), robots=robots, **more)
+        return cls(**vars(measures), graph=graph, names=names, robots=robots, **more)
 
     def __post_init__(self) -> None:
         graph, vertices = self.graph, self.stationary.size
@@ -178,10 +181,17 @@ class GraphPatrol(Measures):
         return np.broadcast_to(self.transition, (self.robots, *self.transition.shape))
 
     @property
+    def walks(self) -> Float[np.ndarray, "robots states states"]:
+        """The transition matrix of each robot, between states if it has a memory."""
+        return self.matrices if self.remembered is None else self.remembered.chance
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         remarks = []
         if self.team is not None:
             remarks.append("robots walk differently; times and entropy are those of robot 0")
+        if self.remembered is not None:
+            remarks.append("times, shares and entropy above are those of the walk without memory")
         if self.weights_unused:
             remarks.append("the weights of edges in the file are not used; the walk has its own")
         if self.by_steps:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from ...mapping import Chain
 from ...markov import sample_walks
 from ...patrol import GraphPatrol
-from ...patrol.team import steps_between_visits
+from ...patrol.team import long_run, steps_between_visits
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix
@@ -117,9 +117,10 @@ class _Drawing:
 def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     """Log the edges by the share of steps, the vertices by that of time, and the patrollers."""
     patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
-    most, robots = float(patrol.weight.max()), patrol.robots
-    drawing.lines("shares", drawing.ends, patrol.weight / most)
-    share = patrol.shares.mean(axis=0)
+    flow, (tails, heads) = _flow(patrol), patrol.graph.edges.T
+    weight, share = flow[tails, heads] + flow[heads, tails], flow.sum(axis=1)
+    most, robots = float(weight.max()), patrol.robots
+    drawing.lines("shares", drawing.ends, weight / most)
     size = np.sqrt(share / share.max())
     shares = [f"{100 * one:.3g} % of the time" for one in share.tolist()]
     drawing.discs("vertices", drawing.mark * np.maximum(size, 0.1), FREE, shares)
@@ -147,13 +148,21 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     return log_tab(stream, "", "The walk", views, text, legend, shares=(3, 2), rows=(2, 1))
 
 
+def _flow(patrol: GraphPatrol) -> Float[np.ndarray, "vertices vertices"]:
+    """Compute the share of steps between vertices, mean over robots, with their memory if any."""
+    vertices, walks = patrol.stationary.size, patrol.walks
+    flow = (long_run(walks)[:, :, None] * walks).mean(axis=0)
+    return flow.reshape(-1, vertices, flow.shape[0] // vertices, vertices).sum(axis=(0, 2))
+
+
 def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
     """The vertices at which patrollers are, from starts in the stationary distribution."""
     random, walks = np.random.default_rng(patrol.seed), []
-    steps = max(1, min(_STEPS, _MAX_COLORS // patrol.stationary.size))
-    for matrix, share in zip(patrol.matrices, patrol.shares, strict=True):
+    vertices = patrol.stationary.size
+    steps = max(1, min(_STEPS, _MAX_COLORS // vertices))
+    for matrix, share in zip(patrol.walks, long_run(patrol.walks), strict=True):
         start = random.choice(share.size, 1, p=share / share.sum())
-        walks.append(sample_walks(Chain.from_scipy(matrix), start, steps, random))
+        walks.append(sample_walks(Chain.from_scipy(matrix), start, steps, random) % vertices)
     return np.concatenate(walks, axis=1)
 
 
@@ -180,7 +189,8 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
     patrol, stream = drawing.patrol, drawing.stream
     news, charged = patrol.news, patrol.charged
     units = "steps" if patrol.timed is None else "s"
-    between = patrol.timed.idleness if patrol.timed else steps_between_visits(patrol.shares)
+    shares = patrol.shares if patrol.remembered is None else patrol.remembered.shares
+    between = patrol.timed.idleness if patrol.timed else steps_between_visits(shares)
     shown = {"Time between visits": between}
     if news is not None:
         shown[f"Mean age of news at the base {news.base}"] = news.mean_age
@@ -241,7 +251,8 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
     legend = _scale(most, "chance to leave by it, or to wait").legend()
     legend.append(("a vertex where it never waits", FREE))
-    view = drawing.view("Where a patroller goes next", "next", "chances", "stay", "names")
+    who = "a patroller" if patrol.remembered is None else "one without memory"
+    view = drawing.view(f"Where {who} goes next", "next", "chances", "stay", "names")
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
 
 
@@ -267,10 +278,13 @@ def _text(patrol: GraphPatrol, spec: Spec) -> str:
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
     edges = counted(len(patrol.graph.edges), "edge")
     columns = "vertex", "stationary", "mean_time_to", "first_arrival", "captured"
+    drawn = "whatever came before: the walk is a *Markov chain*"
+    if patrol.remembered is not None:
+        drawn = f"by the vertex and one of {patrol.remembered.memory} states of a memory"
     return f"""# A random patrol
 
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
-next one is drawn at random, whatever came before: the walk is a *Markov chain*.
+next one is drawn at random, {drawn}.
 
 {_purpose(patrol, spec)}
 
@@ -301,13 +315,17 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
         parts.append(f"The strategy is **{spec['strategy']}**.")
     if patrol.goal is not None and patrol.value is not None:
         parts.append(f"The walk makes large: {patrol.goal}, which is **{patrol.value:.4g}**.")
-    if patrol.captured is not None:
+    captured = patrol.captured
+    if patrol.remembered is not None and patrol.remembered.memory > 1:
+        captured, memory = patrol.remembered.captured, patrol.remembered.memory
+        parts.append(f"With {counted(memory, 'state')} of memory the patrollers capture more.")
+    if captured is not None:
         attack, unit = spec.get("attack_time"), "steps" if patrol.timed is None else "s"
         steps = "as long as its vertex says" if attack is None else f"**{attack:,} {unit}**"
-        place = int(np.argmin(patrol.captured))
+        place = int(np.argmin(captured))
         parts.append(
             f"An attack takes {steps}. It is captured with a probability of at least "
-            f"**{patrol.captured[place]:.3f}**, at vertex {patrol.names[place]}."
+            f"**{captured[place]:.3f}**, at vertex {patrol.names[place]}."
         )
     return " ".join(parts)
 
@@ -332,8 +350,15 @@ def _more(patrol: GraphPatrol) -> str:
         parts.append(f"{numbers(patrol.news)}\n\n{ages}")
     if patrol.charged is not None:
         parts.append(f"Kept near enough to the charger:\n\n{numbers(patrol.charged)}")
+    if patrol.remembered is not None:
+        columns = "patrol", "least_capture", "any_time"
+        parts.append(
+            "By number of states of memory, beside a tour and an upper bound. Other numbers are "
+            "those of the walk without memory:"
+            f"\n\n{numbers(patrol.remembered)}\n\n{described(patrol.remembered, *columns)}"
+        )
     if patrol.idleness is not None:
-        columns = "patrol", "mean", "worst", "longest", "least_capture"
+        columns = "patrol", "mean", "mean_error", "worst", "longest", "least_capture"
         parts.append(
             "By simulation, beside robots on a tour, those that go anywhere, and those that go "
             f"where no robot was for longest:\n\n{described(patrol.idleness, *columns)}"

@@ -202,8 +202,8 @@ class Driver:
             self._wheels = (0, 0)
             self._write(_STILL)
 
-    def _after(self, reading: Reading) -> Reading:
-        """Wait for a newer reading."""
+    def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
+        """Wait for a newer reading. The speeds will not change for `steady` seconds."""
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 

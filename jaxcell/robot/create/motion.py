@@ -173,7 +173,7 @@ class Create(Driver):
                         return Moved(way.real, angle, self._bumped, way.imag)
                 if self._now() > end:
                     raise RobotStopped(f"{what}: {rest(now):.3g} are left after {timeout:.3g} s")
-                now = self._after(now)
+                now = self._after(now, abs(rest(now)) / speed - _SLOWING)
         finally:
             self.stop()
 

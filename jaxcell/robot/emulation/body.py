@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ...space import CellSpace, Workspace, free_ahead
-from ...space.slip import turned_by_bump
+from ...space.slip import incidence_slope
 from ...space.workspace import edges
 from ..create.packets import METRES_PER_COUNT, WHEEL_BASE
 
@@ -36,6 +36,8 @@ class Noise:
     bump_turn: float = 0.0
     """Turn toward the wall by a bump at 45 degrees, in radians, at each bump alike; see
     [`jaxcell.space.Slip`][]."""
+    bump_skid: float = 0.0
+    "Distance that the wheels skid at a head-on bump, in metres; see [`jaxcell.space.Slip`][]."
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -107,6 +109,11 @@ class Body:
         self._stretch = (0, 0)
         self._slip = (0.0, 0.0)
 
+    @property
+    def glide(self) -> float:
+        """0: the noise of each tick is drawn."""
+        return 0.0
+
     @classmethod
     def in_cell(
         cls,
@@ -171,8 +178,10 @@ class Body:
         self.travelled += wheels
         pushing, pressed = moved < 1 and forward > 0, self.bump_left or self.bump_right
         self._feel(pushing=pushing)
-        if self.noise.bump_turn and pushing and not pressed:
-            self.theta += self.noise.bump_turn * self._turned_by_bump()
+        if (self.noise.bump_turn or self.noise.bump_skid) and pushing and not pressed:
+            slope = self._incidence_slope()
+            self.theta += self.noise.bump_turn * 2 * slope / (1 + slope**2)
+            self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
         """Go straight as far as the walls allow; return the share of the way that is."""
@@ -202,8 +211,8 @@ class Body:
             return self._free(right, up)
         return bool(shapely.covers(self._space, shapely.linestrings([here, end])))
 
-    def _turned_by_bump(self) -> float:
-        """Compute the turn by a bump here as a multiple of that at 45 degrees."""
+    def _incidence_slope(self) -> float:
+        """Compute the tangent of the incidence of a bump here."""
         heading = np.array([self.theta])
         before = np.array([self.pose[:2]]) - _HELD * np.stack(
             [np.cos(heading), np.sin(heading)], axis=-1
@@ -213,7 +222,7 @@ class Body:
         def ahead_of(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
             return free_ahead(walls, place, heading)
 
-        return float(turned_by_bump(before, heading, ahead_of(before, heading), ahead_of)[0])
+        return float(incidence_slope(before, heading, ahead_of(before, heading), ahead_of)[0])
 
     def _feel(self, *, pushing: bool) -> None:
         if not (pushing or self.bump_left or self.bump_right):

@@ -51,6 +51,10 @@ class Moving(Protocol):
     def bump_right(self) -> bool:
         """True if the right half of the bumper is pressed."""
 
+    @property
+    def glide(self) -> float:
+        """Seconds for which the body surely rolls on, if no speed changes; 0 if it may not."""
+
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
 
@@ -160,6 +164,11 @@ class Emulator:
     def seconds(self) -> float:
         """The robot's time since the beginning."""
         return self._now
+
+    @property
+    def glide(self) -> float:
+        """Seconds for which the body surely rolls on without a new command; 0 if it may not."""
+        return 0.0 if self._pending else self._body.glide
 
     def __enter__(self) -> "Emulator":
         self._master, self._slave = os.openpty()

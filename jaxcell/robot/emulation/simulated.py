@@ -6,8 +6,12 @@ from ...base.signals import end_by_signals
 from ..create.driver import TICK
 from ..create.motion import Create
 from ..create.open_interface import STREAM_PERIOD, StreamParser
-from ..create.reading import STREAM
+from ..create.reading import STREAM, Reading
 from .emulator import Emulator, Moving
+
+
+# Longest time of the robot, and of the clock, between two looks at a robot that rolls steadily.
+_GLIDE, _LOOK = 0.3, 0.03
 
 
 class _Wire:
@@ -48,7 +52,8 @@ class SimulatedCreate(Create):
 
     The driver, its commands and the frames of the robot are those of the real line. But there is no
     line, thread or watchdog process between the two, and time passes only when the driver waits for
-    the robot. So a run does not depend on the machine, and is the same each time.
+    the robot. So a run does not depend on the machine, and is the same each time. While a robot in
+    the physics engine rolls steadily, time passes without frames.
     """
 
     robot: Emulator
@@ -72,6 +77,13 @@ class SimulatedCreate(Create):
     def sleep(self, seconds: float) -> None:
         """Let the robot's time pass."""
         self._wait(lambda: False, seconds)
+
+    def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
+        # All frames up to the last one of a glide would show the same.
+        glide = min(steady, self.robot.glide, _GLIDE, _LOOK * self._speedup)
+        if (frames := math.floor(glide / STREAM_PERIOD)) > 1:
+            self._pass((frames - 1) * STREAM_PERIOD)
+        return super()._after(reading)
 
     def _connect(self) -> None:
         self._handled = end_by_signals()

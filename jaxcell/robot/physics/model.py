@@ -21,6 +21,8 @@ LATENCY = 0.015
 before it was sent."""
 AXLE = "left", "right"
 """The joints of the wheels."""
+DAMPING = 60.0
+"""Damping of the bumper's springs, in N s/m."""
 BUMPER = "along", "across"
 """The slides of the bumper in the frame of the body: forward and to the left."""
 
@@ -109,7 +111,7 @@ def robot_model(
     )
     slides = "".join(
         f'<joint name="{name}" type="slide" axis="{axis}" stiffness="{physics.stiffness}"'
-        ' damping="60"/>'
+        f' damping="{DAMPING}"/>'
         for name, axis in zip(BUMPER, ("1 0 0", "0 1 0"), strict=True)
     )
     # Each motor has an integral and a proportional part, so that a robot that stands is held.
@@ -119,7 +121,8 @@ def robot_model(
         for name in AXLE
     )
     return f"""<mujoco><compiler angle="radian"/>
-<option timestep="{physics.time_step}" integrator="implicitfast" cone="elliptic"/>
+<option timestep="{physics.time_step}" integrator="implicitfast" cone="elliptic"><flag
+ midphase="disable"/></option>
 <default>
 <default class="wall"><geom contype="2" conaffinity="2" priority="1" solref="0.01 2"
  solimp="0.95 0.95 0.001" friction="{physics.wall} 0 0"/></default>

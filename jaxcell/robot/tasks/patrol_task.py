@@ -29,10 +29,11 @@ class PatrolTask(Task):
     "The squares of the map, with the four directions that the robot drives in."
     closed: tuple[tuple[int, int], ...]
     "Ways that a wall between two free squares closes: a position, and 0 East to 3 South."
-    image: Int[np.ndarray, "branches positions"]
-    "The positions that a draw may lead to."
-    probability: Float[np.ndarray, "branches positions"]
-    "The probability of each position."
+    image: Int[np.ndarray, "branches states"]
+    """The states that a draw may lead to. States are the positions, or for a robot with memory the
+    pairs of a state of the memory and a position, the position fastest."""
+    probability: Float[np.ndarray, "branches states"]
+    "The probability of each state."
     start: int
     "The position at the start."
     reach: float
@@ -51,7 +52,7 @@ class PatrolTask(Task):
 def save_patrols(
     path: str | os.PathLike[str],
     cells: CellSpace,
-    walks: Sequence[tuple[Int[np.ndarray, "_ positions"], Float[np.ndarray, "_ positions"]]],
+    walks: Sequence[tuple[Int[np.ndarray, "_ states"], Float[np.ndarray, "_ states"]]],
     starts: Sequence[int],
     reach: float,
     **about: Any,
@@ -62,7 +63,8 @@ def save_patrols(
 
     - `path`: the file, which is replaced.
     - `cells`: the cell space of a map; its directions do not matter.
-    - `walks`: for each robot `image` and `probability` of its chain, a `jaxcell.mapping.Chain`.
+    - `walks`: for each robot `image` and `probability` of its chain, a `jaxcell.mapping.Chain` on
+        the positions, or with memory on pairs of a state and a position, the position fastest.
     - `starts`: the position of each robot at the start.
     - `reach`: range of sight of a robot, in metres.
     - `about`: further fields of the file.
@@ -129,12 +131,15 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
     x, y = fields.numbers("origin_m", (2,), whole=False).tolist()
     cells = CellSpace.of_grid(free, 4, cell=common["cell"], origin=(x, y))
     closed = fields.get("closed") and fields.numbers("closed", (-1, 2), whole=True).tolist()
-    image = own.numbers("image", (-1, cells.positions), whole=True)
+    image = own.numbers("image", (-1, -1), whole=True)
+    states = image.shape[1]
+    if states == 0 or states % cells.positions:
+        raise own.refused("image", f"rows of {cells.positions} states, or a multiple with memory")
     probability = own.numbers("probability", image.shape, whole=False)
-    if image.min() < 0 or image.max() >= cells.positions:
-        raise own.refused("image", f"positions from 0 to {cells.positions - 1}")
+    if image.min() < 0 or image.max() >= states:
+        raise own.refused("image", f"states from 0 to {states - 1}")
     if probability.min() < 0 or np.abs(probability.sum(axis=0) - 1).max() > 1e-6:
-        raise own.refused("probability", "from 0, with the sum 1 at each position")
+        raise own.refused("probability", "from 0, with the sum 1 at each state")
     task = PatrolTask(
         **common,
         robot=robot,
@@ -152,14 +157,15 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
 def _check_ways(task: PatrolTask) -> None:
     """Raise `ValueError` if a draw leads to a position that no way along the grid reaches."""
-    drawn = np.zeros(task.cells.positions, bool)
+    drawn = np.zeros(task.image.shape[1], bool)
     front = np.array([task.start])
     while front.size:
         drawn[front] = True
         after = task.image[:, front][task.probability[:, front] > 0]
         front = np.unique(after[~drawn[after]])
     try:
-        cut_off = np.flatnonzero(drawn & (wave(task.ways, task.start) < 0))
+        away = wave(task.ways, task.start) < 0
+        cut_off = np.flatnonzero(drawn.reshape(-1, away.size).any(axis=0) & away)
     except ValueError as error:
         raise ValueError(f"{task.path}: {error}") from None
     if cut_off.size:

@@ -74,3 +74,18 @@ def test_a_unit_of_time_only_scales_idleness():
     for name in ("mean", "worst", "longest"):
         np.testing.assert_allclose(getattr(tenths, name), getattr(whole, name) / 10)
     np.testing.assert_allclose(tenths.least_capture, whole.least_capture)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_the_error_says_how_far_a_simulation_is_from_the_exact_idleness():
+    """On a line of 12, whose random walk is slow to spread, over four simulations."""
+    graph = Graph([[i, i + 1] for i in range(11)])
+    walk = walk_on(graph, np.ones(11))[None]
+    degree = np.bincount(graph.edges.ravel())
+    exact = degree.sum() / degree
+    found = [simulate_idleness(graph, walk, seed=seed) for seed in range(4)]
+    for name, value in (("mean", exact.mean()), ("worst", exact.max())):
+        off = np.array([getattr(one, name)[0] for one in found]) - value
+        error = np.array([getattr(one, f"{name}_error")[0] for one in found])
+        assert np.sqrt((off**2).mean()) < 2.5 * error.mean()
+        assert error.max() < value / 5

@@ -169,7 +169,9 @@ def test_wrong_arguments_are_refused(arguments, message):
 
 
 def test_wrong_matrices_are_refused():
-    with pytest.raises(ValueError, match=r"matrix: expected \[4, 4\], got \[2, 2\]"):
+    with pytest.raises(
+        ValueError, match=r"matrix: expected \[4, 4\], or a multiple .* got \[2, 2\]"
+    ):
         walk_capture_probabilities(KITE, np.eye(2), 3)
     with pytest.raises(ValueError, match="rows of numbers of at least 0 that sum to 1"):
         walk_capture_probabilities(KITE, np.ones((4, 4)), 3)
@@ -198,7 +200,8 @@ def test_slopes_of_some_attacks_against_differences(graph, attack, times, start,
     among = ChainPolytope.on(graph, stay=stay)
     moves = among.starts(2, 2, 0)[1]
     random = np.random.default_rng(0)
-    given = attack, delays_of(graph, 1 if times is None else times)
+    durations = np.broadcast_to(attack, graph.vertices)
+    given = durations, delays_of(graph, 1 if times is None else times)
     here = LinearizedCapture(among, moves, *given)
     for robot in range(2):
         exact = walk_capture_probabilities(graph, among.matrix(moves[robot]), attack, times)
@@ -216,7 +219,7 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
     moves = among.starts(1, 1, 0)[0]
 
     def law(moves):
-        return LinearizedCapture(among, moves, 4)
+        return LinearizedCapture(among, moves, np.full(9, 4))
 
     few = maximize_least_capture(law, among, moves, 1e-4)
     monkeypatch.setattr(sequential_lp, "_NEAR", np.inf)

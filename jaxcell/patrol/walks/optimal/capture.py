@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 from typing import Any
 
 import jax
@@ -12,7 +13,7 @@ from ....base.precision import require_x64
 from ....base.threads import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
-from ..arrival import captured_by_any, first_passage, on_device, whole_numbers
+from ..arrival import captured_by_any, first_passage, on_device, states_at, whole_numbers
 from ..steps import Steps
 from .ascent import Ascent, late_gain
 from .descent import descend
@@ -33,6 +34,8 @@ _LITTLE = 0.02
 # Gradient steps from each start; the number of vertices above which they are halved; the hardness
 # of the minimum at first and at the end; and the least probability of a step.
 _STEPS, _LARGE, _ANNEALED, _FLOOR = 1200, 200, (1.0, 300.0), 1e-6
+# The first hardness with memory: at a softer minimum all states of the memory become equal.
+_WITH_MEMORY = 10.0
 # Relative tolerance of a value in 32 bits; and the probability of moves that are hardly ever made.
 _EQUAL, _RARE = 1e-5, 1e-5
 
@@ -41,8 +44,9 @@ _EQUAL, _RARE = 1e-5, 1e-5
 class MaximinCapture:
     """Chains of robots, and the least probability that they capture an adversary."""
 
-    matrices: Float[np.ndarray, "robots vertices vertices"]
-    "The transition matrix of each robot."
+    matrices: Float[np.ndarray, "robots states states"]
+    """The transition matrix of each robot. Its states are the vertices, or for robots with memory
+    the pairs of a state of the memory and a vertex, the vertex fastest."""
     value: float
     "The least probability over targets and positions of the robots as the attack begins."
     start: int
@@ -51,7 +55,7 @@ class MaximinCapture:
 
     @property
     def chains(self) -> list[Chain]:
-        """The chain of each robot, whose cells are the vertices."""
+        """The chain of each robot, whose cells are the states."""
         return [Chain.from_scipy(scipy.sparse.csr_array(matrix)) for matrix in self.matrices]
 
 
@@ -63,6 +67,7 @@ def maximin_capture(
     robots: int = 1,
     stationary: Any = None,
     stay: bool = False,
+    memory: int = 1,
     starts: int = 8,
     seed: int = 0,
     tolerance: float = 1e-4,
@@ -90,6 +95,7 @@ def maximin_capture(
     - `robots`: number of robots.
     - `stationary`: array `[vertices]`, the share of moves that begin at each vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
+    - `memory`: number of states of the memory of a robot; 1 is a robot without memory.
     - `starts`: number of starts. The first goes along a short closed tour. If all edges and attacks
         take equally long, one robot has up to four times as many on a small graph, and fewer on a
         graph of more than 60 vertices; for several robots the number is divided by theirs.
@@ -101,7 +107,8 @@ def maximin_capture(
     of the value, to first order, by any change of the chains. On graphs of more than 30 vertices
     fewer programs are solved, and the tolerance is 0.02; on graphs of more than 100 none are
     solved, and the residual is the share of the value that the last quarter of the gradient steps
-    added. The iterations are the gradient steps from all starts and the programs.
+    added; with memory the limit is 100 for the vertices times the square of `memory`. The
+    iterations are the gradient steps from all starts and the programs.
 
     **Raises:** `ValueError` for a graph that is not connected, times with which an attack ends
     before any robot can arrive, and a stationary distribution that no chain on the graph has;
@@ -116,29 +123,31 @@ def maximin_capture(
         ValueError: attack_time: a robot at vertex 0 needs 2 to come to vertex 2, where an ...
     """
     require_x64("maximin_capture")
-    for name, count in (("robots", robots), ("starts", starts)):
+    for name, count in (("robots", robots), ("starts", starts), ("memory", memory)):
         if count < 1:
             raise ValueError(f"{name}: expected at least 1, got {count}")
+    if memory > 1 and stationary is not None:
+        raise ValueError("memory: expected 1 with a stationary distribution")
     delays, attack = whole_numbers(graph, attack_time, travel_times)
     _check_reach(delays, attack)
-    among = ChainPolytope.on(graph, stationary, stay=stay)
+    delays = np.tile(delays, (memory, memory))
+    whole = _with_memory(graph, memory, stay)
+    among = ChainPolytope.on(whole, stationary, stay=stay)
     arguments = on_device(delays, attack)
     plain = stationary is None and travel_times is None and not stay and np.ptp(attack) == 0
     if plain:
         # On small graphs a step is quick, and more starts improve the result more than more steps.
-        count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2) / robots))
+        count = max(1, int(starts * min(_MORE, _QUICK / whole.vertices**2) / robots))
         # If there is time for a single start, a random one leads further than the tour.
         begin = among.starts(max(count, min(starts, 2)), robots, seed)
         skipped = len(begin) - count
         begin = begin[skipped:]
         matrices, best, steps, late = _ascend(
-            graph,
-            int(attack[0]),
-            np.array([[among.matrix(robot) for robot in start] for start in begin]),
+            whole, attack, np.array([[among.matrix(robot) for robot in start] for start in begin])
         )
         best += skipped
         moves = matrices[:, among.tails, among.heads]
-        if graph.vertices > _POLISHED:
+        if graph.vertices * memory**2 > _POLISHED:
             matrices, value = _without_rare_moves(matrices, arguments)
             certificate = Certificate(steps, late, _LITTLE)
             certificate.check("maximin_capture", throw)
@@ -152,7 +161,7 @@ def maximin_capture(
     def law(moves: Float[np.ndarray, "robots moves"]) -> LinearizedCapture:
         return LinearizedCapture(among, moves, attack, delays)
 
-    if graph.vertices > _EXACT:
+    if whole.vertices > _EXACT:
         tolerance = max(tolerance, _LITTLE)
     moves, value, residual, programs = maximize_least_capture(law, among, moves, tolerance)
     certificate = Certificate(steps + programs, residual, tolerance)
@@ -163,18 +172,36 @@ def maximin_capture(
     return MaximinCapture(matrices, value, best, certificate)
 
 
+def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
+    """Make the graph of all pairs of a state of the memory and a vertex, the vertex fastest.
+
+    A move changes the state freely, and so does waiting.
+    """
+    pairs = np.array(list(itertools.product(range(memory), repeat=2)))
+    edges = graph.edges + graph.vertices * pairs[:, None]
+    if stay:
+        here = np.arange(graph.vertices)[:, None]
+        waits = here + graph.vertices * pairs[pairs[:, 0] < pairs[:, 1], None]
+        edges = np.concatenate([edges.reshape(-1, 2), waits.reshape(-1, 2)])
+    return Graph(edges.reshape(-1, 2), memory * graph.vertices)
+
+
 @one_blas_thread()
 def _ascend(
-    graph: Graph, attack_time: int, starts: Float[np.ndarray, "starts robots vertices vertices"]
-) -> tuple[Float[np.ndarray, "robots vertices vertices"], int, int, float]:
+    graph: Graph,
+    attack: Int[np.ndarray, "targets"],
+    starts: Float[np.ndarray, "starts robots states states"],
+) -> tuple[Float[np.ndarray, "robots states states"], int, int, float]:
     """Follow the gradient in the logits of steps from given matrices, if all edges take one step.
 
     **Returns:** the matrices of the robots, their start, the number of steps, and the share of the
     value that the last quarter of the steps added.
     """
     steps = Steps.of(graph)
-    away = 1 - np.eye(graph.vertices, dtype=np.float32)
-    ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", _FLOOR, _ANNEALED)
+    away = (1 - states_at(graph.vertices, attack.size)).astype(np.float32)
+    annealed = _ANNEALED if graph.vertices == attack.size else (_WITH_MEMORY, _ANNEALED[1])
+    given = int(attack[0]), "worst", _FLOOR, annealed
+    ascent = Ascent(steps, away, np.ones_like(away), *given)
     count = _STEPS // (1 + (graph.vertices > _LARGE))
     progress = np.arange(count) / count
     climbs = [ascent.climb(steps.logits(start), progress) for start in starts]
@@ -187,14 +214,17 @@ def _ascend(
 
 
 def _missed(
-    matrices: Float[Array, "robots vertices vertices"],
-    delays: Int[Array, "vertices vertices"],
-    attack: Int[Array, "vertices"],
+    matrices: Float[Array, "robots states states"],
+    seen: Float[Array, "states targets"],
+    delays: Int[Array, "states states"],
+    attack: Int[Array, "targets"],
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
 ) -> Float[Array, ""]:
     """Compute minus a soft minimum of the logarithm of the probability of capture."""
-    captured = jax.vmap(lambda P: first_passage(P, delays, attack, longest, horizon))(matrices)
+    captured = jax.vmap(lambda P: first_passage(P, seen, delays, attack, longest, horizon))(
+        matrices
+    )
     # The smallest positive number keeps the gradient finite where probabilities underflow.
     logs = jnp.log(captured + jnp.finfo(captured.dtype).tiny)
     worst = -jax.nn.logsumexp(-_HARDNESS * logs, axis=1) / _HARDNESS
@@ -205,15 +235,15 @@ def _missed(
 
 
 def _value(
-    matrices: Float[np.ndarray, "robots vertices vertices"], arguments: tuple[Any, ...]
+    matrices: Float[np.ndarray, "robots states states"], arguments: tuple[Any, ...]
 ) -> float:
     each = np.stack([first_passage(matrix, *arguments) for matrix in matrices])
     return float(captured_by_any(each).min())
 
 
 def _without_rare_moves(
-    matrices: Float[np.ndarray, "robots vertices vertices"], arguments: tuple[Any, ...]
-) -> tuple[Float[np.ndarray, "robots vertices vertices"], float]:
+    matrices: Float[np.ndarray, "robots states states"], arguments: tuple[Any, ...]
+) -> tuple[Float[np.ndarray, "robots states states"], float]:
     """Remove moves that are hardly ever made from the chains of a team, if capture stays.
 
     A robot that leaves a part of the graph to other robots visits it, because of the floor, once in

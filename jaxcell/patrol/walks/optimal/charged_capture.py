@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -34,7 +35,7 @@ def charged_capture(
     *,
     starts: int = 6,
     seed: int = 0,
-    name: str = "",
+    names: Sequence[str] | None = None,
 ) -> Charged:
     """Find walks that maximise the least probability of capture and return to a charger in time.
 
@@ -47,7 +48,7 @@ def charged_capture(
 
     **Arguments:**
 
-    - `graph`, `charger`, `every`, `name`: as in [`charged`][jaxcell.patrol.team.charged].
+    - `graph`, `charger`, `every`, `names`: as in [`charged`][jaxcell.patrol.team.charged].
     - `matrices`: the transition matrices of walks that are one of the starts, made to return in
         time; another start goes along a short tour from charge to charge, one takes all edges with
         equal probability, and the rest are random.
@@ -81,7 +82,7 @@ def charged_capture(
             f"{attack_time} steps, are {products:,} products for {robots} robots; expected at most "
             f"{_MAX_PRODUCTS:,}"
         )
-    given: Any = {"attack_time": attack_time, "name": name}
+    given: Any = {"attack_time": attack_time, "names": names}
     led = charged(graph, matrices, charger, every, **given)
     near = Steps.of(graph)
     image = np.asarray(near.image)

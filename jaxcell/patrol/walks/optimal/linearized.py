@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
+from ..arrival import states_at
 from .polytope import ChainPolytope
 
 
@@ -20,29 +21,30 @@ class LinearizedCapture:
     **Arguments:**
 
     - `polytope`, `moves`: the chains of the robots.
-    - `attack`: duration of an attack, a whole number, or array `[vertices]`.
-    - `delays`: durations of moves, a whole number, or array `[vertices, vertices]`.
+    - `attack`: array `[targets]`, the duration of an attack on each vertex. The vertices of the
+        polytope are the targets, or the states of a robot with memory, the target fastest.
+    - `delays`: durations of moves, a whole number, or array `[states, states]`.
     """
 
     def __init__(
         self,
         polytope: ChainPolytope,
         moves: Float[np.ndarray, "robots moves"],
-        attack: int | Int[np.ndarray, "vertices"],
-        delays: int | Int[np.ndarray, "vertices vertices"] = 1,
+        attack: Int[np.ndarray, "targets"],
+        delays: int | Int[np.ndarray, "states states"] = 1,
     ) -> None:
         n = polytope.vertices
         self._polytope = polytope
-        self._attack = np.broadcast_to(attack, n)
+        self._attack = attack
         self._times = np.broadcast_to(delays, (n, n))[polytope.tails, polytope.heads]
         self._slowest, self._longest = int(self._times.max()), int(self._attack.max())
-        self._away = 1 - np.eye(n)
+        self._away = 1 - states_at(n, attack.size)
         self._steps = [self._by_time(robot) for robot in moves]
         self._late = []
-        self.probability = np.empty((len(moves), n, n))
+        self.probability = np.empty((len(moves), *self._away.shape))
         for steps, probability in zip(self._steps, self.probability, strict=True):
             # Entry `r + slowest` is the probability of a miss with a time `r` left.
-            late = np.ones((self._slowest + self._longest, n, n))
+            late = np.ones((self._slowest + self._longest, *self._away.shape))
             late[self._slowest] = self._away
             for left in range(1, self._longest + 1):
                 missed = sum(step @ late[left - t + self._slowest] for t, step in steps)
@@ -54,16 +56,17 @@ class LinearizedCapture:
         self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
     ) -> Float[np.ndarray, "attacks moves"]:
         """Compute the derivatives of the probabilities of given attacks by the moves of a robot."""
-        n, tails, heads = self._polytope.vertices, self._polytope.tails, self._polytope.heads
+        n, tails, heads = len(self._away), self._polytope.tails, self._polytope.heads
+        count = self._away.shape[1]
         late, left = self._late[robot], self._attack[targets][:, None]
         # The places in `late` of the probabilities of a miss after each first move.
-        place = ((left - self._times + self._slowest) * n + heads) * n + targets[:, None]
+        place = ((left - self._times + self._slowest) * n + heads) * count + targets[:, None]
         back = [(t, step.T.tocsr()) for t, step in self._steps[robot]]
-        away, slopes = self._away[targets], np.zeros(place.shape)
+        away, slopes = self._away.T[targets], np.zeros(place.shape)
         coming = [np.eye(n)[starts], *[np.zeros(away.shape)] * self._slowest]
         for time in range(self._longest):
             at = np.where(left > time, coming.pop(0), 0.0)
-            slopes -= at[:, tails] * late.take(place - time * n**2, mode="clip")
+            slopes -= at[:, tails] * late.take(place - time * n * count, mode="clip")
             for t, step in back:
                 coming[t - 1] = coming[t - 1] + away * (step @ at.T).T
             coming.append(np.zeros(away.shape))

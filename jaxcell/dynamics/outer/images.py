@@ -1,0 +1,171 @@
+"""Outer images of boxes: boxes that contain the image of every point, or are meant to."""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import jax
+import numpy as np
+import scipy.spatial
+from jaxtyping import Float
+
+from ...base.precision import require_x64
+from ..batches import in_threads, with_last
+from ..imaging import mapped_points
+from ..maps import Map
+from .transform import enclose
+
+
+# Number of boxes whose images are computed at once; the last ones are padded to it.
+_PART = 1 << 12
+# Number of samples, nearest to a box, whose bounds of its image are intersected.
+_NEAREST = 8
+Boxes: TypeAlias = tuple[Float[np.ndarray, "boxes axes"], Float[np.ndarray, "boxes axes"]]
+
+
+@runtime_checkable
+class OuterMap(Protocol):
+    """A map of boxes to boxes: the lower and upper corners of their images."""
+
+    proof: str
+    "The reason why images contain all points of the true ones; empty without a proof."
+
+    def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Intervals:
+    """Images by interval arithmetic, rounded outward: with proof, for any map that has no `while`.
+
+    Of a [`flow`][jaxcell.dynamics.flow], the images of the Runge-Kutta steps are enclosed, and not
+    the difference of these steps from the flow itself.
+    """
+
+    map: Map
+    mean_value: bool = True
+    "If true, images are intersected with those of the mean value theorem."
+    proof = "interval arithmetic, rounded outward"
+
+    def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
+        """Compute the corners of the images of boxes."""
+        require_x64("interval arithmetic")
+        for leaf in jax.tree.leaves(params):
+            if not np.isfinite(leaf).all():
+                raise ValueError(f"params: expected finite numbers, got {leaf}")
+
+        def part(k: int) -> Boxes:
+            ends = (with_last(x[k : k + _PART], _PART) for x in (lower, upper))
+            images = _enclosed(self.map, self.mean_value, params, *ends)
+            low, high = (np.asarray(x)[: len(lower) - k] for x in images)
+            return low, high
+
+        return _joined(part, lower)
+
+
+@functools.partial(jax.jit, static_argnames=("map", "mean_value"))
+def _enclosed(map: Map, mean_value: bool, params: Any, lower: Any, upper: Any) -> Any:
+    own = functools.partial(enclose, map, params, mean_value=mean_value)
+    return jax.vmap(own)(lower, upper)
+
+
+@dataclasses.dataclass(frozen=True)
+class Corners:
+    """Boxes around the images of points of a box: usual, fast, without proof."""
+
+    map: Map
+    points: int = 2
+    "Number of points along each axis of a box, from face to face; 1 for its centre."
+    padding: float = 0.0
+    "Lengths of the box that are added on all sides of its image."
+    proof = ""
+
+    def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
+        """Compute the corners of the images of boxes."""
+        place = np.linspace(0, 1, self.points) if self.points > 1 else np.full(1, 0.5)
+        place = np.array(list(itertools.product(place, repeat=lower.shape[1])))
+
+        def part(k: int) -> Boxes:
+            low, high = (with_last(x[k : k + _PART], _PART)[:, None] for x in (lower, upper))
+            points = np.where(place == 1, high, low + place * (high - low))
+            images = np.asarray(mapped_points(self.map, params, points))[: len(lower) - k]
+            # Points with an image that is no number have none.
+            return np.fmin.reduce(images, axis=1), np.fmax.reduce(images, axis=1)
+
+        low, high = _joined(part, lower)
+        pad = self.padding * (upper - lower)
+        return low - pad, high + pad
+
+
+def _joined(part: Callable[[int], Boxes], lower: Any) -> Boxes:
+    """Compute images in parts of one size, on two threads."""
+    parts = [(lower[:0], lower[:0]), *in_threads(part, range(0, len(lower), _PART))]
+    low, high = (np.concatenate(ends) for ends in zip(*parts, strict=True))
+    return low, high
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Samples:
+    """Images from data: samples of a map, and a bound of its slopes, with proof if both hold.
+
+    Coordinate `i` of the images of two points differs by at most the sum of
+    `lipschitz[i, j] * abs(difference along axis j)`. The image of a box is within this bound of the
+    images of its nearest samples.
+    """
+
+    points: Float[np.ndarray, "samples axes"]
+    values: Float[np.ndarray, "samples axes"]
+    "The images of the points."
+    lipschitz: Float[np.ndarray, "axes axes"] | float
+    "The bounds of slopes, or one bound for all."
+    proof = "samples, and the bound of slopes (lipschitz)"
+
+    def __post_init__(self) -> None:
+        """Check the bound on neighbours.
+
+        **Raises:** `ValueError` for arrays of other shapes, and for two samples that contradict it.
+        """
+        points, values = (np.asarray(x, float) for x in (self.points, self.values))
+        if points.ndim != 2 or points.shape != values.shape or not len(points):
+            raise ValueError(
+                f"samples: expected points and values in arrays of one shape [samples, axes], got "
+                f"{list(points.shape)} and {list(values.shape)}"
+            )
+        if not (np.isfinite(points).all() and np.isfinite(values).all()):
+            raise ValueError("samples: expected finite points and values")
+        bound = np.broadcast_to(np.asarray(self.lipschitz, float), (points.shape[1],) * 2)
+        for name, value in (("points", points), ("values", values), ("lipschitz", bound)):
+            object.__setattr__(self, name, value)
+        _, near = self._tree.query(points, k=min(_NEAREST + 1, len(points)))
+        first, second = np.repeat(np.arange(len(points)), near[0].size), near.ravel()
+        excess = np.abs(values[first] - values[second])
+        excess -= np.abs(points[first] - points[second]) @ bound.T * (1 + 1e-9) + 1e-300
+        if (excess > 0).any():
+            row, axis = np.argwhere(excess > 0)[0]
+            raise ValueError(
+                f"lipschitz: samples {first[row]} and {second[row]} contradict the bound: along "
+                f"axis {axis} images differ by {excess[row, axis]:.3g} more; give a larger bound"
+            )
+
+    @functools.cached_property
+    def _tree(self) -> scipy.spatial.cKDTree:
+        return scipy.spatial.cKDTree(self.points)
+
+    def images(self, lower: Any, upper: Any, params: Any = None) -> Boxes:
+        """Compute the corners of the images of boxes."""
+        count = min(_NEAREST, len(self.points))
+        _, near = self._tree.query(lower / 2 + upper / 2, k=[*range(1, count + 1)])
+        at = self.points[near]
+        away = np.maximum(np.abs(upper[:, None] - at), np.abs(lower[:, None] - at))
+        # Larger than the rounding of the sum.
+        reach = away @ np.transpose(self.lipschitz) * (1 + 1e-14)
+        low, high = self.values[near] - reach, self.values[near] + reach
+        low, high = np.nextafter(low, -np.inf).max(axis=1), np.nextafter(high, np.inf).min(axis=1)
+        if (low > high).any():
+            row = int(np.argmax((low > high).any(axis=1)))
+            raise ValueError(
+                f"lipschitz: the samples near {at[row, 0].tolist()} contradict the bound; give a "
+                "larger one"
+            )
+        return low, high

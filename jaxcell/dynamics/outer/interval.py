@@ -1,0 +1,192 @@
+"""Intervals whose ends are rounded outward, so that they enclose every exact value.
+
+Processors round a sum, a difference, a product or a square root to the nearest number of 64 bits.
+The end of an interval then moves one number outward. The move is an operation on integers, through
+which no compiler merges a product with a following sum, or reorders sums. Two liberties remain. A
+division by a constant may become a product with its reciprocal, so a quotient moves three numbers
+outward. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
+2^-1000 moves to 2^-1000.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+
+TINY = 2.0**-1000
+"""Results nearer to 0 may have lost all digits."""
+HUGE = 2.0**1000
+"""Reciprocals of larger numbers may be replaced by 0."""
+_INFINITY = 0x7FF0000000000000
+
+
+class Interval(NamedTuple):
+    """Arrays of lower and upper ends; for Boolean values, `False` is below `True`."""
+
+    lower: Any
+    upper: Any
+
+
+ONE = Interval(*[1.0] * 2)
+LINE = Interval(-math.inf, math.inf)
+
+
+def point(value: Any) -> Interval:
+    """Make intervals that contain one number each; a constant of NaN becomes the whole line."""
+    if isinstance(value, jax.core.Tracer) or np.isfinite(value).all():
+        value = jnp.asarray(value)
+        return Interval(value, value)
+    # An infinite constant is any number beyond the largest one.
+    largest, none = np.finfo(np.float64).max, np.isnan(value)
+    lower = np.where(none, -np.inf, np.minimum(value, largest))
+    upper = np.where(none, np.inf, np.maximum(value, -largest))
+    return Interval(jnp.asarray(lower), jnp.asarray(upper))
+
+
+def up(x: Any, numbers: int = 1) -> Any:
+    """Move several numbers of 64 bits up, to infinity at most."""
+    bits = lax.bitcast_convert_type(x, jnp.int64)
+    moved = jnp.where(bits < 0, bits - numbers, jnp.minimum(bits + numbers, _INFINITY))
+    moved = lax.bitcast_convert_type(moved, jnp.float64)
+    return jnp.where(jnp.abs(x) < TINY, TINY, moved)
+
+
+def down(x: Any, numbers: int = 1) -> Any:
+    """Move several numbers of 64 bits down."""
+    return -up(-x, numbers)
+
+
+def outward(lower: Any, upper: Any, numbers: int = 1) -> Interval:
+    """Round both ends outward."""
+    return Interval(down(lower, numbers), up(upper, numbers))
+
+
+def hull(parts: Sequence[Interval]) -> Interval:
+    """Return the smallest intervals that contain several."""
+    return Interval(_least([a.lower for a in parts]), _largest([a.upper for a in parts]))
+
+
+def within(a: Interval, lower: float, upper: float) -> Interval:
+    """Intersect with the range of a function, which contains some value of `a`."""
+    return Interval(jnp.clip(a.lower, lower, upper), jnp.clip(a.upper, lower, upper))
+
+
+def where(mask: Any, a: Interval, b: Interval) -> Interval:
+    """Choose by an exact mask."""
+    return Interval(jnp.where(mask, a.lower, b.lower), jnp.where(mask, a.upper, b.upper))
+
+
+def unless(undefined: Any, a: Interval) -> Interval:
+    """Replace results that are not defined by the whole line."""
+    return where(undefined, LINE, a)
+
+
+def monotone(function: Callable[[Any], Interval], a: Interval) -> Interval:
+    """Apply a function that grows, and encloses its values at points."""
+    if a.lower is a.upper:
+        return function(a.lower)
+    return Interval(function(a.lower).lower, function(a.upper).upper)
+
+
+def neg(a: Interval) -> Interval:
+    return Interval(-a.upper, -a.lower)
+
+
+def add(a: Interval, b: Interval) -> Interval:
+    return outward(a.lower + b.lower, a.upper + b.upper)
+
+
+def sub(a: Interval, b: Interval) -> Interval:
+    return outward(a.lower - b.upper, a.upper - b.lower)
+
+
+def mul(a: Interval, b: Interval) -> Interval:
+    products = [_unlimited(x * y) for x in _ends(a) for y in _ends(b)]
+    return outward(_least(products), _largest(products))
+
+
+def div(a: Interval, b: Interval) -> Interval:
+    near, far = _least([jnp.abs(x) for x in b]), _largest([jnp.abs(x) for x in b])
+    unsafe = (b.lower <= 0) & (b.upper >= 0) | (near < TINY) | (near > HUGE)
+    unsafe |= (far > HUGE) & (far < jnp.inf)
+    quotients = [_unlimited(x / jnp.where(unsafe, 1.0, y)) for x in _ends(a) for y in _ends(b)]
+    return unless(unsafe, outward(_least(quotients), _largest(quotients), 3))
+
+
+def square(a: Interval) -> Interval:
+    low, high = absolute(a)
+    return within(outward(low * low, high * high), 0.0, jnp.inf)
+
+
+def absolute(a: Interval) -> Interval:
+    through = (a.lower < 0) & (a.upper > 0)
+    ends = jnp.abs(a.lower), jnp.abs(a.upper)
+    return Interval(jnp.where(through, 0.0, _least(ends)), _largest(ends))
+
+
+def power(a: Interval, exponent: int) -> Interval:
+    """Multiply an interval with itself."""
+    if exponent < 0:
+        return div(ONE, power(a, -exponent))
+    if exponent % 2:
+        # An odd power grows; each end is multiplied as a point.
+        return monotone(lambda x: _repeated(Interval(x, x), exponent), a)
+    low, high = absolute(a)
+    whole = monotone(lambda x: _repeated(Interval(x, x), exponent), Interval(low, high))
+    return within(whole, 0.0, jnp.inf)
+
+
+def sqrt(a: Interval) -> Interval:
+    """Enclose roots of the part of an interval above 0."""
+    low, high = jnp.sqrt(jnp.maximum(a.lower, 0.0)), jnp.sqrt(jnp.maximum(a.upper, 0.0))
+    return unless(a.upper < 0, within(outward(low, high, 2), 0.0, jnp.inf))
+
+
+def total(a: Interval, axis: int) -> Interval:
+    """Sum along an axis, by halves."""
+    while (count := a.lower.shape[axis]) > 1:
+        half = count // 2
+        first, second, rest = (
+            Interval(*(lax.slice_in_dim(x, start, stop, axis=axis) for x in a))
+            for start, stop in ((0, half), (half, 2 * half), (2 * half, count))
+        )
+        pairs = zip(add(first, second), rest, strict=True)
+        a = Interval(*(jnp.concatenate(pair, axis) for pair in pairs))
+    if not count:
+        return point(jnp.zeros(a.lower.shape[:axis] + a.lower.shape[axis + 1 :]))
+    return Interval(*(jnp.squeeze(x, axis) for x in a))
+
+
+def _repeated(a: Interval, exponent: int) -> Interval:
+    result = None
+    while exponent:
+        if exponent % 2:
+            result = a if result is None else mul(result, a)
+        exponent //= 2
+        a = mul(a, a) if exponent else a
+    return point(jnp.ones_like(a.lower)) if result is None else result
+
+
+def _ends(a: Interval) -> tuple[Any, ...]:
+    return (a.lower,) if a.lower is a.upper else tuple(a)
+
+
+def _unlimited(x: Any) -> Any:
+    """Replace 0 times infinity, and infinity over infinity, by 0; other ends enclose more."""
+    return jnp.where(jnp.isnan(x), 0.0, x)
+
+
+def _least(values: Sequence[Any]) -> Any:
+    least = values[0]
+    for value in values[1:]:
+        least = jnp.minimum(least, value)
+    return least
+
+
+def _largest(values: Sequence[Any]) -> Any:
+    return -_least([-value for value in values])

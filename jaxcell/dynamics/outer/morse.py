@@ -1,0 +1,327 @@
+"""Morse sets by adaptive subdivision, and their order."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+
+from ...base.quantities import Result, derived, quantity
+from ...space.box import Box
+from ..imaging import Say, axis_name, check_begin, check_map
+from ..maps import Map
+from .grid import Grid
+from .images import Intervals, OuterMap
+from .order import reachable, recurrent_components
+
+
+# Largest number of cells of a picture.
+_DRAWN = 1 << 18
+
+
+@dataclasses.dataclass(frozen=True)
+class MorseCertificate:
+    """The statements that Morse sets prove, and the computation that proves them."""
+
+    proof: str
+    "The reason why outer images contain all images; empty if they are only samples."
+    mapped: int
+    "Number of boxes whose images were computed."
+    edges: int
+    "Number of pairs of a box and a box that touches its image."
+
+    @property
+    def proved(self) -> bool:
+        """True if images of boxes contain all images of points."""
+        return bool(self.proof)
+
+    @property
+    def statement(self) -> str:
+        """The proved statements, as text for people."""
+        if not self.proved:
+            return "Nothing is proved: images of boxes are boxes around images of some points."
+        return (
+            "Proved: these sets contain all chain recurrent points whose orbits stay in the box, "
+            "and orbits lead from one set to another only if the order says so "
+            f"({self.proof}, of {self.mapped:,} boxes)."
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MorseSets(Result):
+    """Sets of boxes that contain all recurrent points of a map, and their order."""
+
+    title: ClassVar[str] = "Morse sets"
+    tables: ClassVar[Mapping[str, str]] = {"set": "sets"}
+    picture: ClassVar[str] = "drawn"
+
+    box: Box
+    "The cells of the picture: those of the start, or of bisections up to 262,144 cells."
+    params: Any
+    "The parameters of the map."
+    lower: Annotated[
+        Float[np.ndarray, "boxes axes"], quantity("box axis", "lower corner of the box")
+    ]
+    upper: Annotated[
+        Float[np.ndarray, "boxes axes"], quantity("box axis", "upper corner of the box")
+    ]
+    member: Annotated[
+        Int[np.ndarray, "boxes"], quantity("box", "Morse set of the box", kind="index")
+    ]
+    leads: Annotated[
+        Bool[np.ndarray, "sets sets"],
+        quantity("set other", "whether boxes lead from the set to the other one", kind="flag"),
+    ]
+    "Transitive; a set leads only to sets with smaller numbers."
+    certificate: MorseCertificate
+    labels: tuple[str, ...] = ()
+    "The names of the axes; empty for `x0`, `x1`, ..."
+
+    @derived("", "number of Morse sets", kind="count")
+    def sets(self) -> int:
+        return len(self.leads)
+
+    @derived("set", "boxes of the set", kind="count")
+    def boxes(self) -> Int[np.ndarray, "sets"]:
+        return np.bincount(self.member, minlength=self.sets)
+
+    @derived("set", "volume of the set in the box", kind="share")
+    def share(self) -> Float[np.ndarray, "sets"]:
+        length = np.array(self.box.upper) - np.array(self.box.lower)
+        volume = ((self.upper - self.lower) / length).prod(axis=1)
+        return np.bincount(self.member, volume, self.sets)
+
+    @derived("set axis", "lowest coordinates of the set", listed=True)
+    def lowest(self) -> Float[np.ndarray, "sets axes"]:
+        lowest = np.full((self.sets, self.box.dimensions), np.inf)
+        np.minimum.at(lowest, self.member, self.lower)
+        return lowest
+
+    @derived("set axis", "highest coordinates of the set", listed=True)
+    def highest(self) -> Float[np.ndarray, "sets axes"]:
+        highest = np.full((self.sets, self.box.dimensions), -np.inf)
+        np.maximum.at(highest, self.member, self.upper)
+        return highest
+
+    @derived("set next", "sets that follow it in the order", kind="index", listed=True)
+    def leads_to(self) -> Int[np.ndarray, "sets next"]:
+        """The sets to which each set leads, without those to which it leads by others."""
+        leads = self.leads.astype(np.int32)
+        direct = self.leads & (leads @ leads == 0)
+        following = np.full((self.sets, max(1, direct.sum(axis=1, initial=0).max(initial=0))), -1)
+        for number, row in enumerate(direct):
+            following[number, : row.sum()] = np.flatnonzero(row)
+        return following
+
+    @derived("cell", "Morse set in the cell, -1 for none", kind="index")
+    def drawn(self) -> Int[np.ndarray, "cells"]:
+        drawn = np.full(self.box.size, -1, np.int32)
+        np.maximum.at(drawn, self.box.index(self.lower / 2 + self.upper / 2), self.member)
+        return drawn
+
+    @derived("", "whether images contain all images of points", kind="flag")
+    def proved(self) -> bool:
+        return self.certificate.proved
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the axes."""
+        return tuple(axis_name(axis, self.labels) for axis in range(self.box.dimensions))
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        return {
+            "box_lower": list(self.box.lower),
+            "box_upper": list(self.box.upper),
+            "box_axes": " ".join(self.box.axes),
+            "box_labels": ", ".join(self.names),
+        }
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        return (self.certificate.statement,)
+
+
+def morse_sets(
+    map: Map | OuterMap,
+    box: Box,
+    params: Any = None,
+    *,
+    depth: int = 0,
+    check: int = 0,
+    limit: int = 10_000,
+    labels: tuple[str, ...] = (),
+    say: Say | None = None,
+) -> MorseSets:
+    """Find the recurrent sets of a map in a box, and which lead to which.
+
+    Images of boxes are boxes that contain the image of every point. A box leads to the boxes that
+    touch its image. A Morse set is a largest set of boxes that all lead to each other. The boxes on
+    no cycle are dropped, the others are bisected along one axis, and so on (Dellnitz & Hohmann
+    1997; Arai et al. 2009). The sets contain all chain recurrent points whose orbits stay in the
+    box.
+
+    **Arguments:**
+
+    - `map`: a [`Map`][jaxcell.dynamics.Map], whose images are computed by
+        [`Intervals`][jaxcell.dynamics.Intervals], with proof; or other images of boxes, such as
+        [`Corners`][jaxcell.dynamics.Corners] or [`Samples`][jaxcell.dynamics.Samples].
+    - `box`: the box, and the cells of the start.
+    - `params`: the parameters of the map.
+    - `depth`: number of bisections, along each axis in turn.
+    - `check`: number of further bisections that test sets: a set without a cycle after them is left
+        out, as it contains no recurrent point.
+    - `limit`: a set with more boxes than this counts as tested.
+    - `labels`: names of the axes.
+    - `say`: a function that is called with the activity and its progress.
+
+    **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets], with a certificate. Sets that lead to
+    no other set come first.
+
+    **Raises:** `ValueError` if the map is not valid, or has a primitive without a rule for
+    intervals; `RuntimeError` without 64-bit numbers; `MemoryError` for too many boxes.
+
+    A saddle in the middle leads to both ends:
+
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[7], axes="clamp")
+        >>> sets = dynamics.morse_sets(lambda x, p: 4 * x - 1.5, box, depth=3)
+        >>> sets.boxes.tolist(), sets.leads_to.tolist(), sets.proved
+        ([1, 1, 2], [[-1, -1], [-1, -1], [0, 1]], True)
+    """
+    outer = map if isinstance(map, OuterMap) else Intervals(map)
+    if isinstance(inner := getattr(outer, "map", None), Map):
+        check_map(inner, box, params)
+        check_begin(inner, box, params)
+    for name, number in (("depth", depth), ("check", check), ("limit", limit)):
+        if number < 0:
+            raise ValueError(f"{name}: expected a number from 0, got {number}")
+    search = _Search(outer, box, params)
+    cells: np.ndarray = np.arange(box.size)
+    component: np.ndarray = np.zeros(box.size, np.int64)
+    levels: list[_Level] = []
+    for bisections in range(depth + 1):
+        if say is not None:
+            say("bisecting boxes", bisections, depth + check)
+        if levels:
+            on = levels[-1].member >= 0
+            own = levels[-1].member[on]
+            cells, component = search.halved(bisections - 1, cells[on], own)
+        levels.append(search.level(bisections, cells, component))
+    member, count = levels[-1].member, len(levels[-1].parent)
+    on = member >= 0
+    cells, member = cells[on], member[on]
+    kept = np.zeros(count, bool)
+    parts: tuple[np.ndarray, ...] = cells, member, member
+    for bisections in range(depth + 1, depth + check + 1):
+        if say is not None:
+            say("testing sets", bisections, depth + check)
+        parts = search.halved(bisections - 1, *parts)
+        _, component, whole = parts
+        kept[whole[np.bincount(component)[component] > limit]] = True
+        parts = tuple(x[~kept[whole]] for x in parts)
+        if not parts[0].size:
+            break
+        component = search.level(bisections, *parts[:2]).member
+        parts = tuple(x[component >= 0] for x in (parts[0], component, parts[2]))
+    kept[parts[2]] = True
+    leads = _order(levels, np.flatnonzero(kept))
+    # Sets with fewer sets after them come first, then those with smaller boxes.
+    first: np.ndarray = np.full(count, cells.size)
+    np.minimum.at(first, member, np.arange(cells.size))
+    order = np.lexsort((first[kept], leads.sum(axis=1)))
+    names = np.full(count, -1)
+    names[np.flatnonzero(kept)[order]] = np.arange(order.size)
+    member = names[member]
+    lower, upper = Grid(box, depth).corners(cells[member >= 0])
+    return MorseSets(
+        box=_picture(box, depth),
+        params=params,
+        lower=lower,
+        upper=upper,
+        member=member[member >= 0],
+        leads=leads[np.ix_(order, order)],
+        certificate=MorseCertificate(outer.proof, search.mapped, search.edges),
+        labels=labels,
+    )
+
+
+class _Level(NamedTuple):
+    """The boxes after some bisections, within the components of the bisection before."""
+
+    graph: csr_array
+    member: Int[np.ndarray, "boxes"]
+    "The component of each box, -1 if it is on no cycle."
+    parent: Int[np.ndarray, "components"]
+    "The component of the level before that contains each component."
+
+
+@dataclasses.dataclass
+class _Search:
+    outer: OuterMap
+    box: Box
+    params: Any
+    mapped: int = 0
+    edges: int = 0
+
+    def level(
+        self, bisections: int, cells: Int[np.ndarray, "boxes"], component: Int[np.ndarray, "boxes"]
+    ) -> _Level:
+        """Find the recurrent components within each component of the level before."""
+        grid = Grid(self.box, bisections)
+        images = self.outer.images(*grid.corners(cells), self.params)
+        graph = _within(grid.graph(cells, *grid.blocks(*images)), component)
+        self.mapped, self.edges = self.mapped + cells.size, self.edges + graph.nnz
+        member = recurrent_components(graph)
+        parent = np.zeros(member.max(initial=-1) + 1, np.int64)
+        parent[member[member >= 0]] = component[member >= 0]
+        return _Level(graph, member, parent)
+
+    def halved(
+        self, bisections: int, cells: Int[np.ndarray, "boxes"], *others: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Return the halves of boxes in ascending order, with further numbers of their boxes."""
+        halves = Grid(self.box, bisections).halves(cells)
+        order = np.argsort(halves)
+        return halves[order], *(np.repeat(x, 2)[order] for x in others)
+
+
+def _within(graph: csr_array, component: Int[np.ndarray, "boxes"]) -> csr_array:
+    """Drop the edges between components."""
+    rows = np.repeat(component, np.diff(graph.indptr))
+    inside = rows == component[graph.indices]
+    if inside.all():
+        return graph
+    before = np.concatenate([[0], np.cumsum(inside)])
+    indptr = before[graph.indptr].astype(graph.indptr.dtype)
+    return csr_array((graph.data[inside], graph.indices[inside], indptr), shape=graph.shape)
+
+
+def _order(levels: list[_Level], sets: Int[np.ndarray, "sets"]) -> Bool[np.ndarray, "sets sets"]:
+    """Find which sets of the last level lead to which.
+
+    Two sets lead to each other as the components that contain them at the first level at which
+    these differ.
+    """
+    leads = np.zeros((sets.size, sets.size), bool)
+    here = sets
+    for level in reversed(levels):
+        above = level.parent[here]
+        names, number = np.unique(here, return_inverse=True)
+        apart = (here[:, None] != here) & (above[:, None] == above)
+        if apart.any():
+            known = np.full(len(level.parent) + 1, -1)
+            known[names] = np.arange(names.size)
+            paths = reachable(level.graph, known[level.member], names.size)
+            leads |= apart & paths[np.ix_(number, number)]
+        here = above
+    return leads
+
+
+def _picture(box: Box, depth: int) -> Box:
+    """Return the box in the finest cells that a picture may have."""
+    grids = (Grid(box, bisections).counts for bisections in range(depth, 0, -1))
+    counts = next((n for n in grids if np.prod(n, dtype=float) <= _DRAWN), box.cells)
+    return Box(box.lower, box.upper, counts, box.axes)

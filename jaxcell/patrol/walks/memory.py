@@ -1,0 +1,169 @@
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...base.quantities import Result, derived, quantity
+from ...optimize import Graph, shortest_tour
+from ..team.idleness import idleness_over_vertices, long_run, steps_between_visits
+from ..team.times import move_times, names_of
+from .arrival import captured_by_any, states_at, walk_capture_probabilities
+from .optimal.bound import capture_bound
+from .optimal.capture import maximin_capture
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class MemoryPatrol(Result):
+    """Walks of robots with memory, and what they capture beside a tour and an upper bound.
+
+    A state of a robot is a pair of a state of its memory and a vertex, the vertex fastest.
+    """
+
+    title: ClassVar[str] = "Walks with memory"
+    tables: ClassVar[Mapping[str, str]] = {"patrol": "patrols", "vertex": "vertices"}
+
+    patrol: Annotated[list[str], quantity("patrol", "patrol", kind="coordinate")]
+    least_capture: Annotated[
+        Float[np.ndarray, "patrols"],
+        quantity("patrol", "least capture, robots where worst", "1", kind="share"),
+    ]
+    "The adversary sees the robots, and the states of their memories."
+    any_time: Annotated[
+        Float[np.ndarray, "patrols"],
+        quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
+    ]
+    "An attack begins with a move of the robots, as likely with each in the long run."
+    upper_bound: Annotated[
+        float | None,
+        quantity("", "no walk with any memory captures more than this", "1", kind="share"),
+    ] = None
+    "The bound on the least capture by one robot; `None` for several."
+    memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
+    "The number for which capture is greatest, the least one of equals."
+    vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
+    chance: Annotated[
+        Float[np.ndarray, "robots states states"],
+        quantity("robot state next_state", "probability of a step between states", kind="share"),
+    ]
+    shares: Annotated[
+        Float[np.ndarray, "robots vertices"],
+        quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
+    ]
+    captured: Annotated[
+        Float[np.ndarray, "vertices"],
+        quantity("vertex", "least chance of capture there", "1", kind="share"),
+    ]
+
+    @derived("state", "vertex of the state", kind="coordinate")
+    def state_vertex(self) -> list[str]:
+        return self.vertex * self.memory
+
+    @derived("state", "state of the memory", kind="coordinate")
+    def state_memory(self) -> Int[np.ndarray, "states"]:
+        return np.repeat(np.arange(self.memory), len(self.vertex))
+
+    @derived("", "share by which the bound is above the capture", "1")
+    def gap(self) -> float | None:
+        if self.upper_bound is None:
+            return None
+        return 1 - float(self.least_capture.max()) / self.upper_bound
+
+    mean_idleness, worst_idleness = idleness_over_vertices(
+        "steps", lambda self: steps_between_visits(self.shares)
+    )
+
+
+def memory_patrol(
+    graph: Graph,
+    attack_time: Any,
+    memory: int,
+    matrices: Float[np.ndarray, "robots vertices vertices"],
+    *,
+    travel_times: Any = None,
+    stay: bool = False,
+    tests: int = 8,
+    names: Sequence[str] | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> MemoryPatrol:
+    """Find walks with 2, 4, 8, ... states of memory that capture most, up to a given number.
+
+    **Arguments:**
+
+    - `graph`, `attack_time`, `travel_times`, `stay`: as in
+        [`maximin_capture`][jaxcell.patrol.maximin_capture].
+    - `memory`: the largest number of states of the memory of a robot.
+    - `matrices`: the transition matrix of each robot without memory.
+    - `tests`: number of tests of the upper bound, as in [`capture_bound`][].
+    - `names`: names of the vertices; by default their numbers.
+    - `say`: called with a line on what is sought.
+
+    **Returns:** [`MemoryPatrol`][].
+
+    **Raises:** as [`maximin_capture`][jaxcell.patrol.maximin_capture].
+
+    A robot on a line of four goes from end to end more often if it remembers where it was:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> line = patrol.Graph([[0, 1], [1, 2], [2, 3]])
+        >>> walk = np.array([[0, 1, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 1, 0]])
+        >>> found = patrol.walks.memory_patrol(line, 5, 2, walk[None])
+        >>> dict(zip(found.patrol, found.least_capture.round(2).tolist(), strict=True))
+        {'memory 1': 0.44, 'memory 2': 0.53, 'tour': 0.0}
+    """
+    given: dict[str, Any] = {"travel_times": travel_times, "stay": stay}
+    sizes, walks = [1], [matrices]
+    while sizes[-1] < memory:
+        sizes.append(min(2 * sizes[-1], memory))
+        say(f"seeking a walk with {sizes[-1]} states of memory")
+        options = {"robots": len(matrices), "memory": sizes[-1], "throw": False, **given}
+        walks.append(maximin_capture(graph, attack_time, **options).matrices)
+    patrols, captured = [f"memory {size}" for size in sizes], []
+    for walk in walks:
+        each = [walk_capture_probabilities(graph, one, attack_time, travel_times) for one in walk]
+        shares = long_run(walk)
+        # States that do not occur in the long run do not count.
+        occurring = zip(each, shares, strict=True)
+        worst = np.stack([np.where(s[:, None] > 0, one, 1.0) for one, s in occurring])
+        mean = np.stack([s @ one for one, s in zip(each, shares, strict=True)])[:, None]
+        captured.append((captured_by_any(worst), captured_by_any(mean)))
+    least = [float(worst.min()) for worst, _ in captured]
+    best = int(np.argmax(np.array(least) >= max(least) * (1 - 1e-9)))
+    if len(matrices) == 1:
+        tour = _on_tour(graph, attack_time, travel_times)
+        captured.append((tour.min(axis=0), tour.mean(axis=0)))
+        patrols.append("tour")
+    bound = None
+    if len(matrices) == 1:
+        say("bounding the capture with any memory")
+        bound = capture_bound(graph, attack_time, captured=max(least), tests=tests, **given)
+    shares = long_run(walks[best]) @ states_at(walks[best].shape[1], graph.vertices)
+    return MemoryPatrol(
+        patrol=patrols,
+        least_capture=np.array([worst.min() for worst, _ in captured]),
+        any_time=np.array([mean.min() for _, mean in captured]),
+        upper_bound=bound,
+        memory=sizes[best],
+        vertex=names_of(graph.vertices, names),
+        chance=walks[best],
+        shares=shares,
+        captured=captured[best][0],
+    )
+
+
+def _on_tour(
+    graph: Graph, attack_time: Any, travel_times: Any
+) -> Float[np.ndarray, "places vertices"]:
+    """Return 1 where a robot on a short closed tour comes in time, by its place at the start."""
+    lengths = None if travel_times is None else np.asarray(travel_times, float)
+    tour = shortest_tour(Graph(graph.edges, graph.vertices, ways=lengths), range(graph.vertices))
+    lasts = move_times(graph, travel_times)[tour, np.roll(tour, -1)]
+    late = np.full((tour.size, graph.vertices), np.inf)
+    for _ in range(2):
+        for place in range(tour.size - 1, -1, -1):
+            after = (place + 1) % tour.size
+            late[place] = lasts[place] + late[after]
+            late[place, tour[after]] = lasts[place]
+    return (late <= np.asarray(attack_time)).astype(float)

@@ -1,0 +1,274 @@
+import itertools
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ....base.silence import no_output
+
+
+# Least distance of promises from a set for which a cut is made, and the chance to go on after one.
+_OUTSIDE, _ON = 1e-6, 0.7
+# Number of steps of a walk along which cuts are sought.
+_DEPTH = 30
+
+
+class Pursuit:
+    """Upper bounds on capture by a robot with any memory, by cuts of the promises it can keep.
+
+    A robot at a vertex *promises* to be at each target within each number of steps, in probability.
+    The promises that it can keep form a convex set at each vertex. After a move, promises for the
+    targets not reached become promises with less time left; and since the adversary may attack at
+    any time, those for the whole attack time must always be at least a given probability. A set is
+    kept from outside by cuts, half-spaces that contain it: a linear program at a vertex, with the
+    sets at its neighbours, either keeps given promises or gives a cut that excludes them. Promises
+    to exclude are those of walks that the programs plan (nested Benders cuts, as in stochastic dual
+    dynamic programming).
+
+    **Arguments:**
+
+    - `delays`: the duration of moves between vertices, 0 where there is none.
+    - `attack`: the duration of attacks on each vertex.
+    - `targets`: the vertices that are attacked.
+    """
+
+    def __init__(
+        self,
+        delays: Int[np.ndarray, "vertices vertices"],
+        attack: Int[np.ndarray, "vertices"],
+        targets: list[int],
+    ) -> None:
+        self.delays, self.attack, self.targets = delays, attack, targets
+        self.beside = [np.flatnonzero(row).tolist() for row in delays]
+        self.column = self._columns(int(attack[targets].max()))
+        self.sizes = self.column.max(axis=(1, 2)) + 1
+
+    def _columns(self, longest: int) -> Int[np.ndarray, "vertices targets times"]:
+        """Return the number of the promise for each target and time, -1 for a time too short.
+
+        Times between those at which a robot can first be at a target have the same promise.
+        """
+        vertices, goal = len(self.delays), np.array(self.targets)
+        arrives = np.zeros((longest + 1, vertices, goal.size), bool)
+        for time in range(1, longest + 1):
+            for here in range(vertices):
+                for there in self.beside[here]:
+                    left = time - int(self.delays[here, there])
+                    if left >= 0:
+                        arrives[time, here] |= (
+                            (goal == there)
+                            if left == 0
+                            else (arrives[left, there] & (goal != there))
+                        )
+        order = arrives.transpose(1, 2, 0).reshape(vertices, -1)
+        numbers = np.where(order, order.cumsum(axis=1) - 1, -1)
+        return np.maximum.accumulate(numbers.reshape(vertices, goal.size, -1), axis=2)
+
+    def bound(self, least: float, most: float, rounds: int, cuts: int) -> float:
+        """Lower the bound `most` by tests of probabilities above `least`.
+
+        **Arguments:**
+
+        - `rounds`: number of tests; each halves the range in which the bound may be.
+        - `cuts`: number of cuts of a test.
+        """
+        random = np.random.default_rng(0)
+        kept: list[list[tuple[Any, float]]] = [[] for _ in self.beside]
+        for _ in range(rounds):
+            tested = (least + most) / 2
+            search = _Search(self, tested, kept)
+            value = search.run(cuts, random)
+            most = min(most, max(tested, value))
+            if value > tested:
+                # Cuts for a lower probability hold for a higher one.
+                least, kept = tested, search.cuts
+            else:
+                kept = [[] for _ in self.beside]
+        return most
+
+
+class _Search:
+    """The cuts for one probability of capture that the robot must keep at all times."""
+
+    def __init__(self, pursuit: Pursuit, least: float, cuts: list[list[tuple[Any, float]]]) -> None:
+        self.pursuit, self.cuts = pursuit, [list(each) for each in cuts]
+        self.programs = [_Program(pursuit, here, least) for here in range(len(cuts))]
+
+    def run(self, count: int, random: np.random.Generator) -> float:
+        """Make cuts, and return an upper bound on capture by robots that keep the probability."""
+        made, turn, last, vertices = 0, 0, 0, len(self.programs)
+        # Walks from every vertex that meet no cut end the search.
+        while made < count and turn - last <= vertices:
+            here = turn % vertices
+            turn += 1
+            value, plan = self.programs[here].most(self.cuts)
+            if value < self.programs[here].least:
+                return value
+            if plan is None:
+                continue
+            for _ in range(_DEPTH):
+                shares = np.array([max(0.0, plan[at]) for at in self.programs[here].shares])
+                move = random.choice(shares.size, p=shares / shares.sum())
+                at, here_next = self.programs[here].shares[move], self.pursuit.beside[here][move]
+                wanted = plan[at + 1 : at + 1 + self.pursuit.sizes[here_next]] / plan[at]
+                here = here_next
+                distance, cut, plan = self.programs[here].separate(wanted, self.cuts)
+                if distance == np.inf:
+                    return 0.0
+                if plan is None:
+                    break
+                if distance > _OUTSIDE:
+                    self.cuts[here].append(cut)
+                    made, last = made + 1, turn
+                    if random.random() > _ON:
+                        break
+        return float(min(program.most(self.cuts)[0] for program in self.programs))
+
+
+class _Program:
+    """The linear program at a vertex: the promises that the promises at its neighbours keep.
+
+    Columns are the promises; for each neighbour the probability of the move and the promises there
+    times that probability; a slack; and a relief of the probability to keep, which is 0 but where
+    no promises can be kept. All are from 0 to 1.
+    """
+
+    def __init__(self, pursuit: Pursuit, here: int, least: float) -> None:
+        import highspy
+
+        self.least, self.beside, column = least, pursuit.beside[here], pursuit.column
+        self.size = int(pursuit.sizes[here])
+        widths = [1 + int(pursuit.sizes[there]) for there in self.beside]
+        starts = self.size + np.concatenate([[0], np.cumsum(widths)])
+        self.shares, self.slack = starts[:-1].tolist(), int(starts[-1])
+        self.used = [0] * len(self.beside)
+        with no_output():
+            self.solver = highspy.Highs()
+        for name, value in (("output_flag", False), ("threads", 1)):
+            self.solver.setOptionValue(name, value)
+        self.columns = self.slack + 2
+        for limit in [1.0] * (self.slack + 1) + [0.0]:
+            self.solver.addVar(0.0, limit)
+        self.rows: list[Float[np.ndarray, columns]] = []
+        self._row(dict.fromkeys(self.shares, 1.0), 1.0, 1.0)
+        ends = pursuit.attack[pursuit.targets]
+        for k, goal in enumerate(pursuit.targets):
+            times = column[here, k]
+            for number in np.unique(times[times >= 0]).tolist():
+                time, row = int(np.argmax(times == number)), {number: 1.0}
+                for at, there in zip(self.shares, self.beside, strict=True):
+                    left = time - int(pursuit.delays[here, there])
+                    if there == goal and left >= 0:
+                        row[at] = -1.0
+                    elif left > 0 and column[there, k, left] >= 0:
+                        row[at + 1 + int(column[there, k, left])] = -1.0
+                self._row(row)
+            for at, there in zip(self.shares, self.beside, strict=True):
+                numbers = np.unique(column[there, k][column[there, k] >= 0]).tolist()
+                for sooner, later in itertools.pairwise(numbers):
+                    self._row({at + 1 + sooner: 1.0, at + 1 + later: -1.0})
+                whole = int(column[there, k, ends[k]])
+                keep = {at: least, self.slack + 1: -1.0}
+                if whole >= 0:
+                    self._row({at + 1 + numbers[-1]: 1.0, at: -1.0})
+                    keep[at + 1 + whole] = -1.0
+                self._row(keep)
+        self.wanted = [self._row({number: -1.0, self.slack: -1.0}) for number in range(self.size)]
+        full = [int(column[here, k, ends[k]]) for k in range(len(ends))]
+        self.full = [self._row({number: -1.0, self.slack: 1.0}) for number in full if number >= 0]
+        self.lost = any(number < 0 for number in full)
+
+    def _row(self, entries: dict[int, float], low: float = -np.inf, high: float = 0.0) -> int:
+        places, numbers = np.array(list(entries), np.int32), np.array(list(entries.values()))
+        self.solver.addRow(low, high, places.size, places, numbers)
+        dense = np.zeros(self.columns)
+        dense[places] = numbers
+        self.rows.append(dense)
+        return len(self.rows) - 1
+
+    def _solve(
+        self, cuts: list[list[tuple[Any, float]]], cost: float, rows: Iterable[tuple[int, float]]
+    ) -> tuple[Any, Any]:
+        """Solve with some rows switched on. Returns the columns and the prices of the rows, or
+        `None` for each if no promises can be kept."""
+        for k, there in enumerate(self.beside):
+            for normal, offset in cuts[there][self.used[k] :]:
+                at = self.shares[k]
+                places = np.flatnonzero(normal).tolist()
+                self._row({at + 1 + i: float(normal[i]) for i in places} | {at: -offset})
+            self.used[k] = len(cuts[there])
+        for row in (*self.wanted, *self.full):
+            self.solver.changeRowBounds(row, -np.inf, np.inf)
+        for row, high in rows:
+            self.solver.changeRowBounds(row, -np.inf, float(high))
+        self.solver.changeColCost(self.slack, cost)
+        return self._run()
+
+    def _run(self) -> tuple[Any, Any]:
+        from highspy import HighsModelStatus
+
+        self.solver.run()
+        if self.solver.getModelStatus() != HighsModelStatus.kOptimal:
+            return None, None
+        found = self.solver.getSolution()
+        return np.array(found.col_value), -np.array(found.row_dual)
+
+    def _ceiling(
+        self, gain: Float[np.ndarray, "columns"], prices: Float[np.ndarray, "rows"]
+    ) -> float:
+        """Compute an upper bound on a linear function, whatever the tolerance of the solver.
+
+        By weak duality any prices of the rows give one, because columns are from 0 to 1. The relief
+        is 0 unless it counts.
+        """
+        prices = np.append(prices[0], np.maximum(0.0, prices[1:]))
+        left = gain - prices @ np.array(self.rows)
+        limits = np.ones(left.size)
+        limits[-1] = gain[-1] < 0
+        return float(prices[0] + np.maximum(0.0, left) @ limits)
+
+    def impossible(self) -> bool:
+        """Prove that no promises at the neighbours keep the probability, after a failed solve.
+
+        The relief that they need is then positive, by weak duality again.
+        """
+        for row in (*self.wanted, *self.full):
+            self.solver.changeRowBounds(row, -np.inf, np.inf)
+        relief = self.slack + 1
+        self.solver.changeColCost(self.slack, 0.0)
+        self.solver.changeColCost(relief, 1.0)
+        self.solver.changeColBounds(relief, 0.0, 1.0)
+        _, prices = self._run()
+        self.solver.changeColCost(relief, 0.0)
+        self.solver.changeColBounds(relief, 0.0, 0.0)
+        if prices is None:
+            return False
+        gain = np.zeros(self.columns)
+        gain[relief] = -1.0
+        prices[[*self.wanted, *self.full]] = 0.0
+        return self._ceiling(gain, prices) < -_OUTSIDE
+
+    def most(self, cuts: list[list[tuple[Any, float]]]) -> tuple[float, Any]:
+        """Bound the least promise for a whole attack, and return the plan that keeps it."""
+        if self.lost:
+            return 0.0, None
+        plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])
+        if plan is None:
+            return 0.0 if self.impossible() else 1.0, None
+        gain = np.zeros(self.columns)
+        gain[self.slack] = 1.0
+        return self._ceiling(gain, prices), plan
+
+    def separate(
+        self, wanted: Float[np.ndarray, "promises"], cuts: list[list[tuple[Any, float]]]
+    ) -> tuple[float, tuple[Any, float], Any]:
+        """Find how far promises are from those that can be kept, and a cut between them."""
+        plan, prices = self._solve(cuts, 1.0, zip(self.wanted, -wanted, strict=True))
+        if plan is None:
+            return np.inf if self.impossible() else 0.0, (None, 0.0), None
+        normal = np.maximum(0.0, prices[self.wanted])
+        prices[self.wanted] = 0.0
+        gain = np.append(normal, np.zeros(self.columns - self.size))
+        offset = self._ceiling(gain, prices)
+        return float(normal @ wanted - offset), (normal, offset), plan

@@ -1,0 +1,69 @@
+import dataclasses
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import tyro
+
+from .dynamics import load_system, read_params
+from .parameters import AtLeastOne, WholeNumber
+from .study import Say, Study, silent
+
+
+if TYPE_CHECKING:
+    from ..dynamics import MorseSets
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Morse(Study):
+    """Find the recurrent sets of any dynamics and their order, with proof, by bisected boxes."""
+
+    name: ClassVar[str] = "morse"
+    command: ClassVar[str] = "morse"
+    example: ClassVar[str] = "henon --cells 4 --depth 16 --check 4"
+    task: ClassVar[str] = "morse"
+
+    system: tyro.conf.Positional[str]
+    """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
+    lorenz84 and thomas."""
+    params: tuple[str, ...] = ()
+    """Values of the system's parameters in place of its own, such as T=0.5."""
+    cells: tuple[AtLeastOne, ...] = ()
+    """Number of cells along each axis at the start, or one number for all axes; by default the
+    system's."""
+    depth: WholeNumber = 0
+    """Number of bisections of boxes, along each axis in turn; boxes that do not recur are dropped
+    after each."""
+    check: WholeNumber = 0
+    """Number of further bisections that test sets: sets that do not recur after them are left
+    out."""
+    images: Literal["intervals", "mean-value", "corners"] = "mean-value"
+    """Images of boxes: interval arithmetic (intervals), with the mean value theorem (mean-value),
+    or boxes around the images of corners (corners), which prove nothing."""
+
+    def run(self, say: Say = silent) -> "MorseSets":
+        from .. import dynamics
+        from ..space import Box
+
+        system = load_system(self.system)
+        params = read_params(self.params, dict(system.params))
+        for name, value in params.items():
+            if isinstance(value, list):
+                raise ValueError(f"params: {name}: expected one value, got {len(value)}")
+        box, map = system.box, system.map
+        if self.cells:
+            cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
+            box = Box(box.lower, box.upper, cells, box.axes)
+        kinds: dict[str, dynamics.OuterMap] = {
+            "intervals": dynamics.Intervals(map, mean_value=False),
+            "mean-value": dynamics.Intervals(map),
+            "corners": dynamics.Corners(map),
+        }
+        options: dict[str, Any] = {
+            "depth": self.depth,
+            "check": self.check,
+            "labels": system.labels,
+            "say": say,
+        }
+        return dynamics.morse_sets(kinds[self.images], box, params, **options)
+
+    def headline(self, spec: dict[str, Any]) -> str:
+        return load_system(self.system).about or f"The system {self.system}"

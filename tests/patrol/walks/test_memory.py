@@ -1,0 +1,205 @@
+import itertools
+
+import numpy as np
+import pytest
+import scipy.optimize
+from graphs import grid
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol import maximin_capture, random_walk
+from jaxcell.patrol.perimeter import Movement, Perimeter, detection_polynomials, maximin
+from jaxcell.patrol.team import simulate_idleness
+from jaxcell.patrol.walks import capture_bound, memory_patrol, walk_capture_probabilities
+from jaxcell.patrol.walks.optimal import capture
+from jaxcell.patrol.walks.optimal.pursuit import Pursuit
+
+
+KITE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
+TIMES = np.array([1, 3, 2, 1])
+RING = Graph([[i, (i + 1) % 8] for i in range(8)])
+STAR = Graph([[0, leaf] for leaf in range(1, 9)])
+
+
+def random_chain(graph, memory, stay, seed):
+    """A chain on pairs of a state of the memory and a vertex, with random probabilities."""
+    beside = graph.matrix(np.ones(len(graph.edges))).toarray() + stay * np.eye(graph.vertices)
+    weights = np.tile(beside, (memory, memory))
+    weights = weights * np.random.default_rng(seed).random(weights.shape)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def delays_of(graph, times):
+    return (
+        graph.matrix(np.broadcast_to(times, len(graph.edges)).astype(float)).toarray().astype(int)
+    )
+
+
+def walks_from(graph, delays, start, horizon):
+    """All walks from a vertex that end within the horizon and cannot go on, as times by vertex."""
+    going, ended = [((start,), 0, {})], []
+    while going:
+        walk, time, seen = going.pop()
+        moves = [
+            v for v in np.flatnonzero(delays[walk[-1]]) if time + delays[walk[-1], v] <= horizon
+        ]
+        for there in moves:
+            later = time + int(delays[walk[-1], there])
+            going.append(((*walk, int(there)), later, {int(there): later} | seen))
+        if not moves:
+            ended.append(seen)
+    return ended
+
+
+@pytest.mark.parametrize("stay", [False, True])
+@pytest.mark.parametrize("times", [1, TIMES])
+def test_capture_with_memory_is_the_sum_over_all_walks_of_states(stay, times):
+    matrix, attack = random_chain(KITE, 2, stay, 0), np.array([3, 5, 1, 4])
+    delays = np.tile(delays_of(KITE, times) + np.eye(4, dtype=int), (2, 2))
+    expected = np.zeros((8, 4))
+    for start, target in itertools.product(range(8), range(4)):
+        going = [(start, 0, 1.0)]
+        while going:
+            here, time, chance = going.pop()
+            for there in np.flatnonzero(matrix[here] > 0):
+                later = time + delays[here, there]
+                if later <= attack[target] and there % 4 == target:
+                    expected[start, target] += chance * matrix[here, there]
+                elif later <= attack[target]:
+                    going.append((there, later, chance * matrix[here, there]))
+    travel = np.broadcast_to(times, 4)
+    found = walk_capture_probabilities(KITE, matrix, attack, travel)
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Searches take a third of their steps, from which linear programs complete them."""
+    monkeypatch.setattr(capture, "_STEPS", 400)
+
+
+@pytest.mark.usefixtures("brief")
+@pytest.mark.parametrize("attack", [5, 6])
+def test_two_states_are_a_direction_on_a_ring(attack):
+    """Of the directional model on a perimeter, whose best probability of turning is exact."""
+    best = maximin(detection_polynomials(Perimeter(8, 1, Movement.DNCP), attack))
+    found = maximin_capture(RING, attack, memory=2, starts=2)
+    assert found.value >= best.value * (1 - 1e-3)
+
+
+@pytest.mark.usefixtures("brief")
+def test_memory_helps_and_no_walk_exceeds_the_bound(monkeypatch):
+    """Without memory at most 0.1584 is found on this grid."""
+    # Few programs.
+    monkeypatch.setattr(capture, "_EXACT", 0)
+    graph, attack = grid(3, 3), 4
+    found = maximin_capture(graph, attack, memory=2, starts=1, throw=False)
+    assert 0.21 < found.value < capture_bound(graph, attack)
+    exact = walk_capture_probabilities(graph, found.matrices[0], attack)
+    assert found.value == pytest.approx(exact.min(), rel=1e-9)
+
+
+def test_the_bound_proves_that_a_walk_is_best():
+    assert capture_bound(STAR, 2) == pytest.approx(1 / 8, abs=1e-12)
+    assert maximin_capture(STAR, 2, starts=1).value == pytest.approx(1 / 8, rel=1e-6)
+
+
+def test_an_adversary_who_sees_the_robot_all_the_time_lowers_the_bound():
+    """On a line of five, where the walk with two states is nearly the best with any memory."""
+    line = Graph([[i, i + 1] for i in range(4)])
+    found = maximin_capture(line, 4, memory=2, starts=1, throw=False).value
+    alone = capture_bound(line, 4)
+    bound = capture_bound(line, 4, captured=found, tests=6, cuts=150)
+    assert found <= bound < 1.1 * found
+    assert alone > 1.5 * found
+
+
+@pytest.mark.parametrize(
+    ("delays", "attack", "captured"),
+    [
+        # A robot that goes round is at both in time, and on a line never after one of them.
+        (np.roll(np.eye(4, dtype=int), 1, axis=1), 4, 1.0),
+        (np.eye(3, k=1, dtype=int) + np.eye(3, k=-1, dtype=int), 1, 0.0),
+        # From the middle both ways are equally good, and from an end a robot comes back or not.
+        (np.eye(3, k=1, dtype=int) + np.eye(3, k=-1, dtype=int), 3, 0.5),
+        (np.eye(3, k=1, dtype=int) + 2 * np.eye(3, k=-1, dtype=int), 7, 1.0),
+    ],
+)
+def test_the_pursuit_of_known_games(delays, attack, captured):
+    n = len(delays)
+    pursuit = Pursuit(delays, np.full(n, attack), [0, n - 1])
+    bound = pursuit.bound(max(0.0, captured - 0.02), 1.0, 8, 200)
+    assert captured - 1e-9 <= bound <= captured + 0.02
+
+
+@pytest.mark.parametrize(
+    ("graph", "attack", "times", "tight"),
+    [
+        (grid(3, 3), np.full(9, 4), 1, True),
+        (KITE, np.array([4, 5, 3, 6]), TIMES, False),
+        (KITE, np.full(4, 4), 1, False),
+        (RING, np.full(8, 7), 1, False),
+    ],
+)
+def test_the_bound_against_the_games_with_all_walks(graph, attack, times, tight):
+    """It is not below the least value of these games, and equal where visits do not repeat."""
+    delays, values = delays_of(graph, times), []
+    for start in range(graph.vertices):
+        walks = walks_from(graph, delays, start, attack.max())
+        in_time = np.array(
+            [[walk.get(v, np.inf) <= attack[v] for v in range(graph.vertices)] for walk in walks]
+        )
+        rows = np.unique(in_time, axis=0).astype(float)
+        game = scipy.optimize.linprog(
+            np.append(np.zeros(len(rows)), -1),
+            A_ub=np.column_stack([-rows.T, np.ones(graph.vertices)]),
+            b_ub=np.zeros(graph.vertices),
+            A_eq=np.append(np.ones(len(rows)), 0)[None],
+            b_eq=[1],
+        )
+        values.append(-game.fun)
+    bound = capture_bound(graph, attack, travel_times=np.broadcast_to(times, len(graph.edges)))
+    assert min(1, min(values)) - 1e-9 <= bound <= 1
+    if tight:
+        assert bound == pytest.approx(min(values), abs=1e-9)
+
+
+@pytest.mark.usefixtures("unchecked", "brief")
+def test_walks_with_memory_against_a_simulation():
+    graph = grid(2, 3)
+    plain = random_walk(graph, np.ones(7)).to_scipy().toarray()[None]
+    found = memory_patrol(graph, 4, 2, plain, names="abcdef", tests=1)
+    assert found.patrol == ["memory 1", "memory 2", "tour"]
+    assert found.memory == 2
+    assert found.state_vertex == [*"abcdefabcdef"]
+    exact = walk_capture_probabilities(graph, found.chance[0], 4)
+    assert found.least_capture[1] == pytest.approx(exact.min(), abs=1e-9)
+    np.testing.assert_allclose(found.captured, exact.min(axis=0), atol=1e-9)
+    assert found.gap == pytest.approx(1 - found.least_capture.max() / found.upper_bound)
+    simulated = simulate_idleness(graph, found.chance, attack_time=4)
+    assert simulated.least_capture[0] == pytest.approx(found.any_time[1], abs=0.03)
+    assert simulated.least_capture[1] == pytest.approx(found.any_time[2], abs=0.03)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_several_robots_are_independent():
+    found = memory_patrol(KITE, 3, 1, np.stack([random_chain(KITE, 1, False, s) for s in (0, 1)]))
+    each = [walk_capture_probabilities(KITE, matrix, 3).min(axis=0) for matrix in found.chance]
+    assert found.least_capture.tolist() == [
+        pytest.approx((1 - (1 - each[0]) * (1 - each[1])).min())
+    ]
+    assert found.upper_bound is found.gap is None
+
+
+def test_a_tour_that_is_in_time_everywhere_captures_all():
+    for attack, least in ((7, 0.0), (8, 1.0)):
+        walk = random_walk(RING, np.ones(8)).to_scipy().toarray()[None]
+        found = memory_patrol(RING, attack, 1, walk, tests=0)
+        assert found.least_capture[1] == least
+        assert found.any_time[1] == attack / 8
+
+
+def test_memory_with_a_stationary_distribution_is_refused():
+    with pytest.raises(ValueError, match="memory: expected 1 with a stationary distribution"):
+        maximin_capture(KITE, 4, memory=2, stationary=np.full(4, 0.25))
+    with pytest.raises(ValueError, match="memory: expected at least 1, got 0"):
+        maximin_capture(KITE, 4, memory=0)
