@@ -47,3 +47,6 @@ class Solution:
 
     value: Float[Array, "cells"]
     certificate: Certificate
+    moved: Float[Array, "cells"] | None = None
+    """The change of each value with half of the samples of the chain, `inf` if only one of both is
+    infinite; `None` for a chain that is not made from samples."""

@@ -27,9 +27,12 @@ Functions:
 - `images`: the image of every cell, in chunks.
 - `basins`: attractors, basins and steps, a `Basins`. `continuation`: these over parameters,
     matched, a `Continuation`.
+- `stored_basins`: basins of more cells than memory holds, in files; `foretold`: the time, memory
+    and disk that they take.
 - `chain`: a [`jaxcell.mapping.Chain`][], from samples and noise.
 - `basin_stability`, `convergence_pace`, `minimal_critical_shock`, `noncritical_shocks`,
     `basin_entropy`, `uncertainty_exponent`, `wada`, `overlap`: measures of basins.
+- `edge_states`: the saddles on boundaries of basins.
 - `refined`: basins with finer cells at their boundaries; `relative_attractor`: a cover of the
     points that have always been in a box, by finer and finer cells.
 - `unstable_set`: reachable cells, by images of points of each cell.

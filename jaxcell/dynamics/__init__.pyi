@@ -1,7 +1,18 @@
 from .basin import Basins as Basins, basins as basins
+from .boundary.edges import EdgeStates as EdgeStates, edge_states as edge_states
+from .boundary.refinement import (
+    Refined as Refined,
+    refined as refined,
+    relative_attractor as relative_attractor,
+)
 from .chains import chain as chain
 from .continued import Continuation as Continuation, continuation as continuation
 from .imaging import images as images
+from .large.stored import (
+    Foretold as Foretold,
+    foretold as foretold,
+    stored_basins as stored_basins,
+)
 from .maps import (
     Flow as Flow,
     Map as Map,
@@ -32,9 +43,4 @@ from .quantify import (
     wada as wada,
 )
 from .recurrent import unstable_set as unstable_set
-from .refinement import (
-    Refined as Refined,
-    refined as refined,
-    relative_attractor as relative_attractor,
-)
 from .system import System as System

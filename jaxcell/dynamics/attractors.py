@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..mapping import PeriodicGroups
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import params_of, stacked, with_last
-from .imaging import CHUNK
+from .batches import CHUNK, params_of, stacked, with_last
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
@@ -55,8 +54,10 @@ class Attractors:
     "An orbit on each attractor."
     sampled: Float[np.ndarray, "attractors"]
     "The share of orbits from random points of the box that end on each attractor."
-    scattered: int
-    "Number of orbits from random points."
+    starts: Float[np.ndarray, "scattered axes"]
+    "Random points of the box."
+    ends: Int[np.ndarray, "scattered"]
+    "The attractors on which orbits from these points end, -1 for none."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -112,7 +113,8 @@ def attractors(
                 settled = not _transient(map, box, params, k, orbit, ends[k])
             start[k] = orbit[:, -1]
             if settled or done >= _MAX_SETTLE:
-                results[k] = _of_orbits(box, groups[k], begun[k], orbit, ends[k], settled)
+                own = groups[k], begun[k], orbit, ends[k], starts[k][begun[k].size :]
+                results[k] = _of_orbits(box, *own, settled)
                 _lead_others(map, box, members[k], groups[k], begun[k], results[k], follow)
                 del start[k]
     return [results[k] for k in range(len(members))]
@@ -177,6 +179,7 @@ def _of_orbits(
     begun: Int[np.ndarray, "of_groups"],
     orbit: Float[np.ndarray, "starts window axes"],
     end: Int[np.ndarray, "starts"],
+    starts: Float[np.ndarray, "scattered axes"],
     settled: bool,
 ) -> Attractors:
     """Make the attractors on which orbits end; the first orbits are those from groups."""
@@ -197,16 +200,17 @@ def _of_orbits(
     several[voted] = kinds > 1
     anywhere = end[begun.size :]
     by_end = np.argsort(end, kind="stable")
-    starts = np.searchsorted(end[by_end], np.arange(count + 1))
-    each = np.split(by_end, starts)[1:-1]
+    first_of = np.searchsorted(end[by_end], np.arange(count + 1))
+    each = np.split(by_end, first_of)[1:-1]
     visited = (np.unique(box.index(orbit[own])) for own in each)
     return Attractors(
         of_group=of_group,
         several=several,
         count=count,
-        orbit=orbit[by_end[starts[:-1]]],
+        orbit=orbit[by_end[first_of[:-1]]],
         sampled=np.bincount(anywhere + 1, minlength=count + 1)[1:] / anywhere.size,
-        scattered=anywhere.size,
+        starts=starts,
+        ends=anywhere,
         cells=tuple(cells[cells < box.size] for cells in visited),
         settled=settled,
     )

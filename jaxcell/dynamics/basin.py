@@ -1,32 +1,33 @@
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.quantities import Result, derived, quantity
+from ..base.quantities import Result, derived, from_part, quantity
 from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
+from .batches import CHUNK, slices
+from .boundary.resolution import DOUBTFUL, Trial, tried
 from .imaging import (
-    CHUNK,
     Say,
     axis_name,
     changed_by_half_step,
     check_map,
     images_of_each,
-    remark_of_torn,
     self_images,
     torn_axes,
 )
 from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
+from .remarks import remarks_on
 
 
-# The largest number of remarks on single attractors.
-_MOST_DOUBTED = 5
+if TYPE_CHECKING:
+    from .boundary.edges import EdgeStates
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class Basins(Result):
     """The attractor of each cell of a box, or its exit from the box."""
 
     title: ClassVar[str] = "Attractors and basins"
-    tables: ClassVar[Mapping[str, str]] = {"attractor": "basins"}
+    tables: ClassVar[Mapping[str, str]] = {"attractor": "basins", "edge": "edge_states"}
 
     box: Box
     params: Any
@@ -69,8 +70,10 @@ class Basins(Result):
         quantity("attractor", "orbits from random starts that end on it", kind="share"),
     ]
     "A check of `fraction` that does not depend on cells."
-    scattered: int
-    "Number of random starts."
+    starts: Float[np.ndarray, "starts axes"]
+    "Random starts."
+    ends: Int[np.ndarray, "starts"]
+    "The attractors of the random starts by their orbits, -1 for none."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[
@@ -92,6 +95,23 @@ class Basins(Result):
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
     "Number of mappings outside the box after which a point has left, as in the call."
+    trial: Trial | None = None
+    "Remedies, tried on a sample of points, if cells and orbits disagree."
+    edges: "EdgeStates | None" = None
+    "The edge states on boundaries of basins, if they were sought."
+
+    edge_first = from_part("edges.first", "edge", "attractor on one side", kind="index")
+    edge_second = from_part("edges.second", "edge", "attractor on the other side", kind="index")
+    edge_period = from_part(
+        "edges.period",
+        "edge",
+        "period in mappings, 0 if the state is no fixed point or cycle of points",
+        kind="count",
+    )
+    edge_unstable = from_part(
+        "edges.unstable", "edge", "unstable directions, -1 if unknown", kind="index"
+    )
+    edge_point = from_part("edges.point", "edge axis", "a point of the state", listed=True)
 
     @derived("", "number of attractors", kind="count")
     def attractors(self) -> int:
@@ -107,7 +127,11 @@ class Basins(Result):
 
     @derived("", "most mappings to a group within the box", kind="count")
     def longest_step(self) -> int:
-        return int(self.step[self.group < self.groups].max(initial=0))
+        each = (
+            self.step[part][self.group[part] < self.groups].max(initial=0)
+            for part in slices(self.box.size)
+        )
+        return int(max(each))
 
     @derived("attractor", "cells that lead to it", kind="share")
     def fraction(self) -> Float[np.ndarray, "attractors"]:
@@ -127,7 +151,9 @@ class Basins(Result):
 
     @derived("attractor", "mean time to the attractor", kind="time")
     def mean_time(self) -> Float[np.ndarray, "attractors"] | None:
-        return None if self.duration is None and self.time is None else self._mean(self.times)
+        if self.time is None:
+            return None if self.duration is None else self.duration * self.mean_steps
+        return self._mean(self.time)
 
     @property
     def times(self) -> Float[np.ndarray, "cells"]:
@@ -138,13 +164,21 @@ class Basins(Result):
         cells = totals(self.basin, self.attractors)
         return totals(self.basin, self.attractors, of_cells) / np.maximum(1, cells)
 
+    @derived("", "random starts that end elsewhere than their cells lead", kind="share")
+    def disagreement(self) -> float:
+        return float(np.mean(self.basin[self.box.index(self.starts)] != self.ends))
+
+    def share(self, mask: Callable[[slice], np.ndarray]) -> float:
+        """Return the share of cells in a mask, which is computed in parts."""
+        return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
+
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:
-        return float(np.mean(self.left))
+        return self.share(lambda part: self.left[part])
 
     @derived("", "cells that lead nowhere: not to a finite point, or to no attractor", kind="share")
     def nowhere_share(self) -> float:
-        return float(np.mean((self.basin < 0) & ~self.left))
+        return self.share(lambda part: (self.basin[part] < 0) & ~self.left[part])
 
     @derived("", "cells that are their own images", kind="share")
     def self_images(self) -> float:
@@ -152,7 +186,7 @@ class Basins(Result):
 
     @derived("", "cells that lead to a saddle", kind="share")
     def several_share(self) -> float:
-        return float(np.mean(self.several))
+        return self.share(lambda part: self.several[part])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,58 +206,7 @@ class Basins(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        remarks = [remark_of_torn(axis, self.labels) for axis in self.torn]
-        if self.self_images > 0.1:
-            remarks.append(
-                f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
-                "is too short for these cells."
-            )
-        elif self.periodic_cells > 0.5 * self.box.size:
-            remarks.append(
-                f"{self.periodic_cells / self.box.size:.0%} of the cells are periodic: the map "
-                "seems to preserve volumes, so that it has groups and no attractors."
-            )
-        if self.changed is not None and self.changed > 0.2:
-            remarks.append(
-                f"{self.changed:.0%} of the images differ with steps of half the length: take "
-                "shorter steps."
-            )
-        # Three standard errors of the sampled shares.
-        doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / self.scattered) + 0.02
-        doubted = np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt)
-        back = min(float(self.sampled.sum() - self.fraction.sum()), self.outside_share)
-        if doubted.size and back > 0.02:
-            remarks.append(
-                f"{self.outside_share:.1%} of the cells lead out of the box, but {back:.1%} have "
-                "orbits that come back to an attractor: take basins by orbits, and follow them "
-                "outside (follow)."
-            )
-            doubted = doubted[:0]
-        for k in doubted[:_MOST_DOUBTED]:
-            remarks.append(
-                f"Attractor {k} has {self.fraction[k]:.1%} of the cells, but {self.sampled[k]:.1%} "
-                "of the orbits from random starts end on it: take basins by orbits, or more cells."
-            )
-        if doubted.size > _MOST_DOUBTED:
-            remarks.append(f"The same holds for {doubted.size - _MOST_DOUBTED} more attractors.")
-        if not self.settled:
-            remarks.append(
-                "Orbits had not settled: there may be too many attractors; a map that preserves "
-                "volumes has none."
-            )
-        none = np.mean((self.basin < 0) & ~self.left & (self.group < self.groups))
-        if none > 0.05:
-            remarks.append(
-                f"{none:.0%} of the cells lead to groups whose orbits reach none of these "
-                "attractors, or no finite point: take longer mappings, a smaller box, or a "
-                "section to which flows return."
-            )
-        if self.several_share > 0.05:
-            remarks.append(
-                f"{self.several_share:.0%} of the cells lead to groups from which orbits end on "
-                "several attractors: take basins by orbits, or more cells."
-            )
-        return tuple(remarks)
+        return remarks_on(self)
 
 
 def basins(
@@ -299,7 +282,7 @@ def basins_of_each(
     changed = changed_by_half_step(map, box, members, image, follow=follow, dtype=dtype)
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, attractors, changed, strict=True):
-        basins = _by_cells(box, params, *parts)
+        basins = by_cells(box, params, *parts)
         known = {"torn": ends, "duration": duration, "labels": labels, "follow": follow}
         basins = dataclasses.replace(basins, **known)
         if time is not None:
@@ -310,8 +293,17 @@ def basins_of_each(
             several = np.zeros(box.size, bool)
             followed = {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
             basins = dataclasses.replace(basins, several=several, **followed)
+        elif len(members) == 1:
+            basins = with_trial(map, basins)
         each.append(basins)
     return each
+
+
+def with_trial(map: Map, basins: Basins) -> Basins:
+    """Try remedies on a sample of points if cells and orbits disagree."""
+    if basins.disagreement <= DOUBTFUL:
+        return basins
+    return dataclasses.replace(basins, trial=tried(map, basins))
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
@@ -330,43 +322,54 @@ def totals(
 ) -> Float[np.ndarray, "labels"]:
     """Count the rows with each label from 0, or sum their weights."""
     total = np.zeros(count)
-    for first in range(0, label.size, CHUNK):
-        part = slice(first, first + CHUNK)
+    for part in slices(label.size):
         own = None if weight is None else weight[part]
         total += np.bincount(label[part] + 1, own, minlength=count + 1)[1:]
     return total
 
 
-def _by_cells(
+def by_cells(
     box: Box,
     params: Any,
     image: Int[np.ndarray, "cells"],
     groups: PeriodicGroups,
     attractors: of_map.Attractors,
     changed: float | None,
+    new: Callable[[str, Any, int], np.ndarray] = lambda _, kind, size: np.empty(size, kind),
 ) -> Basins:
+    """Label the cells by the attractors of their groups.
+
+    `new` makes the arrays over cells: a function of name, data type and size.
+    """
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
-    basin = attractors.of_group[group]
-    # A group whose orbits leave the box exists only among cells: cells that lead to it leave.
-    left = basin == OUTSIDE
-    order = np.argsort(-totals(np.maximum(basin, NONE, out=basin), attractors.count), kind="stable")
+    basin = new("basin", np.int32, box.size)
+    several, left = (new(name, bool, box.size) for name in ("several", "left"))
+    for part in slices(box.size):
+        end = attractors.of_group[group[part]]
+        # A group whose orbits leave the box exists only among cells: cells that lead to it leave.
+        left[part], several[part] = end == OUTSIDE, attractors.several[group[part]]
+        basin[part] = np.maximum(end, NONE)
+    order = np.argsort(-totals(basin, attractors.count), kind="stable")
     # The last entry, which -1 selects, stands for no attractor.
     rank = np.full(attractors.count + 1, NONE, np.int32)
     rank[order] = np.arange(attractors.count)
+    for part in slices(box.size):
+        basin[part] = rank[basin[part]]
     return Basins(
         box,
         params,
         image,
-        basin=rank[basin],
+        basin=basin,
         group=group,
         step=step,
         # The sinks have the last two numbers of cells, and so of groups.
         group_period=np.asarray(groups.group_period[:-2]),
-        several=attractors.several[group],
+        several=several,
         left=left,
         orbit=attractors.orbit[order],
         sampled=attractors.sampled[order],
-        scattered=attractors.scattered,
+        starts=attractors.starts,
+        ends=rank[attractors.ends],
         attractor_cells=tuple(attractors.cells[k] for k in order),
         settled=attractors.settled,
         changed=changed,

@@ -17,8 +17,16 @@ Part = TypeVar("Part")
 Value = TypeVar("Value")
 
 
+CHUNK = 1 << 18
+"""Number of cells that are computed at once; it bounds the memory beside the result."""
 # Number of rows up to which a first stage is padded to a coarse size, to save a compilation.
 _FEW = 1 << 12
+
+
+def slices(size: int) -> Iterator[slice]:
+    """Yield the chunks of an array over cells."""
+    for first in range(0, size, CHUNK):
+        yield slice(first, min(first + CHUNK, size))
 
 
 def with_last(rows: np.ndarray, size: int) -> np.ndarray:

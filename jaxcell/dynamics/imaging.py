@@ -12,12 +12,9 @@ from jaxtyping import Array, Float, Int
 
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import in_stages, in_threads, params_of, stacked, with_last
+from .batches import CHUNK, in_stages, in_threads, params_of, slices, stacked, with_last
 from .maps import Flow, Map
 
-
-CHUNK = 1 << 18
-"""Number of cells that are mapped at once; it bounds the memory beside the result."""
 
 # Number of steps between two checks of which cells are away from their start.
 _STAGE = 8
@@ -73,11 +70,12 @@ def images_of_each(
     dtype: Any = None,
     out: Int[np.ndarray, "members cells"] | None = None,
     time: Float[np.ndarray, "members cells"] | None = None,
+    within: slice = slice(None),
     say: Say | None = None,
 ) -> Int[np.ndarray, "members cells"]:
     """Compute [`images`][jaxcell.dynamics.images] for each of several parameters, in one batch.
 
-    If durations of mappings differ, `time` is an array for them.
+    If durations of mappings differ, `time` is an array for them. `within` are the cells to map.
     """
     image = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
@@ -93,7 +91,7 @@ def images_of_each(
             time[:, part] = taken
         return first + size
 
-    for done in in_threads(compute, range(0, box.size, size)):
+    for done in in_threads(compute, range(*within.indices(box.size)[:2], size)):
         if say is not None:
             say("mapping cells", done, box.size)
     return image
@@ -195,7 +193,11 @@ def _mapped_by_each(map: Map, params: Any, members: Any, points: Any) -> Any:
 
 def self_images(image: Int[np.ndarray, "cells"]) -> float:
     """Return the share of cells that are their own images: equilibria, or too slow for the step."""
-    return float(np.mean(image == np.arange(image.size, dtype=image.dtype)))
+    own = sum(
+        np.count_nonzero(image[part] == np.arange(part.start, part.stop, dtype=image.dtype))
+        for part in slices(image.size)
+    )
+    return own / image.size
 
 
 def changed_by_half_step(

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..space.box import Box
-from .batches import in_stages
-from .imaging import CHUNK, Say
+from .batches import CHUNK, in_stages
+from .imaging import Say
 from .maps import Map
 
 

@@ -41,12 +41,16 @@ class Chain:
 
     image: Int[Array, "branches cells"]
     probability: Float[Array, "branches cells"]
+    half: "Chain | None" = None
+    """The chain of half as many samples, for a chain that is made from samples. Its results differ
+    by about the error that the samples cause."""
 
-    def __init__(self, image: Any, probability: Any) -> None:
+    def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
         """**Arguments:**
 
         - `image`: integer array `[branches, cells]`, the images of each cell.
         - `probability`: float64 array of the same shape.
+        - `half`: the chain of half as many samples.
 
         **Raises:** `ValueError` for arrays of other shapes or types, an image that does not exist,
         and probabilities that are negative, not numbers, or sum to more than 1. Values are checked
@@ -56,6 +60,7 @@ class Chain:
         _check_arrays(image, probability)
         object.__setattr__(self, "image", _kept(image, np.int32))
         object.__setattr__(self, "probability", _kept(probability, np.float64))
+        object.__setattr__(self, "half", half)
 
     @classmethod
     def from_scipy(cls, matrix: Any) -> "Chain":
@@ -138,7 +143,7 @@ class Chain:
         return jax.lax.scan(add, jnp.zeros_like(value), branches, unroll=8)[0]
 
     def tree_flatten_with_keys(self):  # type: ignore[no-untyped-def]
-        fields = ("image", "probability")
+        fields = ("image", "probability", "half")
         return [(jax.tree_util.GetAttrKey(f), getattr(self, f)) for f in fields], None
 
     @classmethod
@@ -146,8 +151,8 @@ class Chain:
         # The constructor is bypassed: JAX passes objects other than arrays, and the results of a
         # transformation were checked on entry.
         chain = object.__new__(cls)
-        object.__setattr__(chain, "image", fields[0])
-        object.__setattr__(chain, "probability", fields[1])
+        for name, field in zip(("image", "probability", "half"), (*fields, None), strict=False):
+            object.__setattr__(chain, name, field)
         return chain
 
 

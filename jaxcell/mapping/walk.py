@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
@@ -25,6 +26,18 @@ def walked_groups(
     return PeriodicGroups(*(numbers.astype(image.dtype) for numbers in groups))
 
 
+@jax.jit
+def walked_leaders(
+    image: Int[Array, "cells"] | Int[np.ndarray, "cells"],
+) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
+    """Find the smallest cell of the group of each cell, and the steps to the group.
+
+    It takes 8 bytes per cell beside the image.
+    """
+    chain, place, _ = _chains(jnp.asarray(image), jnp.zeros(1, jnp.int32))
+    return _ended(chain, place, None)
+
+
 @jax.custom_batching.sequential_vmap
 def _walk(
     image: Int[Array, "cells"], where: Bool[Array, "cells"] | None
@@ -33,7 +46,7 @@ def _walk(
     me = jnp.arange(cells, dtype=jnp.int32)
     if where is not None:
         image = jnp.where(where, image, me)
-    chain, place, period = _chains(image)
+    chain, place, period = _chains(image, jnp.zeros(cells + 1, jnp.int32))
     if where is not None:
         period = jnp.where(jnp.append(where, False), period, 0)
     number, periods, count = _numbered(period)
@@ -44,9 +57,11 @@ def _walk(
 
 
 def _chains(
-    image: Int[Array, "cells"],
-) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "cells+1"]]:
+    image: Int[Array, "cells"], period: Int[Array, "places"]
+) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "places"]]:
     """Follow the orbit of each cell to a visited cell: a chain of new cells.
+
+    `period` are zeros, one more than cells; if there is only one, periods are lost.
 
     **Returns:**
 
@@ -101,7 +116,7 @@ def _chains(
         return first, chain, place, period
 
     none = jnp.zeros(cells, jnp.int32)
-    state = (zero, none, none, jnp.zeros(cells + 1, jnp.int32))
+    state = (zero, none, none, period)
     return lax.while_loop(lambda state: state[0] < cells, follow_chain, state)[1:]
 
 
@@ -129,9 +144,13 @@ def _numbered(
 
 
 def _ended(
-    chain: Int[Array, "cells"], place: Int[Array, "cells"], number: Int[Array, "places"]
+    chain: Int[Array, "cells"],
+    place: Int[Array, "cells"],
+    number: Int[Array, "places"] | None,
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
     """Compute the group and the steps of each cell, in place of its chain and its place.
+
+    Without the numbers of groups, each group has its smallest cell in their place.
 
     Cells are processed from the last to the first, because a chain starts with its smallest cell.
     """
@@ -139,7 +158,8 @@ def _ended(
     def step(state: Any) -> Any:
         cell, name, at, chain, place = state
         first = jnp.where(name > 0, name - 1, cell)
-        group = _at(number, -1 - _at(chain, first))
+        least = -1 - _at(chain, first)
+        group = least if number is None else _at(number, least)
         steps = jnp.maximum(0, _at(place, first) - jnp.where(name > 0, at, 0))
         chain, place = _put(chain, cell, group), _put(place, cell, steps)
         cell = cell - 1

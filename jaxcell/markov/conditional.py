@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from ..base.certificate import Certificate, Solution
 from ..base.precision import require_x64
 from ..mapping.generalized import Chain
-from .hitting import PROBABILITY_TOLERANCE, cell_mask, leaving_times, prospects
+from .hitting import PROBABILITY_TOLERANCE, cell_mask, leaving_times, prospects, with_moved
 from .transient import Transient
 
 
@@ -29,7 +29,8 @@ def arrival_probabilities(
     - `throw`: raise if the answer is not accurate enough.
 
     **Returns:** [`jaxcell.base.certificate.Solution`][]. The residual of its certificate is the
-    largest difference of the probability of a cell from the mean over its images.
+    largest difference of the probability of a cell from the mean over its images; `moved` is about
+    the error that the samples of a chain cause.
 
     **Raises:** `ValueError` for a wrong target; `RuntimeError` if the solve stalls.
 
@@ -44,7 +45,8 @@ def arrival_probabilities(
     there = cell_mask(chain.cells, target)
     value, certificate = probabilities(chain.to_scipy(), there)
     certificate.check("arrival_probabilities", throw)
-    return Solution(jax.device_put(value), certificate)
+    solution = Solution(jax.device_put(value), certificate)
+    return with_moved(solution, chain, lambda half: arrival_probabilities(half, there, throw=False))
 
 
 def conditional_hitting_times(
@@ -81,7 +83,11 @@ def conditional_hitting_times(
     steps, certificate = leaving_times(conditioned(matrix, arrives), inside)
     time[inside] = steps
     certificate.check("conditional_hitting_times", throw)
-    return Solution(jax.device_put(time), certificate)
+    return with_moved(
+        Solution(jax.device_put(time), certificate),
+        chain,
+        lambda half: conditional_hitting_times(half, there, throw=False),
+    )
 
 
 def probabilities(

@@ -1,6 +1,8 @@
 import dataclasses
+from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -166,7 +168,8 @@ def hitting_times(
 
     **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the target, and `inf` where the chain
     may never arrive, because it can end elsewhere or leave the space first. The residual of its
-    certificate bounds the relative error of every finite time.
+    certificate bounds the relative error of every finite time; `moved` is about the error that the
+    samples of a chain cause.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a wrong target.
 
@@ -182,7 +185,17 @@ def hitting_times(
     matrix = chain.to_scipy()
     _, may_fail = prospects(matrix, there)
     time = np.where(may_fail, np.inf, 0.0)
-    return _times(matrix, ~may_fail & ~there, time, "hitting_times", throw)
+    times = _times(matrix, ~may_fail & ~there, time, "hitting_times", throw)
+    return with_moved(times, chain, lambda half: hitting_times(half, there, throw=False))
+
+
+def with_moved(solution: Solution, chain: Chain, solve: Callable[[Chain], Solution]) -> Solution:
+    """Add to a solution how far half of the samples of a chain move each value."""
+    if chain.half is None:
+        return solution
+    value, other = solution.value, solve(chain.half).value
+    moved = jnp.where(value == other, 0.0, jnp.abs(value - other))
+    return dataclasses.replace(solution, moved=moved)
 
 
 def _times(

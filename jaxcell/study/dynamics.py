@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+import warnings
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import tyro
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 _BYTES_PER_CELL = 24
 _KEPT_PER_CELL = 18
 _CHUNK_BYTES = 150e6
+# Largest number of cells in files of which a dataset and a recording are made.
+_MAX_AT_ONCE = 1 << 25
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,6 +45,11 @@ class Dynamics(Study):
     by: Literal["cells", "orbits"] = "cells"
     """Method that assigns a cell to an attractor: the map of the cells (cells), or the orbit of the
     cell's centre (orbits), which takes longer and is right even if cells are too coarse."""
+    edges: bool = False
+    """Find the edge states, the saddles on the boundaries of basins."""
+    folder: str = ""
+    """Folder for the arrays over cells, which then need not fit in memory; the same command
+    continues an interrupted one."""
     seed: WholeNumber = 0
     """Seed of the points from which attractors are sought."""
 
@@ -61,6 +69,8 @@ class Dynamics(Study):
         return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
 
     def memory(self, written: bool = False) -> float | int:
+        if self.folder:
+            return 0
         values = read_params(self.params, dict(self.chosen.params)).values()
         members = max((len(value) for value in values if isinstance(value, list)), default=1)
         cells = self.chosen.box.size
@@ -76,13 +86,30 @@ class Dynamics(Study):
         params = read_params(self.params, dict(system.params))
         options: dict[str, Any] = {
             "follow": self.follow,
-            "by": self.by,
             "seed": self.seed,
             "labels": system.labels,
+            "say": say,
         }
         if any(isinstance(value, list) for value in params.values()):
-            return dynamics.continuation(system.map, system.box, params, say=say, **options)
-        return dynamics.basins(system.map, system.box, params, say=say, **options)
+            for name in ("edges", "folder"):
+                if getattr(self, name):
+                    raise ValueError(f"{name}: expected one value of each parameter in --params")
+            return dynamics.continuation(system.map, system.box, params, by=self.by, **options)
+        if self.folder:
+            if self.by == "orbits":
+                raise ValueError("folder: expected basins by cells, not by orbits")
+            where = system.map, system.box, params
+            warnings.warn(f"{dynamics.foretold(*where, follow=self.follow)}.", stacklevel=2)
+            basins = dynamics.stored_basins(*where, folder=self.folder, **options)
+        else:
+            basins = dynamics.basins(system.map, system.box, params, by=self.by, **options)
+        if not self.edges:
+            return basins
+        edges = dynamics.edge_states(system.map, basins, say=say)
+        return dataclasses.replace(basins, edges=edges)
+
+    def at_once(self, result: "Basins | Continuation") -> bool:
+        return not self.folder or self.chosen.box.size <= _MAX_AT_ONCE
 
     def headline(self, spec: dict[str, Any]) -> str:
         return self.chosen.about or f"The system {self.system}"

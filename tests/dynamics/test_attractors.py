@@ -173,12 +173,48 @@ def test_transient_chaos_is_followed_to_its_cycle():
     assert found.period.tolist() == [1, 10]
 
 
-def test_remark_on_orbits_that_come_back_advises_basins_that_have_no_remark():
+def test_remark_on_orbits_that_come_back_names_the_mappings_outside_that_help():
     def out_and_back(x, p):
         return jnp.where((x > 0.5) & (x < 1), 1.3, 0.25)
 
     box = Box([0], [1], [20])
-    (remark,) = dynamics.basins(out_and_back, box).remarks
-    assert "take basins by orbits, and follow them outside" in remark
-    found = dynamics.basins(out_and_back, box, by="orbits", follow=4)
+    (remark,) = dynamics.basins(out_and_back, box).remarks[:1]
+    said = "take basins by orbits, which agree if points are followed outside the box (follow=1)"
+    assert said in remark
+    found = dynamics.basins(out_and_back, box, by="orbits", follow=1)
     assert (found.fraction.tolist(), found.remarks) == ([1.0], ())
+
+
+def test_remark_names_cells_that_agree_with_orbits():
+    # The boundary is in the middle of a cell, and cells of half the width end there.
+    def edge(x, p):
+        return jnp.where(x > 0.3, 0.9, 0.1)
+
+    coarse = dynamics.basins(edge, Box([0], [1], [5]))
+    assert coarse.trial.wrong[0] == pytest.approx(0.1, abs=0.03)
+    assert coarse.trial.cells == (10,)
+    (remark,) = (said for said in coarse.remarks if "random starts end elsewhere" in said)
+    assert "with cells of half and a quarter of the width, 0% and 0% of 1,024" in remark
+    assert "take basins by orbits, which agree, or about 10 cells, which would leave 2%." in remark
+    fine = dynamics.basins(edge, Box([0], [1], [10]))
+    assert (fine.disagreement, fine.trial) == (0, None)
+
+
+def test_disagreement_of_finer_cells_is_that_of_a_finer_box():
+    def pendulum(x, p):
+        return jnp.stack([x[1], 0.5 - 0.3 * x[1] - jnp.sin(x[0])])
+
+    flow, axes = dynamics.flow(pendulum, 0.1, 5), ["periodic", "sink"]
+
+    def of(cells, by="cells"):
+        box = Box([-np.pi, -3], [np.pi, 5], [cells, cells], axes)
+        return dynamics.basins(flow, box, by=by)
+
+    coarse, truth = of(16), of(64, "orbits")
+    centres = truth.box.centre(np.arange(truth.box.size))
+    wrong = [
+        np.mean(b.basin[b.box.index(centres)] != truth.basin) for b in (coarse, of(32), of(64))
+    ]
+    assert wrong[0] > 0.06
+    # 1,024 points are drawn.
+    np.testing.assert_allclose(coarse.trial.wrong, wrong, atol=0.03)

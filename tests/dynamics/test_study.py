@@ -107,6 +107,22 @@ def test_several_values_give_a_continuation(own, tmp_path, capsys):
     assert "A time of the slider `edge x 100` is the value times 100." in text
 
 
+def test_folder_keeps_the_arrays_and_gives_the_same_summary(own, tmp_path, capsys):
+    summaries = []
+    for more in ([], ["--folder", str(tmp_path / "cells")], ["--folder", str(tmp_path / "cells")]):
+        assert run(["dynamics", own, "--json", "--out", str(tmp_path), *more]) == 0
+        written = capsys.readouterr()
+        found = json.loads(written.out)
+        for name in ("seconds", "folder"):
+            found.pop(name, None)
+        summaries.append(found)
+    assert summaries[0] == summaries[1] == summaries[2]
+    assert "20 cells take about 1 min" in written.err
+    with xr.open_dataset(tmp_path / "dynamics.nc") as saved:
+        basin = np.load(tmp_path / "cells" / "basin.npy", mmap_mode="r")
+        np.testing.assert_array_equal(saved.basin, basin)
+
+
 def test_torn_periodic_axis_is_reported_once_before_cells_are_mapped(tmp_path, capsys, monkeypatch):
     path = tmp_path / "torn.py"
     path.write_text(
@@ -212,6 +228,14 @@ def test_boxes_beyond_the_memory_are_refused_with_the_number(own, monkeypatch):
         ({"params": ("force=a",)}, "params: force: expected a number or FIRST:LAST:COUNT"),
         ({"params": ("force=1:2:0",)}, "params: force: expected a number or FIRST:LAST:COUNT"),
         ({"cells": (3, 3, 3)}, "got 2, 2, 3 and 2"),
+        (
+            {"folder": "cells", "by": "orbits"},
+            "folder: expected basins by cells, not by orbits",
+        ),
+        (
+            {"params": ("force=1:2:2",), "edges": True},
+            "edges: expected one value of each parameter in --params",
+        ),
         ({"cells": (0,)}, "cells: axis 0 has 0"),
     ],
 )

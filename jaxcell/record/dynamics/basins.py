@@ -23,6 +23,9 @@ _MAX_NAMED = len(CATEGORIES)
 _SEEN = """Cells of one colour lead to the same attractor, which has a dark shade; grey cells lead
 out of the box. A period is in mappings, 0 where an orbit does not come back."""
 
+_EDGES = """ Dots are edge states, the saddles on the boundaries of basins, seen along all other
+axes; their labels are the two attractors."""
+
 
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     """Log attractors and basins.
@@ -39,14 +42,23 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     steps = _slices(basins, np.where(basins.basin < 0, 0, scale.levels(basins.step)), times)
     log_pictures(stream, "box/steps", scale.classes, steps, "slice", times)
     _log_ends(stream, basins)
-    views: list[rrb.View] = [_view("Basins", "basins"), _view("Mappings to the attractor", "steps")]
+    _log_edges(stream, basins)
+    views: list[rrb.View] = [
+        _view("Basins", "basins", "edges/**"),
+        _view("Mappings to the attractor", "steps"),
+    ]
     if _deep(basins):
         _log_orbits(stream, basins)
         views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
     columns = "fraction", "sampled", "period", "cells_on", "mean_steps"
     table = described(basins, *columns, first={"": names.tolist()})
     seen = _SEEN + _cut(basins, "slice")
-    text = "\n\n".join([f"# {basins.title}", seen, table, numbers(basins), made_with(spec)])
+    if basins.edges is not None:
+        seen += _EDGES
+        edges = "edge_first", "edge_second", "edge_period", "edge_unstable"
+        table += "\n\n" + described(basins, *edges, first={"": range(basins.edges.period.size)})
+    parts = [_heading(basins, spec), seen, table, numbers(basins), made_with(spec)]
+    text = "\n\n".join(parts)
     legend = [*_legend(basins.attractors), *scale.legend(4)]
     tab = log_tab(stream, "", basins.title, views, text, legend)
     send_blueprint(stream, [tab], "slice", speed=10.0)
@@ -79,13 +91,19 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
         branches, "parameters", "count", "outside_share", first={"": range(times.size)}
     )
     seen = f"{_SEEN}{_cut(branches.members[0])}\n\nA time of the slider `{line}` is {meaning}."
-    text = "\n\n".join([f"# {branches.title}", seen, table, made_with(spec)])
+    text = "\n\n".join([_heading(branches, spec), seen, table, made_with(spec)])
     first, last = int(times.min()), int(times.max())
     curves = curve_view("fractions", f"Share of the box, along {line}", last, 1.0, first=first)
     views = [_view("Basins", "basins", "parameters"), curves]
     legend = _legend(branches.attractors)
     tab = log_tab(stream, "", branches.title, views, text, legend)
     send_blueprint(stream, [tab], line, speed=max(4.0, (last - first) / 10))
+
+
+def _heading(result: Basins | Continuation, spec: Spec) -> str:
+    """Return the first line of the text, which names the system."""
+    _, _, name = str(spec.get("system", "")).rpartition(":")
+    return f"# {result.title}" + (f" of the system {name}" if name else "")
 
 
 def _classes(attractors: int) -> list[PictureClass]:
@@ -166,6 +184,31 @@ def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
     half = np.full(3, _SIDE / 2)
     frame = rr.Boxes3D(centers=[half], half_sizes=[half], colors=PLAIN)
     stream.log("space/box", frame, static=True)
+
+
+def _log_edges(stream: rr.RecordingStream, basins: Basins) -> None:
+    """Log the edge states over the first two axes: the points of an orbit, labelled at one."""
+    box, edges = basins.box, basins.edges
+    if edges is None or not edges.period.size:
+        return
+    pad = [(0, 0), (0, max(0, 2 - box.dimensions))]
+    size = np.array(box.upper) - np.array(box.lower)
+
+    def drawn(points: np.ndarray) -> np.ndarray:
+        place = np.pad((box.wrapped(points) - np.array(box.lower)) / size, pad)[:, :2]
+        return _SIDE * np.where([False, True], 1 - place, place)
+
+    # A refined state is drawn at its point alone.
+    moving = [edges.orbit[k] for k in np.flatnonzero(edges.period == 0)]
+    if moving:
+        orbit = np.concatenate(moving)
+        dots = rr.Points2D(
+            drawn(orbit[np.isfinite(orbit).all(axis=1)]), colors=OBSTACLE, radii=0.03
+        )
+        stream.log("box/edges/orbits", dots, static=True)
+    labels = [f"{one} | {other}" for one, other in zip(edges.first, edges.second, strict=True)]
+    states = rr.Points2D(drawn(edges.point), colors=OBSTACLE, radii=0.1, labels=labels)
+    stream.log("box/edges/states", states, static=True)
 
 
 def _log_ends(stream: rr.RecordingStream, basins: Basins) -> None:

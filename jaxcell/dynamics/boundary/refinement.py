@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..space.box import Box
-from ..space.cells import TOLERANCE
-from .basin import Basins
-from .batches import with_last
-from .imaging import CHUNK, check_begin, check_map, mapped_points
-from .maps import Map
-from .orbits import VISITS, attractor_owners, orbit_ends
+from ...space.box import Box
+from ...space.cells import TOLERANCE
+from ..basin import Basins
+from ..batches import CHUNK, with_last
+from ..imaging import check_begin, check_map, mapped_points
+from ..maps import Map
+from ..orbits import VISITS, attractor_owners, orbit_ends
 
 
 # Number of points per level that sample cells without cuts, divided by those of a neighbourhood.

@@ -1,0 +1,1 @@
+"""Boundaries of basins: edge states, finer cells, and the cells that would resolve them."""

@@ -1,0 +1,64 @@
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+class Folder:
+    """Arrays over cells in files of a folder, and a record of the work that is done.
+
+    The files are of NumPy's format: `numpy.load("basin.npy", mmap_mode="r")` opens one. A killed
+    computation continues from the record, `work.json`.
+    """
+
+    def __init__(self, path: str | Path, made_from: str) -> None:
+        """**Arguments:**
+
+        - `path`: the folder; it is created.
+        - `made_from`: a digest of the map, the box and the options.
+
+        **Raises:** `ValueError` if the folder has arrays of other ones.
+        """
+        self.path = Path(path)
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._record = self.path / "work.json"
+        self.done: dict[str, int] = {}
+        "Number of cells, or of levels, of each kind of work that is done."
+        if self._record.exists():
+            record = json.loads(self._record.read_text())
+            if record["made_from"] != made_from:
+                raise ValueError(
+                    f"folder: {self.path} has arrays of another map, box or options; give another "
+                    "folder, or remove it"
+                )
+            self.done = record["done"]
+        self._made_from = made_from
+        self._arrays: dict[str, np.memmap] = {}
+
+    def array(self, name: str, dtype: Any, size: int) -> np.ndarray:
+        """Open the array of a name, or create it."""
+        file = self.path / f"{name}.npy"
+        if file.exists():
+            array = np.load(file, mmap_mode="r+")
+        else:
+            array = np.lib.format.open_memmap(file, "w+", dtype, (size,))
+        self._arrays[name] = array
+        return array.view(np.ndarray)
+
+    def finish(self, work: str, done: int) -> None:
+        """Record that a part of the work is done, when its arrays are on the disk."""
+        for array in self._arrays.values():
+            array.flush()
+        self.done[work] = done
+        new = self._record.with_suffix(".new")
+        new.write_text(json.dumps({"made_from": self._made_from, "done": self.done}))
+        os.replace(new, self._record)
+
+    def parts(self, work: str, size: int, part: int) -> Iterator[slice]:
+        """Yield the parts of an array that are not done, and record each one afterwards."""
+        for first in range(self.done.get(work, 0), size, part):
+            yield slice(first, min(first + part, size))
+            self.finish(work, min(first + part, size))

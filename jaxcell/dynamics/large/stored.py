@@ -1,0 +1,178 @@
+import dataclasses
+import hashlib
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...base import memory
+from ...space.box import Box
+from ..attractors import attractors
+from ..basin import Basins, by_cells, with_trial
+from ..batches import CHUNK
+from ..imaging import (
+    Say,
+    changed_by_half_step,
+    check_map,
+    images_of_each,
+    torn_axes,
+)
+from ..maps import Flow, Map
+from .folder import Folder
+from .passes import groups_in_passes
+
+
+# Number of cells after which the record is written.
+PART = 64 * CHUNK
+# Bytes per cell in files (image, group, step and basin; level, several and left) and in memory.
+_FILES = 4 * 4.0 + 3
+_MEMORY = 1
+_FIXED = memory.LIBRARIES + 400e6
+# Seconds per cell of all passes, measured for Thomas' system on a processor of 2 cores.
+_PASSES = 4e-7
+
+
+@dataclasses.dataclass(frozen=True)
+class Foretold:
+    """Estimates of the time, the memory and the files of basins in a folder."""
+
+    cells: int
+    seconds: float
+    "Time to map all cells, by that of one chunk, and of the passes."
+    memory: float
+    "Peak memory in bytes, for a map of which few cells remain after the passes."
+    disk: float
+    "Size of the files in bytes."
+
+    def __str__(self) -> str:
+        minutes = max(1, round(self.seconds / 60))
+        return (
+            f"{self.cells:,} cells take about {minutes:,} min, {memory.gigabytes(self.memory)} of "
+            f"memory and {memory.gigabytes(self.disk)} of files"
+        )
+
+
+def foretold(
+    map: Map, box: Box, params: Any = None, *, follow: int = 0, dtype: Any = None
+) -> Foretold:
+    """Estimate what [`jaxcell.dynamics.stored_basins`][] takes, by mapping one chunk of cells.
+
+    **Arguments:**
+
+    - `map`, `box`, `params`, `follow`, `dtype`: as in [`jaxcell.dynamics.images`][].
+
+    **Returns:** [`Foretold`][jaxcell.dynamics.Foretold].
+
+    **Raises:** as [`jaxcell.dynamics.images`][].
+
+    Henon's map:
+
+        >>> from jaxcell import dynamics, space
+        >>> from jaxcell.dynamics import systems
+        >>> box = space.Box([-2, -2], [2, 2], cells=[20_000, 20_000])
+        >>> dynamics.foretold(systems.henon.map, box, systems.henon.params).disk / box.size
+        19.0
+    """
+    check_map(map, box, params)
+    # The chunk in the middle; the first call compiles.
+    first = max(0, box.size // 2 - CHUNK)
+    within = slice(first, min(first + 2 * CHUNK, box.size))
+    image = np.empty((1, box.size), np.int32)
+    for _ in range(2):
+        begun = time.perf_counter()
+        options: dict[str, Any] = {"follow": follow, "dtype": dtype}
+        images_of_each(map, box, [params], out=image, within=within, **options)
+        each = (time.perf_counter() - begun) / (within.stop - within.start)
+    return Foretold(
+        box.size,
+        seconds=box.size * (each + _PASSES),
+        memory=_FIXED + _MEMORY * box.size,
+        disk=_FILES * box.size,
+    )
+
+
+def stored_basins(
+    map: Map,
+    box: Box,
+    params: Any = None,
+    *,
+    folder: str | Path,
+    follow: int = 0,
+    dtype: Any = None,
+    seed: int = 0,
+    labels: tuple[str, ...] = (),
+    say: Say | None = None,
+) -> Basins:
+    """Compute [`jaxcell.dynamics.basins`][] of more cells than memory holds, in files of a folder.
+
+    Images are written to a file, and groups are found by passes over it, with one byte of memory
+    per cell and 16 per cell that remains after the passes; few cells remain of a dissipative map,
+    and all remain of a map that preserves volumes. The same call continues an interrupted one.
+
+    **Arguments:**
+
+    - `map`, `box`, `params`, `follow`, `dtype`, `seed`, `labels`, `say`: as in
+        [`jaxcell.dynamics.basins`][].
+    - `folder`: the folder of the files. `numpy.load("basin.npy", mmap_mode="r")` opens an array.
+
+    **Returns:** the same [`Basins`][jaxcell.dynamics.Basins] as in memory, with arrays that stay in
+    the files; but without the times of a flow whose durations differ between cells.
+
+    **Raises:** `ValueError` if the folder has arrays of another map, or if the disk has too little
+    room; `MemoryError` if too many cells remain; also as [`jaxcell.dynamics.basins`][].
+
+    A box of few cells:
+
+        >>> import tempfile
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[20])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     basins = dynamics.stored_basins(lambda x, p: x / 2, box, folder=folder)
+        >>> basins.fraction.tolist()
+        [1.0]
+    """
+    check_map(map, box, params)
+    files = Folder(folder, _digest(map, box, params, follow, dtype))
+    _check_disk(files, box)
+    (torn,) = torn_axes(map, box, [params], labels)
+    image = files.array("image", np.int32, box.size + 2)
+    cells, options = image[:-2], {"follow": follow, "dtype": dtype}
+    for part in files.parts("images", box.size, PART):
+        images_of_each(map, box, [params], out=cells[None], within=part, say=say, **options)
+    image[-2:] = box.outside, box.nowhere
+    groups = groups_in_passes(image, files, say)
+    if say is not None:
+        say("finding attractors", 0, 0)
+    (ends,) = attractors(map, box, [params], [groups], follow=follow, seed=seed)
+    (changed,) = changed_by_half_step(map, box, [params], cells[None], **options)
+    basins = by_cells(box, params, cells, groups, ends, changed, new=files.array)
+    duration = getattr(map, "duration", None)
+    known: dict[str, Any] = {"torn": torn, "duration": duration, "labels": labels, "follow": follow}
+    return with_trial(map, dataclasses.replace(basins, **known))
+
+
+def _check_disk(files: Folder, box: Box) -> None:
+    """Refuse a computation whose files do not fit on the disk."""
+    written = sum(file.stat().st_blocks * 512 for file in files.path.iterdir())
+    needed, free = _FILES * box.size - written, shutil.disk_usage(files.path).free
+    if needed > free:
+        raise ValueError(
+            f"folder: {files.path} needs {memory.gigabytes(needed)} more of disk, and "
+            f"{memory.gigabytes(free)} are free; give a folder on another disk, or fewer cells"
+        )
+
+
+def _digest(map: Map, box: Box, params: Any, follow: int, dtype: Any) -> str:
+    """Identify a map by its operations and constants, and its box and options."""
+    middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
+    traced = jax.make_jaxpr(map)(middle, params)
+    known = hashlib.sha256(str(traced).encode())
+    known.update(repr((box, dtype and np.dtype(dtype).name, follow)).encode())
+    crossing = (map.dt, map.steps, map.crossing) if isinstance(map, Flow) else ()
+    for leaf in (*traced.consts, *jax.tree.leaves(params), *crossing):
+        known.update(np.asarray(leaf).tobytes())
+    return known.hexdigest()
