@@ -39,7 +39,7 @@ def pytest_sessionfinish():
 @pytest.fixture(autouse=True, scope="session")
 def one_thread():
     """Use one BLAS thread: parallel tests leave no core to threads that wait by spinning."""
-    from jaxcell.base.threads import one_blas_thread
+    from jaxcell.base.process import one_blas_thread
 
     with one_blas_thread():
         yield

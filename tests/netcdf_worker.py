@@ -81,7 +81,7 @@ def _main():
     from jaxcell.cli.info import describe
     from jaxcell.drift import open_currents
     from jaxcell.space import CellSpace
-    from jaxcell.study.target import read_target
+    from jaxcell.study.bounce.target import read_target
 
     cells = CellSpace.of_grid(np.ones((2, 3), bool), 4)
     readers = {

@@ -19,7 +19,7 @@ from rows import Row, options, rows_of, write_rows
 from timing import begin, line, take_turns
 
 from jaxcell import dynamics
-from jaxcell.base.silence import no_output
+from jaxcell.base.process import no_output
 from jaxcell.space import Box
 
 

@@ -4,7 +4,7 @@ import webbrowser
 from pathlib import Path
 from typing import ClassVar
 
-from ..base.display import has_display
+from ..base.process import has_display
 from .terminal import say
 
 

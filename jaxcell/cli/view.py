@@ -14,9 +14,8 @@ from typing import ClassVar
 
 import tyro
 
-from ..base.display import has_display
 from ..base.optional_modules import has_module, missing_module
-from ..base.signals import end_by_signals, leave_signals
+from ..base.process import end_by_signals, has_display, leave_signals
 from .terminal import note, own_command
 
 

@@ -6,7 +6,7 @@ import scipy.sparse
 from jaxtyping import Bool, Int, UInt64
 
 from ..base.certificate import Certificate
-from ..base.silence import no_output
+from ..base.process import no_output
 
 
 # Tolerance of the number of sets, which HiGHS bounds to about 1e-6.

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Outcome
 from ..base.precision import require_x64
-from ..base.silence import no_output
+from ..base.process import no_output
 from .checked import finite
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from ..base.certificate import Certificate
 from ..base.connected import check_connected
-from ..base.threads import one_blas_thread
+from ..base.process import one_blas_thread
 from ..mapping import Chain
 from .checked import shares_of_time
 from .graph import Graph

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..base.threads import one_blas_thread
+from ..base.process import one_blas_thread
 from .laplacian import resistance_gains
 from .resistance import Emphasis, Iterate, Laplacian
 

@@ -28,7 +28,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Bool, Float, Int
 
-from ..base.threads import one_blas_thread
+from ..base.process import one_blas_thread
 from .constraints import Room
 from .laplacian import pseudo_inverse
 

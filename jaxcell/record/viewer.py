@@ -7,7 +7,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from ..base.display import has_display
+from ..base.process import has_display
 
 
 _PORT = 9876

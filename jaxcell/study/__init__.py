@@ -19,15 +19,17 @@ like these by `jaxcell run FILE.py:CLASS` and as the task of a sweep.
 Studies know nothing of terminals, files and engines. Importing this imports no JAX.
 """
 
-from .cover import Cover as Cover
-from .drift import Drift as Drift
-from .drifters import Drifters as Drifters
+from .bounce.cover import Cover as Cover
+from .bounce.groups import Groups as Groups
+from .bounce.localize import Localize as Localize
+from .bounce.navigate import Navigate as Navigate, Plans as Plans
+from .bounce.rooms import Rooms as Rooms
+from .bounce.team import Team as Team
+from .drift.drift import Drift as Drift
+from .drift.drifters import Drifters as Drifters
 from .dynamics import Dynamics as Dynamics
-from .groups import Groups as Groups
-from .localize import Localize as Localize
 from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
 from .morse import Morse as Morse
-from .navigate import Navigate as Navigate, Plans as Plans
 from .parameters import (
     AtLeastOne as AtLeastOne,
     Days as Days,
@@ -40,11 +42,9 @@ from .parameters import (
     WholeNumber as WholeNumber,
     parameters as parameters,
 )
-from .patrol_graph import PatrolGraph as PatrolGraph
-from .patrol_map import PatrolMap as PatrolMap
-from .rooms import Rooms as Rooms
+from .patrol.patrol_graph import PatrolGraph as PatrolGraph
+from .patrol.patrol_map import PatrolMap as PatrolMap
 from .study import Study as Study, silent as silent
-from .team import Team as Team
 
 
 STUDIES: tuple[type[Study], ...] = (

@@ -105,7 +105,7 @@ def test_much_memory_is_reported_on_standard_error_only(capsys, monkeypatch):
 def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_path):
     args = ["groups", str(LAB), "--bounce", "45", "--out"]
     assert main([*args, str(tmp_path / "few")]) == 0
-    monkeypatch.setattr("jaxcell.study.groups._MAX_AT_ONCE", 100)
+    monkeypatch.setattr("jaxcell.study.bounce.groups._MAX_AT_ONCE", 100)
     assert main([*args, str(tmp_path / "many")]) == 0
     names = {one.name for one in (tmp_path / "many").iterdir()}
     assert names == {"groups.zarr", "summary.json"}

@@ -13,7 +13,7 @@ from PIL import Image
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
 from jaxcell.space import CellSpace
-from jaxcell.study.target import read_target
+from jaxcell.study.bounce.target import read_target
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 
 

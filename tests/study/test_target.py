@@ -7,7 +7,7 @@ from PIL import Image
 
 from jaxcell.bounce.coverage import coverage_target
 from jaxcell.examples import lab
-from jaxcell.study.target import read_target
+from jaxcell.study.bounce.target import read_target
 
 
 @pytest.fixture(scope="module")

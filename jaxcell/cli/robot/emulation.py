@@ -97,7 +97,7 @@ def _anywhere(
     workspace: "Workspace", task: "AnywhereTask", start: str | None, rng: Any
 ) -> tuple[float, float, float]:
     """Draw a start pose with a heading that the task allows."""
-    from ...study.anywhere import pose_at
+    from ...study.bounce.anywhere import pose_at
     from ...walls import places_anywhere
 
     if start is not None:

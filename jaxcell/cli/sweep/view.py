@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
-from ...base.display import has_display
+from ...base.process import has_display
 from ..startup import prepare_tasks
 from ..terminal import note, own_command, status, table
 from ..view import View

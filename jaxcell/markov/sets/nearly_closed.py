@@ -5,7 +5,7 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from ...base.certificate import Certificate
-from ...base.threads import one_blas_thread
+from ...base.process import one_blas_thread
 from ...mapping import Chain, ChainSequence
 from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace

@@ -7,7 +7,7 @@ import scipy.sparse
 from jaxtyping import Float, Inexact
 from scipy.sparse import linalg
 
-from ...base.threads import one_blas_thread
+from ...base.process import one_blas_thread
 from ...mapping import Chain, ChainSequence
 
 

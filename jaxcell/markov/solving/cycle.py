@@ -6,7 +6,7 @@ import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import linalg
 
-from ...base.threads import one_blas_thread
+from ...base.process import one_blas_thread
 
 
 # Largest number of blocks of a cycle, and largest share of steps that begin a new round.

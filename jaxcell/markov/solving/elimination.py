@@ -6,7 +6,7 @@ import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import csgraph
 
-from ...base.threads import one_blas_thread
+from ...base.process import one_blas_thread
 
 
 # Number of states that are eliminated together, by one product of matrices.

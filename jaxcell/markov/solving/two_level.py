@@ -5,7 +5,7 @@ import scipy.sparse
 from jaxtyping import Float
 from scipy.sparse import csgraph, linalg
 
-from ...base.threads import one_blas_thread
+from ...base.process import one_blas_thread
 
 
 # States per aggregate, and largest number of aggregates, which makes them larger.

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
+from ...base.process import one_blas_thread
 from ...base.quantities import Result, derived, quantity
-from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, shortest_tour

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-from ...base.signals import end_by_signals, leave_signals
+from ...base.process import end_by_signals, leave_signals
 from .line import Port as Port, open_line, plain
 from .open_interface import (
     SAFE,

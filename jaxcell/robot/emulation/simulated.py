@@ -2,7 +2,7 @@ import math
 import time
 from collections.abc import Callable
 
-from ...base.signals import end_by_signals
+from ...base.process import end_by_signals
 from ..create.driver import TICK
 from ..create.motion import Create
 from ..create.open_interface import STREAM_PERIOD, StreamParser

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from ...base.optional_modules import import_module
-from ...base.signals import end_by_signals, leave_signals
+from ...base.process import end_by_signals, leave_signals
 from ..create.driver import TICK, RobotStopped
 from ..create.motion import Moved
 from ..create.reading import LOW_BATTERY

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from ....base.certificate import Certificate
 from ....base.precision import require_x64
-from ....base.threads import one_blas_thread
+from ....base.process import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
 from ..arrival import captured_by_any, first_passage, on_device, states_at, whole_numbers

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....base.precision import require_x64
-from ....base.threads import one_blas_thread
+from ....base.process import one_blas_thread
 from ....optimize import Graph, shortest_tour
 from ...team.charging import Charged, charged, in_time_for_charge
 from ..steps import ChargedSteps, Steps

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from ....base.certificate import Certificate
 from ....base.precision import require_x64
-from ....base.threads import one_blas_thread
+from ....base.process import one_blas_thread
 from ....mapping import Chain
 from .polytope import ChainPolytope
 

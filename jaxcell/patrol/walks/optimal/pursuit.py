@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ....base.silence import no_output
+from ....base.process import no_output
 
 
 # Least distance of promises from a set for which a cut is made, and the chance to go on after one.

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from .parameters import AtLeastOne, Days, Duration, Length, Limit, Metres, Only, Share
+from ..parameters import AtLeastOne, Days, Duration, Length, Limit, Metres, Only, Share
+from ..study import Say, about, numbers, silent
 from .sea_study import SeaStudy
-from .study import Say, about, numbers, silent
 
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..drift import DriftStep, SeaDrift, Water
+    from ...drift import DriftStep, SeaDrift, Water
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
@@ -128,8 +128,8 @@ class Drift(SeaStudy):
         return _currents(self.file, self.grid, *chosen, *pushes, self.land, self.gaps)
 
     def memory(self, written: bool = False) -> float | int:
-        from ..base import memory
-        from ..space import estimates
+        from ...base import memory
+        from ...space import estimates
 
         cells = [int(layer.sum()) for layer in self.currents().water.values]
         needed = estimates.drift(cells)
@@ -138,8 +138,8 @@ class Drift(SeaStudy):
         return needed
 
     def run(self, say: Say = silent) -> "SeaDrift":
-        from ..drift import Exchange, SeaDrift, Stranded, Water, read_regions
-        from ..drift.deployment import check_reach
+        from ...drift import Exchange, SeaDrift, Stranded, Water, read_regions
+        from ...drift.deployment import check_reach
 
         self.memory()
         currents = self.currents()
@@ -206,7 +206,7 @@ class Drift(SeaStudy):
         return {**super().spec(result), **rules, **of_result}
 
     def write(self, result: "SeaDrift", out: Path) -> None:
-        from .. import record
+        from ... import record
 
         record.save_deployment(result, out / "deployment.csv")
         record.save_deployment(result, out / "deployment.geojson")
@@ -214,7 +214,7 @@ class Drift(SeaStudy):
     @property
     def _step(self) -> "DriftStep":
         """The step by the method, with the choices that differ from it."""
-        from ..drift import METHODS
+        from ...drift import METHODS
 
         chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}
         chosen = {name: value for name, value in chosen.items() if value is not None}
@@ -267,8 +267,8 @@ def _currents(
     land: Path | None,
     gaps: str,
 ) -> "xr.Dataset":
-    from ..drift import open_currents
-    from ..drift.currents.netcdf import TooLargeError
+    from ...drift import open_currents
+    from ...drift.currents.netcdf import TooLargeError
 
     read = functools.partial(
         open_currents,

@@ -3,13 +3,13 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .study import Say
+from ..study import Say
 
 
 if TYPE_CHECKING:
-    from ..bounce import Plan, SlippedPlan
-    from ..robot import Walker
-    from ..robot.emulation.body import Body
+    from ...bounce import Plan, SlippedPlan
+    from ...robot import Walker
+    from ...robot.emulation.body import Body
 
 
 # Runs of the emulated robot, and of the plan in continuous space, without the error of cells.
@@ -35,7 +35,7 @@ def slipped_plan(
     import numpy as np
     from scipy.stats import binomtest
 
-    from ..bounce import (
+    from ...bounce import (
         FineCells,
         SlippedPlan,
         arrival_by,
@@ -43,10 +43,10 @@ def slipped_plan(
         slip_map,
         slip_policy,
     )
-    from ..bounce.slip.policy import PolicyRobot, driven
-    from ..robot.emulation.body import bumper_give
-    from ..robot.plan import run_plan
-    from ..space import Slip, nearest_cell
+    from ...bounce.slip.policy import PolicyRobot, driven
+    from ...robot.emulation.body import bumper_give
+    from ...robot.plan import run_plan
+    from ...space import Slip, nearest_cell
 
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
     slip = Slip.of(error, give=bumper_give(cells.cell))
@@ -108,10 +108,10 @@ def _robot(plan: "Plan", error: float, step: float | None, seed: int) -> "tuple[
     """An emulated robot at the start, without the driver."""
     import numpy as np
 
-    from ..robot import Walker
-    from ..robot.emulation.body import Body
-    from ..robot.emulation.direct import DirectBody
-    from ..space import cell_strides
+    from ...robot import Walker
+    from ...robot.emulation.body import Body
+    from ...robot.emulation.direct import DirectBody
+    from ...space import cell_strides
 
     cells, length = plan.cells, plan.cells.cell if step is None else step
     body = Body.in_cell(cells, plan.start, error, np.random.default_rng([0, seed]))

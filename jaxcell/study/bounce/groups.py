@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..base import memory
-from .map_study import MapStudy
-from .parameters import Degrees
-from .study import Say, silent
+from ...base import memory
+from ..map_study import MapStudy
+from ..parameters import Degrees
+from ..study import Say, silent
 
 
 if TYPE_CHECKING:
-    from ..bounce import BounceGroups
-    from ..space.extent import Extent
-    from ..verify import Comparison
+    from ...bounce import BounceGroups
+    from ...space.extent import Extent
+    from ...verify import Comparison
 
 
 # The most cells that are held at once, written to one dataset, and drawn.
@@ -38,12 +38,12 @@ class Groups(MapStudy):
     """Bouncing angles in degrees, counter-clockwise."""
 
     def needed(self, extent: "Extent") -> float | int:
-        from ..space import estimates
+        from ...space import estimates
 
         return estimates.counts(extent, self.motion)
 
     def written(self, extent: "Extent") -> float | int:
-        from ..space import estimates
+        from ...space import estimates
 
         angles = len(self.bounce)
         if self._at_once(extent):
@@ -51,12 +51,12 @@ class Groups(MapStudy):
         return estimates.by_direction(extent, self.motion)
 
     def at_once(self, result: Any) -> bool:
-        from ..space.extent import Extent
+        from ...space.extent import Extent
 
         return self._at_once(Extent.of(result.cells))
 
     def _at_once(self, extent: "Extent") -> bool:
-        from ..space import estimates
+        from ...space import estimates
 
         angles = len(self.bounce)
         needed = estimates.images(extent, angles, self.motion)
@@ -70,19 +70,19 @@ class Groups(MapStudy):
     def run(self, say: Say = silent) -> "BounceGroups":
         import numpy as np
 
-        from ..bounce import BounceGroups
+        from ...bounce import BounceGroups
 
         cells = self.cells()
         say(f"mapping {len(self.bounce)} x {cells.size:,} cells")
         return BounceGroups.of(cells, np.radians(self.bounce), motion=self.motion)
 
     def write(self, result: Any, out: Path) -> None:
-        from .. import record
+        from ... import record
 
         if not self.at_once(result):
             record.save_cells(result, out / "groups.zarr", spec=self.spec(result))
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..verify import compare_groups
+        from ...verify import compare_groups
 
         return compare_groups(result)

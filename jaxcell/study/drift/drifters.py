@@ -4,13 +4,13 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from .parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
+from ..parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
+from ..study import Say, about, silent
 from .sea_study import SeaStudy
-from .study import Say, about, silent
 
 
 if TYPE_CHECKING:
-    from ..drift import ObservedDrift
+    from ...drift import ObservedDrift
 
 
 _DAY = 86_400.0
@@ -58,9 +58,9 @@ class Drifters(SeaStudy):
         Limit(gt=0, le=longest).check("after", self.after, after)
 
     def run(self, say: Say = silent) -> "ObservedDrift":
-        from ..base import memory
-        from ..drift import ObservedDrift, boxes, count_moves, open_trajectories
-        from ..space import estimates
+        from ...base import memory
+        from ...drift import ObservedDrift, boxes, count_moves, open_trajectories
+        from ...space import estimates
 
         say("reading trajectories")
         seen = open_trajectories(self.file)

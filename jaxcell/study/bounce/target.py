@@ -10,7 +10,7 @@ from jaxtyping import Float
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..space import CellSpace
+    from ...space import CellSpace
 
 
 _MAX_VALUES = 100_000_000
@@ -43,7 +43,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
 
     **Raises:** `ValueError` or `OSError` that names the parameter and the fault.
     """
-    from ..bounce.coverage import coverage_target
+    from ...bounce.coverage import coverage_target
 
     if text == "uniform":
         return coverage_target(cells)
@@ -65,7 +65,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
 def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
     from PIL import UnidentifiedImageError
 
-    from ..space.maps.images import read_image
+    from ...space.maps.images import read_image
 
     try:
         image = read_image(path.read_bytes())
@@ -77,7 +77,7 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
 
 
 def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray, "positions"]:
-    from ..drift.currents.netcdf import open_netcdf
+    from ...drift.currents.netcdf import open_netcdf
 
     with open_netcdf(path) as file:
         if variable not in file.dataset:

@@ -3,21 +3,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
-from ..base.limits import MAX_CELLS, MAX_VERTICES
-from .map_study import CellStudy
-from .parameters import AtLeastOne, Limit, Metres, Needed, Only
-from .study import Say, about, numbers, silent
+from ...base.limits import MAX_CELLS, MAX_VERTICES
+from ..map_study import CellStudy
+from ..parameters import AtLeastOne, Limit, Metres, Needed, Only
+from ..study import Say, about, numbers, silent
 
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..optimize import Graph
-    from ..patrol import Capture, PatrolledMap
-    from ..patrol.map import Policy, Regions
-    from ..space import CellSpace
-    from ..space.extent import Extent
-    from ..verify import Comparison
+    from ...optimize import Graph
+    from ...patrol import Capture, PatrolledMap
+    from ...patrol.map import Policy, Regions
+    from ...space import CellSpace
+    from ...space.extent import Extent
+    from ...verify import Comparison
 
 
 # The shares among which "auto" chooses.
@@ -95,15 +95,15 @@ class PatrolMap(CellStudy):
             raise ValueError("lost: robot 0 is the only one; none would be left to patrol")
 
     def needed(self, extent: "Extent") -> float | int:
-        from ..space import estimates
+        from ...space import estimates
 
         return estimates.patrol(extent)
 
     def run(self, say: Say = silent) -> "PatrolledMap":
         import jax
 
-        from .. import patrol
-        from ..patrol.map.policies import smallest_covers
+        from ... import patrol
+        from ...patrol.map.policies import smallest_covers
 
         cells = self.cells()
         say(f"looking around from {cells.positions:,} cells")
@@ -159,7 +159,7 @@ class PatrolMap(CellStudy):
         """Find the policies of the robots; with `capture`, of the fewest robots that reach it."""
         import numpy as np
 
-        from .. import patrol
+        from ... import patrol
 
         most = min(_MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
         made = {}
@@ -201,7 +201,7 @@ class PatrolMap(CellStudy):
         say: Say,
     ) -> "dict[float, tuple[Policy, ...]]":
         """Find the policies of each share that is tried."""
-        from .. import patrol
+        from ... import patrol
 
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
         if graph.vertices > MAX_VERTICES:
@@ -226,7 +226,7 @@ class PatrolMap(CellStudy):
         """Return the policies of the best share, or of `share`, and their least capture."""
         import numpy as np
 
-        from .. import patrol
+        from ... import patrol
 
         attack = patrol.Attack(self.attack_times, self.start).first
         least = [
@@ -258,8 +258,8 @@ class PatrolMap(CellStudy):
     def write(self, result: Any, out: Path) -> None:
         import numpy as np
 
-        from ..base.paths import name_in_results
-        from ..robot.tasks.patrol_task import save_patrols
+        from ...base.paths import name_in_results
+        from ...robot.tasks.patrol_task import save_patrols
 
         chains = [policy.chain for policy in result.policies]
         save_patrols(
@@ -279,7 +279,7 @@ class PatrolMap(CellStudy):
         )
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..verify import compare_patrolled_map
+        from ...verify import compare_patrolled_map
 
         return compare_patrolled_map(result)
 
@@ -288,7 +288,7 @@ class PatrolMap(CellStudy):
         import numpy as np
         from scipy.sparse.csgraph import connected_components
 
-        from ..patrol import cell_graph
+        from ...patrol import cell_graph
 
         if cells.positions > MAX_CELLS:
             raise ValueError(
@@ -312,14 +312,14 @@ class PatrolMap(CellStudy):
 
     def _visible(self, cells: "CellSpace", reach: float) -> "np.ndarray":
         """Find the cells that a robot sees from each cell."""
-        from ..space.sight import AT_CENTRE, visible_cells
+        from ...space.sight import AT_CENTRE, visible_cells
 
         visible = visible_cells(cells, reach, part=AT_CENTRE if self.sight == "centre" else 1.0)
         return visible.T if self.sight == "source" else visible
 
     def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
         """Divide the map around the base station, if there is one."""
-        from ..patrol.map import angular_regions, base_station
+        from ...patrol.map import angular_regions, base_station
 
         if self.base is None:
             return None

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from .study import Study
+from ..study import Study
 
 
 if TYPE_CHECKING:
-    from ..verify import Comparison
+    from ...verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -27,6 +27,6 @@ class SeaStudy(Study):
         return str(spec["file"])
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..verify import compare_drift
+        from ...verify import compare_drift
 
         return compare_drift(result)

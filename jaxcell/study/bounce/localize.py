@@ -4,18 +4,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+from ..map_study import cell_at
+from ..parameters import Degrees, Limit, Metres, Only, Share
+from ..study import Say, silent
 from .anywhere import AnywhereStudy
-from .map_study import cell_at
-from .parameters import Degrees, Limit, Metres, Only, Share
-from .study import Say, silent
 
 
 if TYPE_CHECKING:
-    from ..automata import Filter, Policy, Smallest
-    from ..bounce import AdaptivelyLocalized, Anywhere, Localized, OffsetLocalized, Slipped
-    from ..space import CellSpace
-    from ..space.extent import Extent
-    from ..verify import Comparison
+    from ...automata import Filter, Policy, Smallest
+    from ...bounce import AdaptivelyLocalized, Anywhere, Localized, OffsetLocalized, Slipped
+    from ...space import CellSpace
+    from ...space.extent import Extent
+    from ...verify import Comparison
 
 
 _CHOICE = Only(bounces=True, anywhere=False, slip=False)
@@ -73,12 +73,12 @@ class Localize(AnywhereStudy):
         return {"aim": self.aim, "ahead": self.ahead}
 
     def needed(self, extent: "Extent") -> float | int:
-        from ..space import estimates
+        from ...space import estimates
 
         if self.anywhere:
             return 0
         if self.slip is not None:
-            from ..bounce.slip.fine_cells import needed
+            from ...bounce.slip.fine_cells import needed
 
             return needed(angles=max(1, len(self.bounces)))
         if self.bounces:
@@ -114,7 +114,7 @@ class Localize(AnywhereStudy):
         return self._filter(cells, math.radians(self.bounce), start, say)
 
     def _filter(self, cells: "CellSpace", bounce: float, start: int, say: Say) -> "Localized":
-        from ..bounce import Localized, bounce_map, localization_filter, localize
+        from ...bounce import Localized, bounce_map, localization_filter, localize
 
         say(f"mapping {cells.size:,} cells")
         mapped = bounce_map(cells, bounce, motion=self.motion)
@@ -125,7 +125,7 @@ class Localize(AnywhereStudy):
         return Localized(filter, cells, self.motion, bounce, run, smallest=small)
 
     def _at_any_offset(self, cells: "CellSpace", say: Say) -> "OffsetLocalized":
-        from ..bounce import OffsetLocalized, Offsets, localization_filter
+        from ...bounce import OffsetLocalized, Offsets, localization_filter
 
         assert self.bounce is not None
         bounce = math.radians(self.bounce)
@@ -139,7 +139,7 @@ class Localize(AnywhereStudy):
     def _choose(self, cells: "CellSpace", start: int, say: Say) -> "AdaptivelyLocalized":
         import numpy as np
 
-        from ..bounce import AdaptivelyLocalized, localization_policy
+        from ...bounce import AdaptivelyLocalized, localization_policy
 
         say(f"choosing angles for {cells.size:,} cells")
         policy = localization_policy(
@@ -149,17 +149,17 @@ class Localize(AnywhereStudy):
         return dataclasses.replace(found, smallest=self._smallest(policy.policy, say))
 
     def _smallest(self, source: "Filter | Policy", say: Say) -> "Smallest | None":
-        from ..automata import smallest
+        from ...automata import smallest
 
         return smallest(source, say=say) if self.smallest else None
 
     def _slipped(self, cells: "CellSpace", start: int, say: Say) -> "Slipped":
         import numpy as np
 
-        from ..bounce import FineCells, slip_map, slipping_run
-        from ..bounce.plans.roadmap import different_shifts
-        from ..robot.emulation.body import bumper_give
-        from ..space import Slip
+        from ...bounce import FineCells, slip_map, slipping_run
+        from ...bounce.plans.roadmap import different_shifts
+        from ...robot.emulation.body import bumper_give
+        from ...space import Slip
 
         assert self.slip is not None
         bounces = np.radians(self.bounces if self.bounce is None else [self.bounce])
@@ -188,7 +188,7 @@ class Localize(AnywhereStudy):
         )
 
     def write(self, result: Any, out: Path) -> None:
-        from .. import record
+        from ... import record
 
         spec = self.spec(result)
         if self.anywhere:
@@ -204,8 +204,8 @@ class Localize(AnywhereStudy):
             record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..bounce import bounce_map
-        from ..verify import compare_filter, compare_groups, compare_policy, compare_slip
+        from ...bounce import bounce_map
+        from ...verify import compare_filter, compare_groups, compare_policy, compare_slip
 
         if self.anywhere:
             return []

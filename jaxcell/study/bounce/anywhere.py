@@ -5,15 +5,15 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from .map_study import MapStudy
-from .parameters import AtLeastOne, Degrees, Length, Only
-from .study import Say, numbers
+from ..map_study import MapStudy
+from ..parameters import AtLeastOne, Degrees, Length, Only
+from ..study import Say, numbers
 
 
 if TYPE_CHECKING:
-    from ..bounce import Anywhere, HomeFromAnywhere
-    from ..space import Workspace
-    from ..walls import Errors, Trial, WallFilter
+    from ...bounce import Anywhere, HomeFromAnywhere
+    from ...space import Workspace
+    from ...walls import Errors, Trial, WallFilter
 
 
 _DEGREE = math.pi / 180
@@ -62,7 +62,7 @@ class AnywhereStudy(MapStudy):
 
         **Raises:** `ValueError` that names the bound.
         """
-        from ..walls import Errors
+        from ...walls import Errors
 
         bounds = {}
         for text in self.errors:
@@ -78,7 +78,7 @@ class AnywhereStudy(MapStudy):
 
     def filter(self, cells: Any) -> "WallFilter":
         """Build the filter of the walls of a room."""
-        from ..walls import WallFilter
+        from ...walls import WallFilter
 
         step = cells.cell if self.step is None else self.step
         return WallFilter.of(
@@ -96,8 +96,8 @@ class AnywhereStudy(MapStudy):
 
     def save_task(self, result: "Anywhere", out: Path) -> None:
         """Write the task file for `jaxcell robot run`."""
-        from ..bounce import HomeFromAnywhere
-        from ..robot.tasks.anywhere_task import save_anywhere
+        from ...bounce import HomeFromAnywhere
+        from ...robot.tasks.anywhere_task import save_anywhere
 
         cells, filter = result.cells, result.filter
         about = {
@@ -124,7 +124,7 @@ class AnywhereStudy(MapStudy):
         self, bounces: tuple[Degrees, ...], start: str | None, say: Say
     ) -> "Anywhere":
         """Localize robots that start anywhere."""
-        from ..bounce import Anywhere
+        from ...bounce import Anywhere
 
         driven = self._driven(bounces, start, say)
         return Anywhere(**driven)
@@ -138,7 +138,7 @@ class AnywhereStudy(MapStudy):
         say: Say,
     ) -> "HomeFromAnywhere":
         """Bring robots that start anywhere to a goal."""
-        from ..bounce import HomeFromAnywhere
+        from ...bounce import HomeFromAnywhere
 
         driven = self._driven(bounces, start, say, (goal, goal_radius))
         planned = _planned(driven["cells"], driven["bounces"], driven["trial"], goal)
@@ -154,7 +154,7 @@ class AnywhereStudy(MapStudy):
         """Drive the robots, to a goal and its radius if there is one."""
         import numpy as np
 
-        from ..walls import Homing, drive_anywhere
+        from ...walls import Homing, drive_anywhere
 
         cells = self.cells()
         workspace = cells.workspace
@@ -205,8 +205,8 @@ def _planned(cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float])
     """
     import numpy as np
 
-    from ..bounce import plan
-    from ..space import nearest_cell
+    from ...bounce import plan
+    from ...space import nearest_cell
 
     step = 2 * math.pi / cells.directions
     if np.abs(angles / step - np.round(angles / step)).max() > 1e-9:

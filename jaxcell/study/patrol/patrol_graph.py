@@ -3,19 +3,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from ..base.limits import MAX_VERTICES
+from ...base.limits import MAX_VERTICES
+from ..parameters import AtLeastOne, Needed, Only, Share
+from ..study import Say, about, silent
 from .graph_study import GraphStudy
-from .parameters import AtLeastOne, Needed, Only, Share
-from .study import Say, about, silent
 
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..optimize import Graph, Linear
-    from ..patrol import GraphPatrol
-    from ..patrol.team import Division
-    from ..verify import Comparison
+    from ...optimize import Graph, Linear
+    from ...patrol import GraphPatrol
+    from ...patrol.team import Division
+    from ...verify import Comparison
 
 
 _CHANCE = "least chance that"
@@ -79,9 +79,9 @@ class PatrolGraph(GraphStudy):
                 raise ValueError(f"emphasis: vertex {name!r} comes twice")
 
     def memory(self, written: bool = False) -> float | int:
-        from ..base import memory
-        from ..patrol import load_graph
-        from ..space import estimates
+        from ...base import memory
+        from ...patrol import load_graph
+        from ...space import estimates
 
         graph, _ = load_graph(self.file)
         weighted = self.strategy == "commute" or self.game
@@ -92,9 +92,9 @@ class PatrolGraph(GraphStudy):
         return needed
 
     def run(self, say: Say = silent) -> "GraphPatrol":
-        from ..patrol import GraphPatrol, load_graph, strategy_game
-        from ..patrol.files import has_weights, load_stakes
-        from ..patrol.walks import memory_patrol
+        from ...patrol import GraphPatrol, load_graph, strategy_game
+        from ...patrol.files import has_weights, load_stakes
+        from ...patrol.walks import memory_patrol
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
@@ -131,7 +131,7 @@ class PatrolGraph(GraphStudy):
         return f"{self.file}: {self.strategy}"
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..verify import compare_commute, compare_game, compare_walk
+        from ...verify import compare_commute, compare_game, compare_walk
 
         compared = compare_walk(result)
         if self.strategy == "commute" and self.division != "partition":
@@ -142,7 +142,7 @@ class PatrolGraph(GraphStudy):
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:
         """Refuse a graph that is too large or not connected, and an attack that is too short."""
-        from ..base.connected import vertices_apart
+        from ...base.connected import vertices_apart
 
         if self.speed is not None and graph.xy is None and graph.ways is None:
             raise ValueError(
@@ -194,8 +194,8 @@ class PatrolGraph(GraphStudy):
         import numpy as np
         import scipy.sparse
 
-        from .. import patrol
-        from ..mapping import Chain
+        from ... import patrol
+        from ...mapping import Chain
 
         if self.division is None:
             return self._walk(graph, names, emphasis, self.robots)
@@ -231,7 +231,7 @@ class PatrolGraph(GraphStudy):
         return walks | {"division": _compared(shared, divided, region, self.robots)}
 
     def _constraints(self, graph: "Graph", names: Sequence[str]) -> "list[Linear]":
-        from ..patrol.walks import load_constraints
+        from ...patrol.walks import load_constraints
 
         return [] if self.constraints is None else load_constraints(self.constraints, graph, names)
 
@@ -241,7 +241,7 @@ class PatrolGraph(GraphStudy):
         """Find the chain of the strategy, with its certificate, goal and value."""
         import numpy as np
 
-        from .. import optimize, patrol
+        from ... import optimize, patrol
 
         if self.strategy == "toward":
             (vertex,) = self.vertices(names, "vertex", str(self.vertex))
@@ -304,7 +304,7 @@ class PatrolGraph(GraphStudy):
         """Return the duration of attacks in steps, or in units of time with a speed."""
         import numpy as np
 
-        from ..patrol.files import load_values
+        from ...patrol.files import load_values
 
         times: Any = self.attack_time
         if self.attack_times is not None:
@@ -325,7 +325,7 @@ def _compared(
     """Compare robots that share the graph, if they can, with robots that divide it."""
     import numpy as np
 
-    from ..patrol.team import Division, long_run, steps_between_visits
+    from ...patrol.team import Division, long_run, steps_between_visits
 
     rows, nothing = [], np.full(region.size, np.nan)
     for walks in (shared, divided):

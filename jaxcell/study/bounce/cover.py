@@ -3,15 +3,15 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from .map_study import MapStudy
-from .parameters import AtLeastOne, Degrees, Limit
-from .study import Say, silent
+from ..map_study import MapStudy
+from ..parameters import AtLeastOne, Degrees, Limit
+from ..study import Say, silent
 
 
 if TYPE_CHECKING:
-    from ..bounce import CoveragePolicy
-    from ..space.extent import Extent
-    from ..verify import Comparison
+    from ...bounce import CoveragePolicy
+    from ...space.extent import Extent
+    from ...verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class Cover(MapStudy):
         check_target(self.target)
 
     def needed(self, extent: "Extent") -> float | int:
-        from ..space import estimates
+        from ...space import estimates
 
         # No more turns than directions, whatever the error.
         spread = min(max(self.error * extent.directions / 360, 0), extent.directions)
@@ -55,7 +55,7 @@ class Cover(MapStudy):
     def run(self, say: Say = silent) -> "CoveragePolicy":
         import numpy as np
 
-        from ..bounce import coverage_policy
+        from ...bounce import coverage_policy
         from .target import read_target
 
         cells = self.cells()
@@ -77,7 +77,7 @@ class Cover(MapStudy):
         )
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..verify import compare_coverage
+        from ...verify import compare_coverage
 
         error = math.radians(self.error)
         return compare_coverage(

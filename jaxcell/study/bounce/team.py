@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from .map_study import MapStudy, cell_at
-from .parameters import AtLeastOne, Degrees
-from .study import Say, silent
+from ..map_study import MapStudy, cell_at
+from ..parameters import AtLeastOne, Degrees
+from ..study import Say, silent
 
 
 if TYPE_CHECKING:
-    from ..bounce import TeamTrajectory
-    from ..space import CellSpace
-    from ..space.extent import Extent
-    from ..verify import Comparison
+    from ...bounce import TeamTrajectory
+    from ...space import CellSpace
+    from ...space.extent import Extent
+    from ...verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -46,14 +46,14 @@ class Team(MapStudy):
             )
 
     def needed(self, extent: "Extent") -> float | int:
-        from ..space import estimates
+        from ...space import estimates
 
         return estimates.team(extent, self.motion)
 
     def run(self, say: Say = silent) -> "TeamTrajectory":
         import numpy as np
 
-        from ..bounce import team_trajectory
+        from ...bounce import team_trajectory
 
         cells = self.cells()
         starts = self._starts(cells)
@@ -76,8 +76,8 @@ class Team(MapStudy):
 
     def write(self, result: Any, out: Path) -> None:
         """Write the file for `jaxcell robot run`."""
-        from ..robot.team import member_actions, save_team
-        from ..space import free_steps
+        from ...robot.team import member_actions, save_team
+        from ...space import free_steps
 
         spec = self.spec(result)
         steps = free_steps(result.cells, self.motion)
@@ -94,7 +94,7 @@ class Team(MapStudy):
     def verify(self, result: Any) -> "Sequence[Comparison]":
         import numpy as np
 
-        from ..verify import compare_team
+        from ...verify import compare_team
 
         return compare_team(result, np.radians(self.bounces), motion=self.motion)
 

@@ -3,16 +3,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
+from ..map_study import MapStudy, cell_at
+from ..parameters import Degrees, Length, Limit, Only, Share
+from ..study import Say, numbers, silent
 from .anywhere import AnywhereStudy
-from .map_study import MapStudy, cell_at
-from .parameters import Degrees, Length, Limit, Only, Share
-from .study import Say, numbers, silent
 
 
 if TYPE_CHECKING:
-    from ..base.quantities import Result
-    from ..space.extent import Extent
-    from ..verify import Comparison
+    from ...base.quantities import Result
+    from ...space.extent import Extent
+    from ...verify import Comparison
 
 
 _Cost: TypeAlias = Annotated[float, Limit(gt=0)]
@@ -33,12 +33,12 @@ class Plans(MapStudy):
     """Cost of a bump with another angle."""
 
     def needed(self, extent: "Extent") -> float | int:
-        from ..space import estimates
+        from ...space import estimates
 
         return estimates.plans(extent, self.motion)
 
     def run(self, say: Say = silent) -> "Result":
-        from ..bounce import all_plans
+        from ...bounce import all_plans
 
         cells = self.cells()
         say(f"planning among all pairs of {cells.size:,} cells")
@@ -56,7 +56,7 @@ class Plans(MapStudy):
         }
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..verify import compare_plan
+        from ...verify import compare_plan
 
         return compare_plan(result.costliest, self.motion)
 
@@ -92,12 +92,12 @@ class Navigate(AnywhereStudy, Plans):
     def needed(self, extent: "Extent") -> float | int:
         if self.slip is None:
             return super().needed(extent)
-        from ..bounce.slip.fine_cells import needed
+        from ...bounce.slip.fine_cells import needed
 
         return super().needed(extent) + needed(angles=len(self.bounces))
 
     def run(self, say: Say = silent) -> "Result":
-        from ..bounce import plan
+        from ...bounce import plan
 
         if self.anywhere:
             return self._home(say)
@@ -121,7 +121,7 @@ class Navigate(AnywhereStudy, Plans):
             self.save_task(result, out)
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ..verify import compare_plan
+        from ...verify import compare_plan
 
         return [] if self.anywhere else compare_plan(result, self.motion)
 

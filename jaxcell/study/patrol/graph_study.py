@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
-from .parameters import AtLeastOne, Limit, Needed, Only
-from .study import Say, Study
+from ..parameters import AtLeastOne, Limit, Needed, Only
+from ..study import Say, Study
 
 
 if TYPE_CHECKING:
-    from ..optimize import Graph
-    from ..patrol import GraphPatrol
+    from ...optimize import Graph
+    from ...patrol import GraphPatrol
 
 
 _Positive: TypeAlias = Annotated[float, Limit(gt=0)]
@@ -59,7 +59,7 @@ class GraphStudy(Study):
 
     def more(self, patrolled: "GraphPatrol", say: Say) -> dict[str, Any]:
         """Compute the parts of a result that parameters beside the strategy ask for."""
-        from .. import patrol
+        from ... import patrol
 
         more: dict[str, Any] = {}
         times = self.times(patrolled.graph)
@@ -100,7 +100,7 @@ class GraphStudy(Study):
 
     def times(self, graph: "Graph") -> Any:
         """Return the time of each edge in units of time, or `None` without a speed."""
-        from ..patrol.team import whole_times
+        from ...patrol.team import whole_times
 
         return None if self.speed is None else whole_times(graph, self.speed, self.time_unit)
 

@@ -1,15 +1,15 @@
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
-from ..base.limits import Collision
-from .parameters import Degrees, Limit, WholeNumber
-from .study import Say, Study, silent
+from ...base.limits import Collision
+from ..parameters import Degrees, Limit, WholeNumber
+from ..study import Say, Study, silent
 
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..bounce import RoomGroups
+    from ...bounce import RoomGroups
 
 
 _Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
@@ -47,7 +47,7 @@ class Rooms(Study):
 
     def free(self) -> "np.ndarray":
         """Return the free squares of the room."""
-        from ..space.maps.random_rooms import place, random_room
+        from ...space.maps.random_rooms import place, random_room
 
         if self.environment == "random":
             return random_room(self.seed, self.room, self.columns, self.rows, self.obstacles)
@@ -56,7 +56,7 @@ class Rooms(Study):
     def run(self, say: Say = silent) -> "RoomGroups":
         import numpy as np
 
-        from ..bounce import Motion, RoomGroups
+        from ...bounce import Motion, RoomGroups
 
         free, bounce = self.free(), np.radians(self.bounce)
         return RoomGroups.of_room(

@@ -1,0 +1,78 @@
+"""The process: its display, its output, its signals, and its threads of linear algebra."""
+
+import contextlib
+import functools
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from types import FrameType
+from typing import Any
+
+
+def has_display() -> bool:
+    """Check whether this process can open a window."""
+    if not sys.platform.startswith("linux"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@contextlib.contextmanager
+def no_output() -> Iterator[None]:
+    """Discard everything that compiled code prints on standard output in the block."""
+    sys.stdout.flush()
+    kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nothing)
+
+
+def end_by_signals() -> list[signal.Signals]:
+    """Let SIGTERM and SIGHUP raise `SystemExit`, so that `with` blocks end.
+
+    **Returns:** the signals whose handlers were set; none outside of the main thread.
+    """
+    handled = []
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) == signal.SIG_DFL:
+                signal.signal(number, _exit)
+                handled.append(number)
+    return handled
+
+
+def leave_signals(handled: Sequence[signal.Signals]) -> None:
+    """Restore the default handlers of signals."""
+    for number in handled:
+        signal.signal(number, signal.SIG_DFL)
+
+
+def _exit(number: int, _: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keep BLAS and LAPACK to one thread.
+
+    Factorizations of some hundred rows gain nothing from a second thread. Threads of OpenBLAS wait
+    by spinning, so they take up to twenty times as long if JAX or another process runs too.
+    """
+    with _controller().limit(limits=1, user_api="blas"):
+        yield
+
+
+@functools.cache
+def _controller() -> Any:
+    # The computer of a robot may lack these. The controller knows only libraries that were loaded
+    # before it was made.
+    import numpy  # noqa: F401
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
