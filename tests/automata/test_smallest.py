@@ -117,7 +117,7 @@ def test_no_machine_is_smaller_than_the_least_cover(machine):
         np.testing.assert_array_equal(machine.run(string), found.machine.run(string))
 
 
-@given(machine=machines(7))
+@given(machine=machines())
 @settings(max_examples=60)
 def test_no_closed_partition_is_smaller_than_the_least_one(machine):
     found = smallest(machine, cover=False)

@@ -112,14 +112,14 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Spec) -> str:
         divided = " Each has its own region, and reports to a base station."
     return f"""# Patrolling with limited visibility
 
-{who} a map at random and see {patrol.reach:g} m far, not through walls.{divided}
+{who} a map at random and see {patrol.reach:g} m far.{divided}
 
-An intruder that stays for {attack.attack_time[0]:,} steps is caught with a probability of
-**{patrol.least_capture:.3f}** at least, at {place(patrol, patrol.least_captured)}, and of
-{patrol.mean_capture:.3f} on average over the cells, if the robots {patrol.begun}.
+An intruder that stays for {attack.attack_time[0]:,} steps is caught with probability
+**{patrol.least_capture:.3f}** at least, at {place(patrol, patrol.least_captured)}, if the robots
+{patrol.begun}.
 
-Here it attacks the cell at {place(patrol, attack.target)} when no robot sees it. It is caught with
-probability **{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
+Here it attacks {place(patrol, attack.target)} when no robot sees it. It is caught with probability
+**{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
 
 ## How to look
 
