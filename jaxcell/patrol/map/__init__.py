@@ -22,8 +22,8 @@ adversary attacks. That is among the `contested` cells, where an attack may succ
 cell `vulnerability` adds the method of the source (4.4.6): simulated times, and the generalized
 lambda distribution that is fitted to them (`Vulnerability`). `capture_policies` maximise the least
 probability of capture, to a local optimum (`CaptureSearch`), and `capture_frontier` is its
-trade-off with the unpredictability of the steps (`Frontier`). `capture_by_tours` is the least capture
-by robots on closed tours through covers. `PatrolledMap` holds all of it, for datasets and
+trade-off with the unpredictability of the steps (`Frontier`). `capture_by_tours` is the least
+capture by robots on closed tours through covers. `PatrolledMap` holds all of it, for datasets and
 recordings.
 """
 
