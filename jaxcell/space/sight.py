@@ -44,7 +44,7 @@ def visible_cells(
     - `cells`: the cell space.
     - `reach`: range of sight, in metres; may be infinite.
     - `part`: side of the square around the centre of `j` that must be visible, in cells, more than
-        0 and at most 1; with [`AT_CENTRE`][jaxcell.space.sight.AT_CENTRE] its centre is enough.
+        0 and at most 1; with `space.sight.AT_CENTRE`, 1e-6, its centre is enough.
     - `field_of_view`: angle of the view of a camera, in radians, up to `2 * pi`; `None` for all
         around. A camera that sees less than all around does not wholly see its own cell.
     - `heading`: heading of the middle of the view, in radians counter-clockwise from East: a
