@@ -189,8 +189,8 @@ patrol map @lab_a --target 2,2
     --target '2,2': the point (2, 2) lies in an obstacle or too near a wall
 patrol map @lab_a --target x
     --target 'x': expected "x,y" in metres
-patrol map @lab_a --range 0.3
-    --range: with 0.3 m no robot sees the whole of a cell that is not always watched...
+patrol map @lab_a --range 0.3 --sight cell
+    --range: with 0.3 m no robot sees a cell that is not always watched...
 patrol map @lab_a --range 3 --base auto --base-range 0.4
     --base: ... sees no other cell...
 patrol map @lab_a --range 3 --base auto --lost 5

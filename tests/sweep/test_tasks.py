@@ -201,6 +201,7 @@ def test_parameters_are_refused_by_name(name):
         "drift": {"file": GYRES},
         "drifters": {"file": DRIFTERS},
         "dynamics": {"system": "henon"},
+        "morse": {"system": "henon"},
     }[name]
     swept, bad = {
         "rooms": ("room", -1),
@@ -208,6 +209,7 @@ def test_parameters_are_refused_by_name(name):
         "drift": ("rho", 1.5),
         "drifters": ("lag", 0.0),
         "dynamics": ("follow", -1),
+        "morse": ("depth", -1),
     }.get(name, ("cell", 0.0))
     called = study_of(name).__name__ if study_of(name) else f"'{name}'"
     with pytest.raises(ValueError, match=f"colour: expected a parameter of {called}, one of"):
