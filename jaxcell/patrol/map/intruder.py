@@ -45,7 +45,7 @@ class Attacks:
 
 
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
-    """Move robots at random while an adversary attacks the target whenever it is out of view.
+    """Move robots at random while an adversary attacks the target at times when it is out of view.
 
     Robots have been walking for long. An attack takes the first attack time, and fails if a robot
     has the target in view within it.
@@ -78,7 +78,10 @@ def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
             wait -= 1
         elif now is not AttackState.WAITING:
             now, count, wait = AttackState.WAITING, 0, int(random.integers(_WAIT))
-        elif not seen[time]:
+        elif seen[time]:
+            # An attack as soon as a robot has left would find it near.
+            wait = int(random.integers(_WAIT))
+        else:
             now = AttackState.ATTACKING
         state[time], since[time] = now, count
     begins = np.diff(state, prepend=np.uint8(AttackState.WAITING)) != 0
