@@ -147,7 +147,7 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
     **Arguments:**
 
     - `moves`: the moves.
-    - `shift`: directions that the robot turns by at a bump.
+    - `shift`: number of directions by which the robot turns at a bump.
 
     **Returns:** [`jaxcell.mapping.SimpleMap`][].
 

@@ -112,7 +112,7 @@ class Water:
 
     @functools.cached_property
     def column(self) -> Int[np.ndarray, "cells"]:
-        """The column of each cell, usually from the West."""
+        """The column of each cell; column 0 is the first of the file, usually in the West."""
         return np.nonzero(self.number >= 0)[1].astype(np.int32)
 
     @functools.cached_property

@@ -53,7 +53,7 @@ class Moving(Protocol):
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body surely rolls on, if no speed changes; 0 if it may not."""
+        """Seconds for which the body keeps rolling if no speed changes; 0 if that is uncertain."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
@@ -167,7 +167,7 @@ class Emulator:
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body surely rolls on without a new command; 0 if it may not."""
+        """Seconds that the body keeps rolling without a new command; 0 if that is uncertain."""
         return 0.0 if self._pending else self._body.glide
 
     def __enter__(self) -> "Emulator":
