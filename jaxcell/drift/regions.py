@@ -82,9 +82,9 @@ class Exchange(Result):
 
         **Arguments:**
 
-        - `water`, `flow`: of the surface.
+        - `water`, `flow`: water and flow of the surface.
         - `count`: the number of drifters from each region, released uniformly in its cells.
-        - `seed`: of the places of release, and of diffusion.
+        - `seed`: seed of the places of release, and of diffusion.
         """
         random = np.random.default_rng(seed)
         origin = np.concatenate(

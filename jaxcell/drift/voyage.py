@@ -124,7 +124,7 @@ def discounted_voyage(
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
     - `discount`: the discount factor per step, more than 0 and less than 1; the source omits it.
-    - `tolerance`: of the error of the values.
+    - `tolerance`: tolerance of the error of the values.
 
     **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy almost traps
     drifters, times are beyond 64-bit numbers; `certificate` and `arrival` say so.
@@ -183,7 +183,7 @@ def simulate_voyages(
 
     **Arguments:**
 
-    - `key`: of `jax.random`.
+    - `key`: a key of `jax.random`.
     - `voyage`: the policy.
     - `start`: a cell; several, or a mask over the cells, of which one is drawn for each drifter; or
         floating-point numbers, the probability of each cell.

@@ -146,7 +146,7 @@ def follow(
     **Arguments:**
 
     - `image`: the image of each cell, an array of JAX or of NumPy, as the other arguments.
-    - `periodic`: which cells are periodic.
+    - `periodic`: the mask of periodic cells.
     - `weight`: the weight of a transient cell; with 1 the sum is the number of mappings to the
         group.
     """

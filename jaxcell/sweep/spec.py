@@ -102,8 +102,8 @@ class Spec:
         **Arguments:**
 
         - `text`: the specification.
-        - `path`: its file, for errors.
-        - `folder`: where relative paths in it start.
+        - `path`: the file of the specification, for errors.
+        - `folder`: the folder in which relative paths in the specification start.
 
         **Raises:** `ValueError` that names the file, the field, and the fault.
         """

@@ -53,7 +53,7 @@ class States(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LocalizationFilter(States):
-    """A localization filter, with its numbers.
+    """A localization filter, and numbers of the filter.
 
     The configurations of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
     knowledge cycle `c`, in their order, are `cycle_state[cycle_offset[c]:cycle_offset[c + 1]]`.

@@ -203,7 +203,7 @@ def nearest_step(
 
     **Arguments:**
 
-    - `waters`, `flows`: of each layer, with all records.
+    - `waters`, `flows`: water and flow of each layer, with all records.
     - `step`: the rules of the step; its duration has no effect.
     - `hours`: the time of interest; by default [`asked_hours`][jaxcell.drift.asked_hours] of the
         map whose step is twice the crossing time.

@@ -140,7 +140,7 @@ GROUPS: Mapping[int, range] = {
     106: range(46, 52),
     107: range(54, 59),
 }
-"""The numbers that ask for several packets at once."""
+"""The numbers that request several packets at once."""
 
 
 def members(ids: Iterable[int]) -> list[Packet]:

@@ -71,7 +71,7 @@ class Reading:
         **Arguments:**
 
         - `values`: the values of the packets in `STREAM`, by name.
-        - `time`: when the frame was complete.
+        - `time`: the time at which the frame was complete.
         - `previous`: the reading before this one, at most 14 m ago; `None` for the first.
         - `first_mode`: the number this robot gives to mode Off. Some give 1, not 0.
         """

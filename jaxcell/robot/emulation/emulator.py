@@ -121,12 +121,13 @@ class Emulator:
     ) -> None:
         """**Arguments:**
 
-        - `body`: what it drives, and where that is: a
-            [`Body`][jaxcell.robot.emulation.body.Body] or another that moves.
-        - `line`: the serial line; by default a perfect one, in real time.
-        - `charge`, `capacity`: of the battery, in mAh. When it is empty the robot is dead.
+        - `body`: the body that the robot moves, such as a
+            [`Body`][jaxcell.robot.emulation.body.Body], at its place.
+        - `line`: the serial line; by default a line without faults, in real time.
+        - `charge`, `capacity`: charge and capacity of the battery, in mAh. With an empty battery
+            the robot ignores all commands.
         - `standby`: current that the robot draws at rest, in mA; its motors draw 1000 mA more.
-        - `seed`: of the bytes that are lost.
+        - `seed`: seed of the draws of lost bytes.
         """
         if not 0 < charge <= capacity <= 65535:
             raise ValueError(f"charge: expected above 0, to the capacity {capacity}, got {charge}")

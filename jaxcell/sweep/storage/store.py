@@ -77,7 +77,7 @@ class SweepStore:
 
     @property
     def made(self) -> Mapping[str, Any]:
-        """The attributes that say what the numbers depend on beside the specification."""
+        """The attributes that describe all else that the numbers depend on."""
         assert self.contents.begun is not None
         return self.contents.begun.made
 
