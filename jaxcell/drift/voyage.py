@@ -45,9 +45,10 @@ class Voyage:
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
-    "Of the policy, from [`jaxcell.markov.Optimum`][] or [`jaxcell.markov.ShortestPath`][]."
+    """Certificate of the policy, from [`jaxcell.markov.Optimum`][] or
+    [`jaxcell.markov.ShortestPath`][]."""
     arrival: Certificate
-    "Of the times, from [`jaxcell.markov.conditional_hitting_times`][]."
+    "Certificate of the times, from [`jaxcell.markov.conditional_hitting_times`][]."
 
     @property
     def action(self) -> Int[Array, "cells"]:

@@ -43,7 +43,7 @@ class Water:
     "Length of each square along the x axis of the grid, in metres."
     dy: Float[np.ndarray, "rows columns"]
     angle: Float[np.ndarray, "rows columns"]
-    "From East to the x axis, counter-clockwise, in radians."
+    "Angle from East to the x axis, counter-clockwise, in radians."
     lon: Float[np.ndarray, "rows columns"]
     "Longitude of each centre in degrees."
     lat: Float[np.ndarray, "rows columns"]

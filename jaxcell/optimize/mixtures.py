@@ -23,7 +23,7 @@ class Mixture:
     value: Float[Array, "rows"]
     "The mixture, `A weights`."
     distance: float
-    "Its Euclidean distance from the target."
+    "The Euclidean distance of the mixture from the target."
     certificate: Certificate
 
 

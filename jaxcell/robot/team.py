@@ -158,7 +158,7 @@ class Member:
     def __init__(self, actions: str, tries: int) -> None:
         self.observations = ""
         self.index = 0
-        "Of the next action."
+        "The index of the next action."
         self._actions, self._tries, self._bumps = actions, tries, 0
         self._refuted: Literal["bumps", "no wall"] | None = None
 

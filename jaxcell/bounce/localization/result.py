@@ -23,7 +23,7 @@ class States(Result):
     """
 
     smallest: Smallest | None
-    "The least machine with the same outputs, if it was searched for."
+    "The smallest machine with the same outputs, or `None` without a search."
 
     @derived("", "states, smallest", "1", kind="count")
     def smallest_states(self) -> int | None:

@@ -184,7 +184,7 @@ class Body:
             self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
-        """Go straight as far as the walls allow; return the share of the way that is."""
+        """Go straight as far as the walls allow; return the covered share of the distance."""
         if forward == 0:
             return 1.0
         ux, uy = math.cos(heading), math.sin(heading)

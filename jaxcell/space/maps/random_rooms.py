@@ -39,7 +39,7 @@ class Placement(NamedTuple):
     """A room of Figure 2.7."""
 
     free: Bool[np.ndarray, "rows columns"]
-    "Its free cells."
+    "The free cells of the room."
     corners: list[tuple[int, int]]
     "Lower left corner (x, y) of each obstacle."
     side: int
