@@ -6,7 +6,7 @@ from jaxtyping import Bool, Int32, Integer
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnowledgeCycle:
-    """A simple cycle of a filter without exits: in it the robot is localized.
+    """A simple cycle of the states of a filter, without exits: on it the robot is localized.
 
     Alam 2018, section 2.4.3.
     """
@@ -14,7 +14,7 @@ class KnowledgeCycle:
     states: Int32[np.ndarray, "length"]
     "The states in their order along the cycle, from the smallest."
     color: int
-    "The colour of these states, 2 or more."
+    "The colour of the states of the cycle in the filter, 2 or more."
     uncertainty: int
     "The number of possible configurations at each state of the cycle."
     word: str

@@ -27,15 +27,16 @@ class Equivalence:
         return int(self.label.max()) + 1
 
     def distinguish(self, a: int, b: int) -> Int[np.ndarray, "length"]:
-        """Find a shortest sequence of inputs with different last observations of two states.
+        """Find a shortest sequence of inputs whose last observation differs between two states.
 
         **Arguments:**
 
         - `a`, `b`: states of different classes.
 
-        **Returns:** the inputs, by number; among shortest sequences the first.
+        **Returns:** the numbers of the inputs; of several shortest sequences, the first in
+        lexicographic order.
 
-        **Raises:** `ValueError` if the states are equivalent, or one does not exist.
+        **Raises:** `ValueError` if the states are equivalent, or if a state does not exist.
         """
         for state in (a, b):
             if not 0 <= state < self.label.size:

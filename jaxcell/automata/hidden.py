@@ -42,9 +42,9 @@ class HiddenMap:
     """
 
     moves: "scipy.sparse.csr_array"
-    "The probability of a step from each cell, the row, to each other with observation 0."
+    "The probability of a move from a cell, the row, to a cell, the column, with observation 0."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "The same with observation 1, for each angle by which the robot may turn."
+    "The probability of a move with observation 1, for each angle by which the robot may turn."
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start: Float[np.ndarray, "cells"]

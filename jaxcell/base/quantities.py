@@ -219,7 +219,7 @@ class Result:
         return {}
 
     def checks(self) -> "Checks":
-        """Relations between quantities that hold, in addition to the checks of their kinds."""
+        """Checks of relations between quantities, in addition to the checks of their kinds."""
         return {}
 
 

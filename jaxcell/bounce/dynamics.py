@@ -18,7 +18,7 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Moves:
-    """The end of one step from every position in every direction, whatever the bouncing angle.
+    """The end of one step from every position in every direction, for any bouncing angle.
 
     Directions in which all positions have the same target share a *way*: on a grid, 360 directions
     make 16 ways. So everything that depends on the walls alone is computed once per way.
@@ -147,7 +147,7 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
     **Arguments:**
 
     - `moves`: the moves.
-    - `shift`: directions that the robot turns by at a bump.
+    - `shift`: number of directions by which the robot turns at a bump.
 
     **Returns:** [`jaxcell.mapping.SimpleMap`][].
 

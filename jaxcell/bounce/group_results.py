@@ -69,7 +69,7 @@ class BounceGroups(Result):
         - `motion`: how the robot moves.
 
         **Raises:** `ValueError` for an angle that is not a whole number of directions;
-        `MemoryError` where finding the numbers would not fit the free memory.
+        `MemoryError` if the computation would exceed the free memory.
 
         A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -205,7 +205,7 @@ def _by_angle(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RoomGroups(BounceGroups):
-    """The periodic groups in a room, and the filter of a robot there that knows its heading."""
+    """The periodic groups in a room, and the filter of a robot that knows its heading there."""
 
     title: ClassVar[str] = "Periodic groups of a bouncing robot in a random room"
 
@@ -240,7 +240,7 @@ class RoomGroups(BounceGroups):
         - `bounce`: bouncing angles in radians.
         - `directions`, `motion`: as for [`jaxcell.bounce.walls`][].
 
-        An open room of two rows of three squares, with turns to the left and right about:
+        An open room of two rows of three squares, with turns by 90 and by 180 degrees:
 
             >>> import numpy as np
             >>> from jaxcell import bounce

@@ -21,7 +21,7 @@ from .straight_runs import Runs
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _ToWalls:
-    """The run of each cell, whatever the bouncing angle."""
+    """The run of each cell to a wall, which is the same for all bouncing angles."""
 
     way: Int[Array | np.ndarray, "directions"]
     wall: Int[Array | np.ndarray, "ways positions"]
@@ -32,9 +32,9 @@ class _ToWalls:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _AtWalls:
-    """The fields of [`AngleGroups`][] for a batch of angles, filled up to equal lengths.
+    """The fields of [`AngleGroups`][] for a batch of angles, padded with zeros to equal lengths.
 
-    The number of the group of a slot is `number[begin + place]`.
+    The group of slot `s` of direction `d` has the number `number[begin[d] + place[s]]`.
     """
 
     begin: Int[Array | np.ndarray, "*angles directions"]
@@ -98,7 +98,7 @@ def _to_walls(cells: CellSpace, motion: Motion) -> _ToWalls:
 def _stacked(
     rows: Sequence[Int[np.ndarray, "_"]], angles: tuple[int, ...], size: int
 ) -> Int32[np.ndarray, "*angles size"]:
-    """Stack rows that are filled up with zeros to one length."""
+    """Stack rows, padded with zeros to one length."""
     table = np.zeros((len(rows), size), np.int32)
     for line, row in zip(table, rows, strict=True):
         line[: row.size] = row

@@ -81,7 +81,7 @@ def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
     **Arguments:**
 
     - `walls`: the walls of grids.
-    - `shift`: directions that the robot turns by at a bump.
+    - `shift`: number of directions by which the robot turns at a bump.
 
     **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[grids, angles]`.
 

@@ -16,7 +16,7 @@ class Headings:
     """
 
     shift: int
-    "Directions that the robot turns by at a bump."
+    "Number of directions by which the robot turns at a bump."
     cycles: int
     "Number of cycles."
     like: Int[np.ndarray, "cycles"]
@@ -36,7 +36,7 @@ class Headings:
         **Arguments:**
 
         - `way`: the way of each direction.
-        - `shift`: directions that the robot turns by at a bump.
+        - `shift`: number of directions by which the robot turns at a bump.
         """
         return _headings(way.tobytes(), way.dtype.str, shift)
 

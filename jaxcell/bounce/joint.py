@@ -69,9 +69,9 @@ def joint_image(
 
     **Arguments:**
 
-    - `moves`: where a step leads.
-    - `squares`: column and row of each position, of [`squares_of`][].
-    - `shift`: directions that each robot turns by at a bump.
+    - `moves`: the ends of steps.
+    - `squares`: column and row of each position, from [`squares_of`][].
+    - `shift`: number of directions by which each robot turns at a bump.
     - `state`: the cell of each robot, no two in one position.
 
     **Returns:** [`JointImage`][].

@@ -31,10 +31,11 @@ class CellsOfDirection:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AngleGroups:
-    """The periodic groups of one bouncing angle, given at the walls of its leading directions.
+    """The periodic groups of one bouncing angle, stored for the walls of leading directions only.
 
-    The groups of the cells of each direction follow from these, so that the cells of all directions
-    need not be in memory at once. [`Headings`][] defines the leading directions.
+    [`Headings`][] defines the leading directions. The groups of all cells are computed from those
+    of the walls, one direction at a time, so that the cells of all directions need not be in memory
+    at once.
     """
 
     cells: CellSpace
@@ -93,7 +94,7 @@ def angle_groups(cells: CellSpace, runs: Runs, shifts: Sequence[int]) -> list[An
     **Arguments:**
 
     - `cells`, `runs`: the cell space and its straight runs.
-    - `shifts`: numbers of directions that the robot turns by at a bump.
+    - `shifts`: the angles, each as a number of directions by which the robot turns at a bump.
 
     **Returns:** the groups of each angle.
     """
@@ -128,7 +129,7 @@ def _returns(
     shift: int,
     slots: int,
 ) -> Section:
-    """Make the first-return map from bump to bump, filled up to a number of slots."""
+    """Make the first-return map from bump to bump, padded to a number of slots."""
     # The robot turns, then runs to the next wall.
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]

@@ -1,4 +1,4 @@
-"""The straight runs of a robot between its bumps, whatever the bouncing angle."""
+"""The straight runs of a robot between its bumps, the same for all bouncing angles."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -18,8 +18,9 @@ _AT_ONCE = 2**20
 class Runs:
     """The ends of all straight runs on some grids of one shape.
 
-    A *wall* of a way is a free square where the robot bumps in that way. Walls are listed way by
-    way, and within a way by their squares; the squares of one grid come after those of another.
+    Directions with equal steps share a *way*, as in `jaxcell.space.steps.Steps`. A *wall* of a way
+    is a free square where a robot that moves in this way bumps. Walls are listed way by way, and
+    within a way by their squares. Squares are numbered grid by grid.
     """
 
     steps: Steps
@@ -35,7 +36,7 @@ class Runs:
     ahead: Int32[np.ndarray, "ways bumps"]
     "The wall ahead of each square of `bump` in each way, counted from the first wall of the way."
     length: Int32[np.ndarray, "ways bumps"]
-    "Steps to that wall."
+    "Number of steps to the wall ahead."
 
     @classmethod
     def of(cls, steps: Steps) -> "Runs":
@@ -58,7 +59,7 @@ class Runs:
         return cls(steps, begin, square, np.concatenate(behind), bump, place, ahead, length)
 
     def of_way(self, way: int) -> slice:
-        """Select the walls of a way."""
+        """Return the slice of the walls of one way in arrays over walls."""
         return slice(self.begin[way], self.begin[way + 1])
 
     def of_directions(
@@ -118,8 +119,8 @@ class Runs:
 def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Find the walls of one way.
 
-    **Returns:** their squares; the number of squares behind each; the walls in the order in which
-    they come along the lines of the way; and their places on these lines, in this order.
+    **Returns:** the squares of the walls; the number of squares behind each wall; the order of the
+    walls along the lines of the way; and the places of the walls on these lines, in this order.
     """
     possible = steps.possible(way)
     square = np.flatnonzero(steps.free & ~possible)

@@ -12,7 +12,7 @@ from .straight_runs import Runs
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Walls:
-    """The wall that follows each wall, in grids of one shape and whatever the bouncing angle.
+    """The wall that follows each wall, in grids of one shape and for any bouncing angle.
 
     Directions whose steps do the same share a *way* (see [`jaxcell.bounce.Moves`][]), and a wall of
     a way is a free square where a step of that way bumps. At a wall of way `v` the robot turns. If

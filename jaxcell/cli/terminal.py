@@ -124,7 +124,7 @@ def note(text: str) -> None:
 
 @contextlib.contextmanager
 def noting_warnings() -> Iterator[list[str]]:
-    """Print warnings for users as remarks; yields a list of them."""
+    """Print warnings for users as remarks, and yield the list of their texts."""
     noted: list[str] = []
     with warnings.catch_warnings():
         shown = warnings.showwarning

@@ -54,7 +54,7 @@ def beaching(
 
     - `chain`: the map of a layer, from [`jaxcell.drift.drift_maps`][].
     - `at_coast`: the cells with a beach, as from [`coast`][].
-    - `duration`: of a step, in seconds.
+    - `duration`: duration of a step, in seconds.
     - `afloat`: the time in seconds in which half of the drifters in a cell at a coast strand.
     - `stranded`: the time in which half of the drifters on a beach come afloat; infinite by
         default, so that beaches are persistent groups.

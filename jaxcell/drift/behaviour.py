@@ -101,7 +101,7 @@ class LongTermBehaviour:
         """The only persistent group in which a drifter from each cell may end; -1 if there are
         several, or if it may leave.
 
-        These are the domains of attraction, with the groups themselves.
+        The cells with the number of a group form its domain of attraction, which includes it.
         """
         transient = self.transient
         home = np.array([d[0] if len(d) == 1 else -1 for d in transient.domiciles] or [-1])

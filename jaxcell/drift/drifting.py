@@ -35,7 +35,8 @@ def drifted(
     - `x`, `y`: the points, in cells.
     - `start`, `end`: the times, in seconds as in `Flow.time`.
     - `longest`: the longest Runge-Kutta step, in seconds.
-    - `key`: of `jax.random`, for the diffusivity of the flow; without it drifters do not diffuse.
+    - `key`: a key of `jax.random`, for the diffusivity of the flow; without a key drifters do
+        not diffuse.
     """
     moves = max(1, math.ceil(abs(end - start) / (longest * _SUBSTEPS)))
     length = (end - start) / moves

@@ -59,7 +59,7 @@ class Flow:
         - `currents`: as from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
         - `record`: number of the record to take as steady; by default all records.
-        - `diffusivity`: of unresolved motion, in m²/s.
+        - `diffusivity`: diffusivity of unresolved motion, in m²/s.
         - `coast`: the rule at a coast, as for [`Water.of`][].
 
         **Raises:** `ValueError` for a layer, record or diffusivity out of range; `RuntimeError` if

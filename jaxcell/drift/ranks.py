@@ -1,4 +1,4 @@
-"""Ranks of groups, which number and colour matching groups of all layers alike."""
+"""Ranks of groups: matching groups of all layers get one number and one colour."""
 
 from collections.abc import Sequence
 

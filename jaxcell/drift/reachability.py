@@ -57,8 +57,8 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     """Find the cells that a drifter may visit if it goes up and down at any time.
 
-    Alg. 5.4 of Alam 2018 does not ask this. To these cells some policy leads with positive
-    probability.
+    These are the cells to which some policy leads with positive probability. Alg. 5.4 of Alam 2018
+    does not compute them.
 
     **Arguments:**
 

@@ -61,7 +61,7 @@ class Exchange(Result):
     steps: int
     "The number of steps between release and arrival."
     arrived: Int[np.ndarray, "regions regions"] | None = None
-    "The number of simulated drifters from each region that are in each region then."
+    "The number of simulated drifters from each region in each region at arrival."
     released: int = 0
     "The number of drifters that are simulated from each region."
 
@@ -82,9 +82,9 @@ class Exchange(Result):
 
         **Arguments:**
 
-        - `water`, `flow`: of the surface.
+        - `water`, `flow`: water and flow of the surface.
         - `count`: the number of drifters from each region, released uniformly in its cells.
-        - `seed`: of the places of release, and of diffusion.
+        - `seed`: seed of the places of release, and of diffusion.
         """
         random = np.random.default_rng(seed)
         origin = np.concatenate(

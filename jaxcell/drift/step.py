@@ -50,12 +50,12 @@ class DriftStep:
     edge: str = "uniform"
     """`"uniform"`, the rule of the source: a cell with fewer than eight neighbours is mapped to its
     neighbours and to itself, all with one probability, and nothing ever leaves the grid. `"exit"`:
-    it drifts as other cells do, and what ends off the grid, in sea without data, or stranded on
-    land goes to the sink (one element of `A(z)`)."""
+    the cell is mapped like other cells, and a drifter that ends off the grid, in sea without data,
+    or stranded on land goes to the sink (one element of `A(z)`)."""
     method: str = "euler"
     "The integration method, as for [`jaxcell.drift.advect`][]."
     substeps: int = 1
-    "Steps of the integration method."
+    "Number of steps of the integration method in each step of the map."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for a number out of range, or an unknown choice."""
@@ -92,7 +92,7 @@ class DriftStep:
         return crossing_time(water, flow) if self.duration is None else float(self.duration)
 
     def check_duration(self, crossing: float) -> None:
-        """Refuse a duration that is not 0.001 to 1000 times that to cross a cell."""
+        """Raise `ValueError` unless the duration is 0.001 to 1000 times that of crossing a cell."""
         least, most = crossing / _LONGEST, crossing * _LONGEST
         if self.duration is not None and not least <= self.duration <= most:
             raise ValueError(

@@ -45,9 +45,10 @@ class Voyage:
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
-    "Of the policy, from [`jaxcell.markov.Optimum`][] or [`jaxcell.markov.ShortestPath`][]."
+    """Certificate of the policy, from [`jaxcell.markov.Optimum`][] or
+    [`jaxcell.markov.ShortestPath`][]."""
     arrival: Certificate
-    "Of the times, from [`jaxcell.markov.conditional_hitting_times`][]."
+    "Certificate of the times, from [`jaxcell.markov.conditional_hitting_times`][]."
 
     @property
     def action(self) -> Int[Array, "cells"]:
@@ -124,7 +125,7 @@ def discounted_voyage(
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
     - `discount`: the discount factor per step, more than 0 and less than 1; the source omits it.
-    - `tolerance`: of the error of the values.
+    - `tolerance`: tolerance of the error of the values.
 
     **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy almost traps
     drifters, times are beyond 64-bit numbers; `certificate` and `arrival` say so.
@@ -183,7 +184,7 @@ def simulate_voyages(
 
     **Arguments:**
 
-    - `key`: of `jax.random`.
+    - `key`: a key of `jax.random`.
     - `voyage`: the policy.
     - `start`: a cell; several, or a mask over the cells, of which one is drawn for each drifter; or
         floating-point numbers, the probability of each cell.

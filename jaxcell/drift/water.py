@@ -43,7 +43,7 @@ class Water:
     "Length of each square along the x axis of the grid, in metres."
     dy: Float[np.ndarray, "rows columns"]
     angle: Float[np.ndarray, "rows columns"]
-    "From East to the x axis, counter-clockwise, in radians."
+    "Angle from East to the x axis, counter-clockwise, in radians."
     lon: Float[np.ndarray, "rows columns"]
     "Longitude of each centre in degrees."
     lat: Float[np.ndarray, "rows columns"]
@@ -112,7 +112,7 @@ class Water:
 
     @functools.cached_property
     def column(self) -> Int[np.ndarray, "cells"]:
-        """The column of each cell, usually from the West."""
+        """The column of each cell; column 0 is the first of the file, usually in the West."""
         return np.nonzero(self.number >= 0)[1].astype(np.int32)
 
     @functools.cached_property

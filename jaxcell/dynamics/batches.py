@@ -18,7 +18,7 @@ Value = TypeVar("Value")
 
 
 CHUNK = 1 << 18
-"""Number of cells that are computed at once; it bounds the memory beside the result."""
+"""Number of cells that are computed at once; it bounds the memory in addition to the result."""
 # Number of rows up to which a first stage is padded to a coarse size, to save a compilation.
 _FEW = 1 << 12
 

@@ -53,7 +53,7 @@ class GroupSummary:
     "Longest transient of each group: number of mappings from the farthest cell of its basin."
 
     def totals(self) -> "GroupTotals":
-        """Reduce the groups of each map to six numbers, on the host."""
+        """Compute statistics of all groups of each map, with NumPy."""
         count, period, basin, transient = map(
             np.asarray, (self.count, self.period, self.basin, self.transient)
         )
@@ -146,7 +146,7 @@ def follow(
     **Arguments:**
 
     - `image`: the image of each cell, an array of JAX or of NumPy, as the other arguments.
-    - `periodic`: which cells are periodic.
+    - `periodic`: the mask of periodic cells.
     - `weight`: the weight of a transient cell; with 1 the sum is the number of mappings to the
         group.
     """

@@ -32,7 +32,7 @@ def walked_leaders(
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
     """Find the smallest cell of the group of each cell, and the steps to the group.
 
-    It takes 8 bytes per cell beside the image.
+    It takes 8 bytes per cell in addition to the image.
     """
     chain, place, _ = _chains(jnp.asarray(image), jnp.zeros(1, jnp.int32))
     return _ended(chain, place, None)
@@ -61,15 +61,17 @@ def _chains(
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "places"]]:
     """Follow the orbit of each cell to a visited cell: a chain of new cells.
 
-    `period` are zeros, one more than cells; if there is only one, periods are lost.
+    The argument `period` is an array of zeros to write the periods into: one entry per cell and one
+    more, or a single entry to discard the periods.
 
     **Returns:**
 
-    - `chain`: one more than the first cell of the chain; in that first cell, -1 minus the smallest
-        cell of the group.
-    - `place`: the place in the chain; in its first cell, the number of steps to the group.
-    - `period`: the period of the group in its smallest cell, 0 in other cells; one more entry
-        receives writes without a period.
+    - `chain`: for each cell, one more than the first cell of its chain; for the first cell of a
+        chain, -1 minus the smallest cell of the group.
+    - `place`: for each cell, its place in its chain; for the first cell of a chain, the number of
+        steps to the group.
+    - `period`: for the smallest cell of each group, its period; 0 for other cells. The additional
+        last entry is overwritten by each chain that leads to a known group.
     """
     cells = image.shape[0]
     zero = jnp.zeros((), jnp.int32)
@@ -150,7 +152,7 @@ def _ended(
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
     """Compute the group and the steps of each cell, in place of its chain and its place.
 
-    Without the numbers of groups, each group has its smallest cell in their place.
+    If `number` is `None`, the smallest cell of each group stands for its number.
 
     Cells are processed from the last to the first, because a chain starts with its smallest cell.
     """

@@ -228,7 +228,7 @@ def prospects(
 def leaving_times(
     matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
-    """Compute the expected numbers of steps until a chain has left cells that it surely leaves."""
+    """Compute the expected numbers of steps until a chain leaves cells that it cannot stay in."""
     part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
     steps, products = part.expect(gain)

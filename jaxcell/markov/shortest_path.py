@@ -29,9 +29,9 @@ class ShortestPath:
     """The policy with the largest probability of arriving and, of such policies, the least time."""
 
     probability: Float[Array, "cells"]
-    "The largest probability of arriving; exactly 1 where some policy surely arrives."
+    "The largest probability of arriving; exactly 1 where some policy arrives with certainty."
     time: Float[Array, "cells"]
-    "The least expected number of steps of policies that surely arrive; `inf` if none does."
+    "The least expected number of steps of policies certain to arrive; `inf` without such a policy."
     conditional_time: Float[Array, "cells"]
     """The least expected number of steps over the paths that arrive, of policies with that
     probability; `inf` if no policy arrives."""
@@ -49,11 +49,11 @@ def stochastic_shortest_path(
 
     This is the problem of Alam 2018, section 5.4.7, without a discount. Rewards do not matter.
 
-    The cells from which some policy surely arrives are ends on the graph, exactly; elsewhere
-    policies are improved until the probability is the largest (Howard 1960). Of the actions that
-    keep it, the policy takes those with the least expected time over the paths that arrive. A
-    policy is changed only where that is strictly better, because otherwise it could begin to go
-    around in circles.
+    The cells from which some policy arrives with certainty are found exactly, on the graph. In
+    other cells, policies are improved until the probability is the largest (Howard 1960). Of the
+    actions that keep this probability, the policy takes those with the least expected time over the
+    paths that arrive. A policy is changed only where the change is strictly better, because it
+    could otherwise begin to go around in circles.
 
     **Arguments:**
 
@@ -171,9 +171,9 @@ class _Moves:
 def _sure(
     moves: _Moves, usable: Bool[np.ndarray, "actions cells"], there: Bool[np.ndarray, "cells"]
 ) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "actions cells"]]:
-    """Find the cells from which some policy surely arrives, and the actions that stay among them.
+    """Find the cells from which some policy is certain to arrive, and the actions that stay there.
 
-    Cells that cannot arrive by actions that surely stay among the others are removed, repeatedly.
+    Cells that cannot arrive by actions that stay among the other cells are removed, repeatedly.
     """
     safe = usable & moves.stays
     sure = np.ones(moves.cells, bool)

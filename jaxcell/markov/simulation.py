@@ -31,7 +31,7 @@ class Arrivals:
     """The time of the first arrival in many independent runs."""
 
     time: Float[Array, "runs"]
-    "The number of steps of each run; `inf` if it was given up."
+    "The number of steps of each run; `inf` for a run that was given up."
     horizon: int
     "The number of steps after which a run was given up."
 

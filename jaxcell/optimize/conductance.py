@@ -34,7 +34,7 @@ class MinimumCommute:
     "The closed walk whose edges are emphasised, in order, or `None`."
     certificate: Certificate
     prices: Float[np.ndarray, "constraints"] | None = None
-    "The decrease of the time per unit by which a linear constraint yields, to first order."
+    "Shadow price of each linear constraint: the decrease of the time per unit of relaxation."
 
 
 def minimum_commute(
@@ -78,20 +78,21 @@ def minimum_commute(
         durations.
     - `tolerance`: tolerance of the relative gap; on more than 2,000 vertices at least 0.01, and at
         least 1e-4 with constraints of cvxpy.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
     no weights have an average commute time below `(1 - residual) commute_time`. The problem is an
     A-optimal design, in which for any weights `u`, `C(u) >= C(w) tr X / sum_e u_e |X b_e|^2` with
     `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008). With constraints the
-    bound is over all `u` that meet them, by their prices, or by a program of cvxpy.
+    bound holds for all `u` that meet them; it follows from the shadow prices of linear constraints,
+    or from a program of cvxpy.
 
     **Raises:** `ValueError` for wrong arguments, and for a share that leaves only rounding to
-    vertices that are not on the tour; `RuntimeError` if the gap does not close, and if no weights
-    meet the constraints, with constraints that contradict each other.
+    vertices that are not on the tour; `RuntimeError` if the gap stays above the tolerance, and if
+    no weights meet the constraints (the message names constraints that contradict each other).
 
-    On a line of three vertices both edges have the same weight. Two pairs take 4 steps there and
-    back, and one pair takes 8:
+    On a line of three vertices both edges have the same weight. The commute time is 4 steps for two
+    pairs of vertices, and 8 for the third:
 
         >>> from jaxcell import optimize
         >>> graph = optimize.Graph([[0, 1], [1, 2]])

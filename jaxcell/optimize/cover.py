@@ -51,7 +51,7 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
 
     **Arguments:**
 
-    - `sets`: which elements each set holds.
+    - `sets`: the mask of the elements of each set.
     - `choice`: the place in the ranking, from 0; robot `i` of several takes choice `i`, so that
         their covers differ.
 
@@ -103,7 +103,7 @@ def minimum_cover(
 
     **Arguments:**
 
-    - `sets`: which elements each set holds.
+    - `sets`: the mask of the elements of each set.
     - `time_limit`: seconds after which the best cover so far is returned; by default no limit.
     - `throw`: whether to raise when the cover may not be the smallest.
 

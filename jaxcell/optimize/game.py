@@ -66,7 +66,7 @@ def stackelberg(
         then the second if the first is not good enough and there are at most 10,000 combinations.
     - `time_limit`: time limit of the mixed-integer program, in seconds. After it, the best
         commitment so far is not good enough, and its residual bounds the error.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: the
     excess of an upper bound on all commitments over the value, relative to the range of the

@@ -62,7 +62,7 @@ def fastest_mixing(
     - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive and
         with sum 1; by default uniform.
     - `tolerance`: tolerance of the relative gap.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`FastestMixing`][]. The residual of its certificate is how far the spectral gap,
     `1 - rate`, can be below the largest, as a part of itself. It comes from a dual solution: no
@@ -114,7 +114,7 @@ def fastest_averaging(
 
     - `graph`: a connected graph.
     - `tolerance`: tolerance of the relative gap.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`FastestAveraging`][]. The residual of its certificate bounds the relative
     distance of `1 - rate` from its maximum.

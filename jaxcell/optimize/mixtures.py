@@ -23,7 +23,7 @@ class Mixture:
     value: Float[Array, "rows"]
     "The mixture, `A weights`."
     distance: float
-    "Its Euclidean distance from the target."
+    "The Euclidean distance of the mixture from the target."
     certificate: Certificate
 
 
@@ -38,7 +38,7 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
 
     - `A`: float64 array `[rows, columns]`, such as the coverage distributions of policies.
     - `b`: float64 array `[rows]`, the target.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`Mixture`][]. The residual of its certificate, the duality gap, bounds the excess
     of `|A x - b|^2` over the optimum, relative to the largest squared distance of a column from the

@@ -29,7 +29,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int 
 
     - `run`: the log of a run of these settings.
     - `settings`: the settings of that run.
-    - `seed`: of the draws.
+    - `seed`: seed of the draws.
 
     **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
     [`jaxcell.space.Slip`][].

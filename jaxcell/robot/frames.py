@@ -61,7 +61,7 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
 
     **Arguments:**
 
-    - `folder`: where the pictures are; `.png`, `.jpg` and `.jpeg` count.
+    - `folder`: the folder of the pictures, which end in `.png`, `.jpg` or `.jpeg`.
 
     **Returns:** a function that gives the next picture.
 

@@ -125,7 +125,7 @@ def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
 
     **Arguments:**
 
-    - `side`: of the sheet, in pixels; multiples of 10 are exact.
+    - `side`: the side of the sheet in pixels; multiples of 10 are exact.
 
     **Returns:** the picture, 0 for black and 255 for white.
 
@@ -231,9 +231,9 @@ def _fit(
 
     **Arguments:**
 
-    - `points`: of the outline, so normalized that the homography is near the identity.
-    - `unit`: pixels in a unit.
-    - `width`: of the frame, pixels.
+    - `points`: the points of the outline, normalized so that the homography is near the identity.
+    - `unit`: pixels per unit.
+    - `width`: the width of the frame, in pixels.
     """
     homography, inset = np.eye(3), 0.0
     for reach in (*_ROUNDS, 0.0):

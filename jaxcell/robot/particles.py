@@ -15,7 +15,7 @@ class Cloud:
     """The particles after some observations."""
 
     pose: Float[np.ndarray, "particles 3"]
-    "Metres and radians."
+    "x and y in metres, and the heading in radians."
     believed: Int[np.ndarray, "particles"]
     "The direction that each particle believes to face."
     observations: int
@@ -26,9 +26,9 @@ class Cloud:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Particles:
-    """Monte Carlo localization: of many slipping robots, those that agree with the robot survive.
+    """Monte Carlo localization: simulated robots that slip survive if they observe the same.
 
-    The particles start at the centres of cells and move as [`jaxcell.space.slipping_step`][] says.
+    The particles start at the centres of cells and move by [`jaxcell.space.slipping_step`][].
     The same seed gives the same run.
 
     In a corridor of three cells, after a bump at the East end and three steps:
@@ -54,7 +54,7 @@ class Particles:
     "Number of particles."
     seed: int = 0
     share: float = 0.95
-    "The least probability of the configurations of an estimate together."
+    "The least total probability of the configurations in an estimate."
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -79,7 +79,7 @@ class Particles:
         return Cloud(pose, chosen // self.cells.positions, 0, 1.0)
 
     def observe(self, state: Cloud, observation: int) -> Cloud:
-        """Move the particles, and draw those that agree with an observation, 0 or 1."""
+        """Move the particles, and resample those that agree with an observation, 0 or 1."""
         rng = np.random.default_rng([self.seed, state.observations + 1])
         errors = rng.standard_normal((self.count, ERRORS))
         legs = self._legs[state.believed]
@@ -95,7 +95,7 @@ class Particles:
         return Cloud(pose[kept], believed[kept], state.observations + 1, float(match.mean()))
 
     def estimate(self, state: Cloud) -> Estimate:
-        """Compute the credible set; it is nowhere if the last observation refuted all particles."""
+        """Compute the credible set; `nowhere` is 1 if no particle fits the last observation."""
         where = nearest_cell(self.cells, *state.pose.T)
         mass = np.bincount(where, minlength=self.cells.size) / self.count
         return credible(mass, self.share, float(state.matched == 0))

@@ -17,7 +17,7 @@ class PatrolOutcome(RunOutcome):
     """The outcome of a patrol."""
 
     visited: tuple[int, ...] = ()
-    "The positions that were drawn, and reached."
+    "The drawn positions that the robot reached."
     obstacles: tuple[tuple[int, int], ...] = ()
     "Obstacles that are not in the map: a position, and 0 East to 3 South for each."
     position: int = -1
@@ -30,11 +30,11 @@ class Patrol:
     """A robot on its patrol, step by step, so that a log can be replayed through it.
 
     The next cell is drawn by the policy, and the robot goes there by wave routing. A way on which
-    it bumps is closed, and it takes another one. What it met may have been another robot: when no
-    cell that can be drawn is left to go to, all ways are open again. The number of bumps is
-    limited, since beyond a few the map is another, or the robot has lost its place.
+    it bumps is closed, and the robot takes another way. Because the obstacle may have been another
+    robot, all ways are opened again when none of the cells to draw can be reached. The number of
+    bumps is limited, because many bumps mean that the map is wrong or that the robot is lost.
 
-    A patrol that goes to and fro between the ends of a corridor and meets nothing:
+    A patrol between the ends of a corridor without obstacles:
 
         >>> import pathlib, tempfile
         >>> import numpy as np
@@ -67,12 +67,12 @@ class Patrol:
         """**Arguments:**
 
         - `task`: the policy, and the grid.
-        - `start`: the position where the robot is.
-        - `facing`: the way that it faces, 0 East to 3 South.
-        - `seed`: of the draws; robots with the same seed draw differently.
-        - `visits`: after how many drawn cells it is over.
-        - `most_bumps`: how many bumps to put up with.
-        - `limit`: how many steps to make at most.
+        - `start`: the first position of the robot.
+        - `facing`: the way that the robot faces, 0 East to 3 South.
+        - `seed`: seed of the draws; the robots of a team draw differently with the same seed.
+        - `visits`: number of drawn cells to visit before the patrol ends.
+        - `most_bumps`: number of bumps at which the patrol ends.
+        - `limit`: number of steps at which the patrol ends.
 
         **Raises:** `ValueError` for a number out of range.
         """
@@ -95,7 +95,7 @@ class Patrol:
         self.visited: list[int] = []
         self.obstacles: list[tuple[int, int]] = []
         self.goal: int | None = None
-        "The cell that was drawn, while the robot is on its way there."
+        "The drawn cell that the robot is on its way to, or `None`."
         self._task, self._ways = task, task.ways.copy()
         self._at = self._drawn = start
         self._rng = np.random.default_rng([seed, task.robot])
@@ -116,7 +116,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Take in whether the step bumped."""
+        """Update the patrol after a step, which bumped or not."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -130,7 +130,7 @@ class Patrol:
             self.goal = None
 
     def report(self, intruder: Any) -> None:
-        """Take in the report of an intruder."""
+        """Add the report of an intruder, which ends the patrol."""
         self._intruder = intruder
 
     @property
@@ -158,7 +158,7 @@ class Patrol:
         self._distance = wave(self._ways, self.goal)
 
     def outcome(self) -> PatrolOutcome:
-        """Make the outcome of the patrol so far."""
+        """Return the outcome of the patrol so far."""
         visits, bumps = len(self.visited), len(self.obstacles)
         place = _place(self._task, self.position)
         met = f"; something was in the way {_times(bumps)} where the map is free" if bumps else ""
@@ -196,14 +196,14 @@ def run_patrol(
     **Arguments:**
 
     - `walker`: the robot, at the centre of its first cell, with 4 directions and a step of a cell.
-    - `patrol`: what it does.
-    - `look`: called with the position of each cell that the robot comes to, on the way too; what it
-        returns, a JSON value, is reported as an intruder and ends the patrol, unless it is `None`.
-    - `log`: where to write each observation as it comes.
+    - `patrol`: the patrol, which chooses each step.
+    - `look`: called with each position that the robot reaches, also on its way; it returns `None`,
+        or a JSON value, which is reported as an intruder and ends the patrol.
+    - `log`: the log to which each observation is written at once.
 
     **Returns:** [`PatrolOutcome`][].
 
-    A point robot that goes to and fro between the ends of a corridor, without a serial line:
+    A simulated robot, without a serial line, that patrols between the ends of a corridor:
 
         >>> import pathlib, tempfile
         >>> import numpy as np
@@ -248,14 +248,14 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     **Arguments:**
 
     - `run`: the log of a run of a patrol, whose header has the [`Patrol`][]'s settings.
-    - `task`: what was run.
+    - `task`: the task of the run.
 
-    **Returns:** [`PatrolOutcome`][], that of the run if it was not cut off.
+    **Returns:** [`PatrolOutcome`][], equal to the outcome of the run unless the run was cut off.
 
-    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere: the
-    log is of another policy.
+    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere,
+    because the log is of another policy.
 
-    The log of a robot that has gone one step in a corridor, between whose ends it is to go:
+    The log of one step of a robot that patrols between the ends of a corridor:
 
         >>> import pathlib, tempfile
         >>> import numpy as np

@@ -15,7 +15,7 @@ def run_plan(
     - `walker`: the robot, at the centre of the plan's first cell, in its direction.
     - `actions`: 0 for a step forward, else the angle to turn by at a bump, in radians,
         counter-clockwise; as `jaxcell.bounce.Plan.actions`.
-    - `log`: where to write each observation as it comes.
+    - `log`: the log to which each observation is written at once.
 
     **Returns:** [`RunOutcome`][]: `"refuted"` at the first step that meets a wall where none can
     be, or none where one must be.

@@ -13,7 +13,7 @@ def grid_steps(
 
     **Arguments:**
 
-    - `free`: which squares are free; row 0 is the lowest. The free squares are the positions,
+    - `free`: the mask of free squares; row 0 is the lowest. The free squares are the positions,
         counted row by row, as in [`jaxcell.space.CellSpace`][].
     - `closed`: ways between free squares that do not exist either, as a position and one of the
         four ways: 0 East, 1 North, 2 West, 3 South. Each is closed from both sides.
@@ -90,15 +90,17 @@ def next_way(
     position: int,
     ahead: int,
 ) -> int:
-    """The way of the next step down a wave: straight ahead where that leads nearer, since turns
-    take time and cost precision, else the first of the four.
+    """Choose the way of the next step down a wave.
+
+    It is the way straight ahead if that leads nearer, because turns take time and cost precision;
+    else the first of the four ways that leads nearer.
 
     **Arguments:**
 
     - `steps`: the result of [`grid_steps`][].
     - `distance`: the result of [`wave`][], of the goal.
-    - `position`: where the robot is: not the goal, and with a way to it.
-    - `ahead`: the way that it faces.
+    - `position`: the position of the robot: not the goal, and with a way to the goal.
+    - `ahead`: the way that the robot faces.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())

@@ -22,10 +22,10 @@ _VERSION = 1
 
 
 class RunLog:
-    """The log of a run: a JSON object per line, each on the disk before the robot goes on.
+    """The log of a run: one JSON object per line, each flushed before the robot goes on.
 
-    The first line says what was run; each of the others is an event, with the seconds since then.
-    A context manager.
+    The first line describes the run. Every other line is an event, with the seconds since the
+    beginning of the log. A log is a context manager.
 
     A log of one event, read back:
 
@@ -46,7 +46,7 @@ class RunLog:
         """**Arguments:**
 
         - `path`: the file, which must not exist: a log is never overwritten.
-        - `header`: what is run, a JSON object.
+        - `header`: a JSON object that describes the run.
 
         **Raises:** `FileExistsError`.
         """

@@ -158,7 +158,7 @@ class Member:
     def __init__(self, actions: str, tries: int) -> None:
         self.observations = ""
         self.index = 0
-        "Of the next action."
+        "The index of the next action."
         self._actions, self._tries, self._bumps = actions, tries, 0
         self._refuted: Literal["bumps", "no wall"] | None = None
 
@@ -228,19 +228,19 @@ def run_member(
 ) -> RunOutcome:
     """Drive a robot through its part of a joint trajectory (Alam 2018, Alg. 3.4).
 
-    The robots neither see each other nor share a clock, so they come a little early or late to
-    where the trajectory has two of them meet. There each stays for one step and turns, as the
-    trajectory has it, and does not look for the other. And where a robot bumps on a way that the
-    trajectory has free, another one may stand there: it goes back, waits, and tries again, 3 times
-    in all.
+    The robots neither see each other nor share a clock, so they come a little early or late to the
+    places where two of them meet in the trajectory. There each robot stays for one step and turns,
+    as in the trajectory, without sensing the other robot. If a robot bumps on a way that is free in
+    the trajectory, another robot may stand there: the robot goes back, waits, and tries again, up
+    to 3 times in all.
 
     **Arguments:**
 
     - `walker`: the robot, at its start.
-    - `task`: what it does.
-    - `log`: where to write each observation as it comes.
-    - `pause`: seconds to wait before it tries again.
-    - `sleep`: what waits.
+    - `task`: the task of the robot.
+    - `log`: the log to which each observation is written at once.
+    - `pause`: seconds to wait before the robot tries a step again.
+    - `sleep`: the function that waits.
 
     **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that met no
     wall where there is one, or something three times where the way is free.

@@ -78,16 +78,16 @@ class Walker:
         - `robot`: e.g. [`jaxcell.robot.Create`][].
         - `step`: length of a step, in metres.
         - `strides`: the result of [`cell_strides`][], if the heading is known.
-        - `direction`: then the heading at the start, as a number of directions.
-        - `recalled`: what the robot sensed in a run that is to go on. The first steps, and the
-            turns between them and after the last, are taken as made: the robot is where the last of
-            them ended, and heads for its next step.
-        - `tolerance`, `turn_tolerance`: how near a target is near enough by the encoders, in metres
-            and in radians; a place by default to 4 mm, or where a step is less than 1 m to 0.4 % of
-            it, but no less than 1 mm, which the wheels can still make.
+        - `direction`: with `strides`, the number of the direction of the robot at the start.
+        - `recalled`: the observations of the run to resume. The robot does not drive these steps,
+            the turns between them, or the turn after the last one: it is at the end of the last
+            step, and heads for the next one.
+        - `tolerance`, `turn_tolerance`: the largest error by the encoders, in metres and in
+            radians. The default for places is 4 mm, or 0.4 % of a step that is shorter than 1 m,
+            but at least 1 mm, which the wheels can still drive.
 
-        **Raises:** `ValueError` for a step or a tolerance that is not positive, or a direction that
-        is not one.
+        **Raises:** `ValueError` for a step or a tolerance that is not positive, or for a direction
+        that does not exist.
         """
         if tolerance is None:
             tolerance = max(min(0.004, 0.004 * step), 0.001)

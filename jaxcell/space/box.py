@@ -17,10 +17,10 @@ Axis: TypeAlias = Literal["sink", "periodic", "clamp"]
 class Box:
     """A box of equal cells, of any number of dimensions.
 
-    Cells are numbered from 0, along the last axis first, so that an array over cells becomes one
-    over the axes by `array.reshape(box.cells)`. A point on the face between two cells belongs to
-    the upper one, to 1e-9 of a cell. After the cells come two sinks: `outside` for points that left
-    the box, and `nowhere` for those with a coordinate that is not finite.
+    Cells are numbered from 0, along the last axis first: `array.reshape(box.cells)` turns an array
+    over cells into an array over the axes. A point on the face between two cells, to 1e-9 of a
+    cell, belongs to the upper cell. Two sinks follow the cells: `outside` for points that left the
+    box, and `nowhere` for points with a coordinate that is not finite.
 
     A box is hashable. It computes with arrays of NumPy or JAX, under `jit` and `vmap` too.
 
@@ -167,7 +167,7 @@ class Box:
         return xp.asarray(xp.where(finite, cell, self.nowhere), dtype=xp.int32)
 
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
-        """Find the coordinates of the cells of points; points outside count for cells at the ends.
+        """Find the coordinates of the cells of points; for points outside, of a cell at the end.
 
         **Arguments:**
 

@@ -15,7 +15,7 @@ ERRORS = 9
 TURNING = 7
 "Index of the error of the turn after a bump."
 MISSED = 1e-3
-"Probability that the observation of a particle differs from that of the robot by any cause."
+"Probability that the observation of a particle differs from that of the robot, for any reason."
 # Metres between the two rays that measure the slope of a wall.
 _BESIDE = 1e-4
 # A wall is longer by this share at either end, so that no ray leaves through a corner.
@@ -50,9 +50,9 @@ class Slip:
     same at each bump, and the wheels do not measure it. At an incidence i it is `sin(2 i)` times as
     much, so that a head-on bump turns the robot to neither side."""
     bump_skid: float = 0.0
-    """Distance that the wheels skid at a head-on bump, in metres. They measure it as a way, so a
-    robot that drives back by its wheels goes back too far. At an incidence i it is `cos(i)**2`
-    times as much."""
+    """Distance that the wheels skid at a head-on bump, in metres. The encoders count it as
+    travel, so a robot that drives back by its encoders goes too far back. At an incidence i it is
+    `cos(i)**2` times as much."""
 
     def __post_init__(self) -> None:
         for name in ("step", "turn", "heading"):
@@ -70,7 +70,7 @@ class Slip:
 
     @classmethod
     def of(cls, slip: float, **others: float) -> "Slip":
-        """Make equal errors of steps, turns and heading, as an emulated robot has."""
+        """Set the errors of steps, turns and heading to one number, as in an emulated robot."""
         return cls(step=slip, turn=slip, heading=slip, **others)
 
 
@@ -106,7 +106,7 @@ def free_ahead(
 
     **Arguments:**
 
-    - `walls`: as of [`felt_walls`][].
+    - `walls`: the walls, as from [`felt_walls`][].
     - `place`, `heading`: the start in metres, and the heading in radians.
 
     **Returns:** the distances in metres, `inf` for no wall.
@@ -203,7 +203,7 @@ def slipping_step(
     - `legs`: the stretches that the robot intends, a row of [`stride_legs`][].
     - `bounce`: the bouncing angle in radians.
     - `errors`: standard normal numbers.
-    - `walls`: as of [`felt_walls`][].
+    - `walls`: the walls, as from [`felt_walls`][].
     - `slip`: the sizes of the errors.
     - `ahead_of`: a function in place of [`free_ahead`][].
 

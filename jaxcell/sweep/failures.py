@@ -14,9 +14,9 @@ class Failure:
     """A member that failed."""
 
     chunk: int
-    "The number of its chunk."
+    "The number of the chunk of the member."
     index: Mapping[str, int]
-    "Its place along each dimension."
+    "The place of the member along each dimension."
     parameters: Mapping[str, Any]
     message: str
     trace: str

@@ -32,7 +32,7 @@ class SobolIndex:
     at: Mapping[str, Any]
     "The values of the parameters of a grid; empty without a grid."
     first_order: float
-    "Share from the parameter alone."
+    "The share of the variance from the parameter alone."
     first_order_interval: tuple[float, float]
     "Confidence interval of 95 %, by a bootstrap over the samples."
     total: float

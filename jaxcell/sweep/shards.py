@@ -54,11 +54,11 @@ class Shard:
         return cls(int(match[1]), int(match[2]))
 
     def chunks(self, count: int) -> range:
-        """The numbers of its chunks in a sweep of `count` chunks."""
+        """Return the numbers of the chunks of the shard in a sweep of `count` chunks."""
         return range(self.number - 1, count, self.count)
 
     def folder(self, out: str | os.PathLike[str]) -> Path:
-        """Its store, in the folder `out` of the whole sweep."""
+        """Return the folder of the store of the shard, in the folder `out` of the whole sweep."""
         return Path(out) / _FOLDER / f"{self.number}-of-{self.count}"
 
 

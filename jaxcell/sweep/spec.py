@@ -32,11 +32,11 @@ class Chunk:
     """Members that are computed together: a box of places along the dimensions."""
 
     number: int
-    "Numbers begin with 0; the last dimension is fastest."
+    "The number of the chunk, from 0; the last dimension is fastest."
     index: tuple[int, ...]
-    "Its place among the chunks along each dimension."
+    "The place of the chunk among all chunks, along each dimension."
     region: tuple[slice, ...]
-    "The places of its members along each dimension."
+    "The places of the members along each dimension."
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -102,8 +102,8 @@ class Spec:
         **Arguments:**
 
         - `text`: the specification.
-        - `path`: its file, for errors.
-        - `folder`: where relative paths in it start.
+        - `path`: the file of the specification, for errors.
+        - `folder`: the folder in which relative paths in the specification start.
 
         **Raises:** `ValueError` that names the file, the field, and the fault.
         """

@@ -39,9 +39,9 @@ class Verified:
     damaged: tuple[str, ...]
     "A line for each damaged chunk, other record of the journal, or file."
     recomputed: int
-    "The number of these that are whole again."
+    "The number of damaged chunks, records and files that are repaired."
     status: SweepStatus
-    "The progress of the sweep after that."
+    "The progress of the sweep after the repair."
 
     @property
     def whole(self) -> bool:

@@ -1,4 +1,4 @@
-"""The choice of an angle at each bump that soon tells a robot where it is."""
+"""The choice of a bouncing angle at each bump that localizes a robot in few bumps."""
 
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
@@ -11,9 +11,9 @@ from .filter import WallFilter
 from .sets import WallSet
 
 
-# Stretches of a set that are followed in each trial; of larger sets they are drawn.
+# Largest number of stretches of a set that a trial follows; larger sets are sampled.
 _FOLLOWED = 96
-# Trials that are made at a time.
+# Number of trials that are computed at once.
 _AT_ONCE = 20_000
 
 Aim: TypeAlias = Literal["worst", "mean"]
@@ -44,8 +44,8 @@ def choose_angles(
     - `rng`: source of the draws.
     - `aim`: the extent to minimize: the largest over the places that are drawn, or their mean.
     - `ahead`: number of bumps to look ahead.
-    - `draws`: number of places that are drawn for each bump ahead; more find the smaller of two
-        extents that are almost the same.
+    - `draws`: number of places that are drawn for each bump ahead; more draws compare extents more
+        reliably.
 
     **Returns:** the number of the angle for each robot.
     """
@@ -129,7 +129,7 @@ def draw_places(
 
 
 def _sampled(state: WallSet, robots: int, rng: np.random.Generator) -> WallSet:
-    """Keep at most a number of stretches for each robot, drawn at random."""
+    """Keep at most `_FOLLOWED` stretches of the set of each robot, drawn at random."""
     number = np.bincount(state.robot, minlength=robots)
     if number.max(initial=0) <= _FOLLOWED:
         return state

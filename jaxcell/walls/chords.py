@@ -10,7 +10,7 @@ from .boundary import Boundary
 from .meeting import Met, Pairs, Rows
 
 
-# Headings are followed from slices of at most this width down to those that are wanted.
+# Headings are followed from slices of at most this width down to slices of the wanted width.
 _WIDEST = np.pi / 5
 # Slices reach over their ends by this angle, so that rounding loses no heading between them.
 _OVERLAP = 1e-9
@@ -20,13 +20,14 @@ _OVERLAP = 1e-9
 class Chords:
     """The straight runs from wall to wall, for slices of headings.
 
-    A row holds for the robots that leave a stretch of a wall with a heading of a slice, and names a
-    wall that they may meet. Every possible run is in a row: a stretch has a row for each wall that
-    its robots may meet. For a heading that is known exactly a stretch has one row, which is exact.
+    Each row describes the runs from a stretch of a wall, with a heading of a slice, to one wall. A
+    stretch has a row for each wall that a robot from there may meet, so that every possible run is
+    in a row. For a heading that is known exactly a stretch has one row, which is exact.
 
-    With `p` the arc length where a robot starts, the run is `(c0 + c1 p) k` with `k` between
-    `nearest` and `farthest`, and it ends at an arc length between `low0 + low1 p` and
-    `high0 + high1 p`, where these are sorted by the two ends of the slice.
+    A robot that starts at arc length `p` is `clearance[0] + clearance[1] * p` away from the line of
+    the wall that it meets. The length of its run is this distance times a number between
+    `stretch[0]` and `stretch[1]`. For each end `e` of the slice, the run ends at the arc length
+    `arc[e, 0] + arc[e, 1] * p`.
     """
 
     boundary: Boundary
@@ -41,7 +42,7 @@ class Chords:
     begin: Float[np.ndarray, "rows"]
     end: Float[np.ndarray, "rows"]
     hit: Int[np.ndarray, "rows"]
-    "The wall that may be met."
+    "The wall at the end of the run."
     clearance: Float[np.ndarray, "2 rows"]
     "The distance from the line of that wall, as a constant and a slope in the arc length."
     stretch: Float[np.ndarray, "2 rows"]
@@ -106,7 +107,7 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """The number of the slice and the wall of each row; rows are sorted by it."""
+        """One number for the slice and the wall of each row, by which rows are sorted."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 

@@ -14,11 +14,11 @@ from .sets import WallSet
 
 # Walls are cut into parts of at most this length for the numbers of bumps to the goal, in metres.
 _PART = 0.2
-# Slices of headings for these numbers, at least.
+# Number of slices of headings for these numbers, if the filter has a larger multiple of it.
 _SLICES = 72
-# Robots that are driven from each part of a wall and slice of headings.
+# Number of simulated robots from each part of a wall, for each slice of headings.
 _DRIVEN = 4
-# The largest expected number of bumps that is told apart from never.
+# The largest expected number of bumps; greater numbers and infinity are replaced by it.
 _NEVER = 100.0
 
 
@@ -27,8 +27,8 @@ class Homing:
     """The navigation of robots that start anywhere into a goal region, a disc.
 
     The expected number of bumps to the goal is known for each part of a wall and each heading. A
-    robot takes the angle after which this number is least, in the mean over its set; as long as its
-    set is large, it takes the angle that tells it most.
+    robot takes the angle that minimizes the mean of this number over its set. While its set is
+    large, it takes the angle after which the set is expected to be smallest.
     """
 
     filter: WallFilter
@@ -80,7 +80,7 @@ class Homing:
 
     @functools.cached_property
     def bumps(self) -> Float[np.ndarray, "slices parts"]:
-        """The expected number of bumps to the goal of a robot that leaves with a heading."""
+        """The expected number of bumps to the goal from each part of a wall, for each heading."""
         boundary, rng = self.filter.boundary, np.random.default_rng(0)
         wall, ends = self.parts
         slice_, part = (index.ravel() for index in np.indices((self.slices, wall.size)))
@@ -124,7 +124,7 @@ class Homing:
         return np.hypot(*(place - np.array(self.goal)).T) <= self.radius
 
     def arrived(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
-        """Check for each robot whether all of its set is in the goal."""
+        """Check for each robot whether its whole set is in the goal."""
         inside = self._within(state.wall, state.begin) & self._within(state.wall, state.end)
         outside = np.bincount(state.robot[~inside], minlength=robots)
         return (outside == 0) & ~self.filter.refuted(state, robots)
@@ -140,7 +140,7 @@ class Homing:
         - `robots`: number of robots.
         - `rng`: source of the draws of places.
         - `known`: the extent of a set below which a robot heads for the goal, in metres; by default
-            a quarter of the room's.
+            a quarter of the diameter of the room.
 
         **Returns:** the number of the angle for each robot.
         """

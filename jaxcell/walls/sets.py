@@ -11,7 +11,7 @@ from .chords import Chords
 
 # Bounds are moved outward by this, in metres, which is far more than rounding can be.
 OUTWARD = 1e-9
-# Stretches that are closer than this are joined, in metres.
+# Stretches whose distance is at most this are joined, in metres.
 _JOINED = 1e-6
 
 
@@ -33,7 +33,7 @@ class WallSet(NamedTuple):
         return WallSet(*(part[which] for part in self))
 
     def joined(self, apart: float = _JOINED) -> "WallSet":
-        """Sort the stretches, and join those that overlap or are closer than a length in metres."""
+        """Sort the stretches, and join those that overlap or are at most `apart` metres apart."""
         order = np.lexsort((self.begin, self.wall, self.slice, self.robot))
         robot, slice_, wall, begin, end = self.take(order)
         if not begin.size:

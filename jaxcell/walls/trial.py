@@ -67,9 +67,9 @@ def drive_anywhere(
     - `headings`: robots start with a heading `2 pi k / headings` up to its error; `None` for any.
     - `goal`: the goal of the robots; `None` if they only find out where they are.
     - `start`: x, y in metres and heading in radians of the first robot; else it is drawn as well.
-    - `aim`, `ahead`: of the choice of angles of robots without a goal, as in
-        [`choose_angles`][jaxcell.walls.choose_angles].
-    - `seed`: of the starts, the errors and the draws of a choice.
+    - `aim`, `ahead`: arguments of [`choose_angles`][jaxcell.walls.choose_angles], for robots
+        without a goal.
+    - `seed`: seed of the starts, of the errors and of the draws of a choice.
     - `say`: called with the progress.
     """
     rng = np.random.default_rng(seed)

@@ -73,9 +73,9 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Copy metadata as a file would return them.
+    """Return a copy of metadata as it would be read from a file.
 
-    **Raises:** `ValueError` if they are not a JSON object.
+    **Raises:** `ValueError` if the metadata is not a JSON object.
     """
     try:
         return json.loads(json.dumps(dict(metadata), allow_nan=False))

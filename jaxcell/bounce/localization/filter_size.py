@@ -27,7 +27,7 @@ def heading_filter_sizes(
     **Arguments:**
 
     - `walls`: the walls of grids.
-    - `shift`: directions that the robot turns by at a bump.
+    - `shift`: number of directions by which the robot turns at a bump.
 
     **Returns:** the numbers of states.
 

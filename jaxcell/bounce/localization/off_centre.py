@@ -67,7 +67,7 @@ class OffCentre:
 
         - `cells`: the cell space.
         - `count`: number of robots.
-        - `seed`: of the random numbers.
+        - `seed`: seed of the random numbers.
         - `motion`: how the robots move.
         - `walker`: whether the whole path of a walker has to be free, and not only the step.
         """
@@ -134,7 +134,7 @@ def filter_shares(
     **Arguments:**
 
     - `filter`, `cells`: a filter of these cells.
-    - `shift`: directions that a robot turns by at a bump.
+    - `shift`: number of directions by which a robot turns at a bump.
     - `motion`, `walker`: as for [`OffCentre.drawn`][].
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)

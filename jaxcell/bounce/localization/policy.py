@@ -22,12 +22,12 @@ Goal: TypeAlias = Literal["cell", "position", "class"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LocalizationPolicy(States):
-    """The choice of angles at bumps that localizes a robot, with its numbers.
+    """A policy that localizes a robot by its choice of angles at bumps, and numbers of the policy.
 
-    State 0 is the start; the others are sets of cells in which the robot may bump. The
-    configurations of state `s` are `member[offset[s]:offset[s + 1]]`; after `bump_steps[i]` steps
+    State 0 is the start; every other state is a set of cells in which the robot may bump. The
+    configurations of state `s` are `member[offset[s]:offset[s + 1]]`. After `bump_steps[i]` steps
     the robot bumps again in state `bump_state[i]`, for `i` from `bump_offset[s]` to
-    `bump_offset[s + 1]`, and where these are the same it is localized.
+    `bump_offset[s + 1]`. If these two bounds are equal, the robot is localized in state `s`.
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot that chooses its angles"
@@ -45,7 +45,7 @@ class LocalizationPolicy(States):
     roadmap: Roadmap
     "The cells where the robot bumps, and the cells after each bump."
     least: Annotated[float, quantity("", "bumps that no policy does with less than")]
-    "At worst, or in the mean over the starts, by `aim`."
+    "The worst case over the starts, or their mean, by `aim`."
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
     wall_class: Int[np.ndarray, "walls"]

@@ -23,7 +23,7 @@ class States(Result):
     """
 
     smallest: Smallest | None
-    "The least machine with the same outputs, if it was searched for."
+    "The smallest machine with the same outputs, or `None` without a search."
 
     @derived("", "states, smallest", "1", kind="count")
     def smallest_states(self) -> int | None:
@@ -53,7 +53,7 @@ class States(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LocalizationFilter(States):
-    """A localization filter, with its numbers.
+    """A localization filter, and numbers of the filter.
 
     The configurations of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
     knowledge cycle `c`, in their order, are `cycle_state[cycle_offset[c]:cycle_offset[c + 1]]`.

@@ -98,11 +98,11 @@ class _Bump:
     onward: Int[np.ndarray, "angles walls"]
     "The next wall."
     price: Shaped[np.ndarray, "angles walls 1"]
-    "Cost of the bump if it keeps the angle, and of the run to that wall."
+    "Cost of a bump that keeps the angle and of the run to the next wall."
     arrival: Shaped[np.ndarray, "angles walls goals"]
-    "Cost of the bump if it keeps the angle, and of the run to a goal; `never` if it is not met."
+    "Cost of a bump that keeps the angle and of the run to a goal; `never` if the run misses it."
     surplus: np.number
-    "Additional cost of a change."
+    "Additional cost of a bump that changes the angle."
     never: np.number
 
     @classmethod
@@ -128,7 +128,7 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """Compute the cost from a bump by angle `k` on, from the costs at walls."""
+        """Compute the cost of a bump by angle `k` and of the way on, from the costs at walls."""
         # With mode "raise" NumPy copies the result again.
         np.take(value, self.onward[k], axis=0, out=out, mode="clip")
         np.add(out, self.price[k], out=out)

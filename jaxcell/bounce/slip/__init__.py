@@ -1,1 +1,1 @@
-"""Robots that slip: their map among fine cells, beliefs, and plans that surely arrive."""
+"""Robots that slip: their map among fine cells, beliefs, and plans that are certain to arrive."""

@@ -209,7 +209,7 @@ def _add_places(
 
 
 def _rows(cells: FineCells, facing: int, off: int, spread: float) -> Int[np.ndarray, "rows"]:
-    """Find the rows of cells whose headings are within a spread of a heading that is off."""
+    """Find the rows of cells whose headings differ from a given one by at most a spread."""
     fine = cells.fine
     more = math.ceil(spread * fine.directions / (2 * math.pi) + 0.5 - _TOUCH) - 1
     # Around the whole circle each direction comes once.

@@ -28,18 +28,18 @@ class SlipPolicy:
 
     @property
     def sure(self) -> bool:
-        """True if the policy surely arrives."""
+        """True if the policy is certain to arrive."""
         return self.certificate.residual <= self.certificate.tolerance
 
 
 def slip_policy(
     hidden: HiddenMap, goal: Bool[np.ndarray, "fine"], start: Float[np.ndarray, "fine"]
 ) -> SlipPolicy:
-    """Find the policy that surely brings a robot to a goal soonest, by value iteration.
+    """Find the policy that is certain to bring a robot to a goal, and does so soonest.
 
-    The robot is assumed to know its fine cell. The times are bounded from both sides: times `T` of
-    a sweep are too small, and with `d` the most that one more sweep adds, `T / (1 - d)` are too
-    large (and prove that the policy arrives).
+    It is found by value iteration. The robot is assumed to know its fine cell. The times are
+    bounded from both sides: times `T` of a sweep are too small, and with `d` the most that one more
+    sweep adds, `T / (1 - d)` are too large (and prove that the policy arrives).
 
     **Arguments:**
 
@@ -47,7 +47,7 @@ def slip_policy(
     - `goal`: the fine cells of the goal.
     - `start`: the distribution of the start; only cells that can be reached from it count.
 
-    **Returns:** [`SlipPolicy`][]; its certificate fails if no policy surely arrives.
+    **Returns:** [`SlipPolicy`][]; its certificate fails if no policy is certain to arrive.
 
     A robot that moves on one time of two, or bumps and stays:
 

@@ -39,7 +39,7 @@ class RobotCalibrate(Printing):
         return self._estimate() if self.port is None else self._measure(self.port)
 
     def _estimate(self) -> int:
-        """Estimate the turn by a bump from a log."""
+        """Estimate from a log by how much a bump turns the robot."""
         from ...robot.bump_turn import estimate_bump_turn
         from ...robot.run_log import read_log
         from ...robot.tasks.anywhere_task import AnywhereTask

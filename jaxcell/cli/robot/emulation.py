@@ -34,9 +34,9 @@ class Emulation:
     cells: "CellSpace"
     start: int
     pose: tuple[float, float, float]
-    "Its start, in metres and radians."
+    "The start of the robot, in metres and radians."
     radius: float = 0.0
-    "The radius of its body, in metres."
+    "The radius of the body, in metres."
     touches: "Sequence[tuple[float, float, float]] | None" = None
     "Time in seconds, x and y of each touch of a wall; known to the physics engine only."
 

@@ -23,10 +23,10 @@ class Field:
     """A velocity on cells."""
 
     depth: Float[np.ndarray, " layers"]
-    "Of the layers in metres."
+    "The depth of each layer, in metres."
     u: Float[np.ndarray, "kept layers y x"]
     v: Float[np.ndarray, "kept layers y x"]
-    "In m/s, NaN without water; at each record, or the mean."
+    "The velocity in m/s, NaN without water; at each record, or the mean."
     water: Bool[np.ndarray, "layers y x"]
     "The cells with a velocity at every record, read or interpolated in time."
     land: Bool[np.ndarray, "layers y x"]
@@ -48,7 +48,7 @@ class FieldReader:
     coast: Land | None = None
     "The land for files without a mask; by default that of Natural Earth."
     gaps: str = "open"
-    "As for [`jaxcell.drift.open_currents`][]."
+    "The treatment of gaps, as for [`jaxcell.drift.open_currents`][]."
 
     @property
     def names(self) -> str:

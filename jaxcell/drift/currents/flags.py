@@ -23,7 +23,7 @@ class Flag:
 
     name: str
     bad: dict[float, str]
-    "Its values for bad data, with their meanings; empty if it gives no meanings."
+    "The values that mark bad data, with their meanings; empty if the file gives no meanings."
 
     def at(
         self, file: OceanFile, block: dict[str, object], dims: tuple[str, str, str]

@@ -28,9 +28,9 @@ class OceanGrid:
 
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
-    "The numbers of its rows and columns in the file."
+    "The numbers of the rows and columns of the block in the file."
     lon: Float[np.ndarray, "y x"]
-    "Of the centres in degrees, from -180 to 180."
+    "Longitude of each centre in degrees, from -180 to 180."
     lat: Float[np.ndarray, "y x"]
     dx: Float[np.ndarray, "y x"]
     dy: Float[np.ndarray, "y x"]

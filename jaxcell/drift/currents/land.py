@@ -18,7 +18,7 @@ from .sphere import wrapped
 
 
 _BUNDLED = "Natural Earth 1:10 million"
-# Of the bundled corners, in degrees.
+# Precision of the bundled corners, in degrees.
 _DIGITS = 0.001
 # The largest half side of a square in degrees: near a pole of a curved grid meridians are close.
 _MOST = 10.0
@@ -30,7 +30,7 @@ class Land:
 
     name: str
     polygons: np.ndarray
-    "Of shapely, in degrees."
+    "Polygons of shapely, in degrees."
 
     def within(
         self,

@@ -37,9 +37,9 @@ class OceanFile:
     """An open file, or several as one, whose values are still on the disk."""
 
     name: str
-    "Its path, for messages."
+    "The path of the file, for messages."
     dataset: xr.Dataset
-    "Its variables with encoded times; when read they are unpacked, and declared fill values NaN."
+    "The variables, with encoded times. Reading unpacks them, and replaces fill values by NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
     "The paths of variables that are from another file."
 

@@ -249,7 +249,7 @@ def bootstrap(
     - `moves`: the moves.
     - `quantity`: a function of the chain, whose arrays have one shape.
     - `samples`: the number of draws of all drifters with replacement.
-    - `seed`: of the draws.
+    - `seed`: seed of the draws.
 
     **Returns:** [`Spread`][].
 

@@ -21,13 +21,13 @@ from .trajectories import Trajectories
 
 _SQUARES = "layer y x"
 _LAND = "NaN: too few drifters were there"
-# The answers from each resampled chain: of the whole, and the number of answers per cell.
+# The answers from each resampled chain: about the whole map, and their number per cell.
 _OF_ALL = "persistent groups", "cells of persistent groups", "median hours to the end", "share left"
 _OF_CELLS = 3
 
 
 def _of_all(name: str, meaning: str) -> Any:
-    """Describe the answers of the whole in a field of the spread."""
+    """Describe a field of the spread for the answers about the whole map."""
     return derived("estimate", meaning)(
         lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
     )
@@ -189,7 +189,7 @@ class ObservedDrift(SeaLayers):
 def _answers(
     chain: Chain, lag: float, after: float | int | None, sets: ClosedSets | None
 ) -> Float[np.ndarray, "answers"]:
-    """Compute the answers from a chain: numbers of the whole, and then three of every cell."""
+    """Compute the answers from a chain: numbers about the whole map, then three per cell."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600
@@ -206,7 +206,10 @@ def _answers(
 def _leakage(
     chain: Chain, sets: ClosedSets, lag: float
 ) -> tuple[Float[np.ndarray, "sets"], Float[np.ndarray, "sets"]]:
-    """Compute the leakage of the sets of all drifters by another chain, and the times in hours."""
+    """Compute the leakage of nearly closed sets by a chain of resampled drifters.
+
+    **Returns:** the leakage of each set, and the hours until a share of 1/e is left in it.
+    """
     (water,), (closed,) = sets.waters, sets.layers
     inside = closed.begin == np.arange(closed.count)[:, None]
     begin = inside * water.sides.prod(axis=0)

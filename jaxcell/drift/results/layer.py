@@ -40,7 +40,7 @@ class Compared(Ends):
 
     @property
     def transient_hours(self) -> Float[np.ndarray, "transient"]:
-        """The times from transient cells to a group or off the map."""
+        """The hours until a drifter from each transient cell is in a group or off the map."""
         return self._hours
 
     @derived("", "time that the answer is about", "h", kind="time")
@@ -129,15 +129,15 @@ class Layer(LayerEnds, Compared):
     flow: Flow
     "The current at all records, in which simulated drifters move."
     by: Flow
-    "The flow that the map is made of: the same if it is periodic, or the mean of the records."
+    "The flow of the map: `flow` if it is periodic, otherwise the mean of its records."
     step: DriftStep
     "The step of the map."
     diagnosis: Diagnosis
-    "Signs that the grid, rather than the flow, made the groups."
+    "Signs that the grid, rather than the flow, determines the groups."
     measured: Distance | None = None
     "The distance of the map from drifters, if it is known."
     asked: float | int | None = None
-    "The time that is asked, in hours; by default the median time to the end."
+    "The time of interest, in hours; by default the median time to the end."
 
     @classmethod
     def of(
@@ -152,8 +152,8 @@ class Layer(LayerEnds, Compared):
     ) -> "Layer":
         """Compute the long-term behaviour in a flow.
 
-        By default the map is made of the flow itself if it is periodic, and else of the mean of its
-        records; `made` is the map and its distance from drifters, if they are known.
+        By default the map is made from the flow itself if it is periodic, and else from the mean of
+        its records; `made` is the map and its distance from drifters, if they are known.
         """
         by = mapped(flow) if by is None else by
         step = step.lasting(step.seconds(water, by))

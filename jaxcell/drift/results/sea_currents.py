@@ -140,7 +140,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
-        """The numbers of groups for other steps, and by the centres of cells alone."""
+        """The numbers of groups for other steps; in row 1, if only the centres of cells drift."""
         surface = self.layers[0]
         # With diffusion each piece of water is one group.
         if self._by_other_steps is None or surface.by.diffusivity:

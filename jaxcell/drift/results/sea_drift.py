@@ -96,14 +96,14 @@ class SeaDrift(SeaCurrents):
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
-    "The time that is asked, in hours; `None` for the median time to the end, up to 30 days."
+    "The time of interest, in hours; `None` for the median time to the end, up to 30 days."
     backward: bool = False
     "True if drifters go back in time."
     notices: tuple[str, ...] = ()
     "Differences from the request."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for parts of other cells or layers."""
+        """**Raises:** `ValueError` if the parts have different cells or layers."""
         super().__post_init__()
         surface = self.waters[0].cells
         if self.start is not None and not 0 <= self.start < surface:
@@ -150,8 +150,8 @@ class SeaDrift(SeaCurrents):
         - `seconds`: the time limit of the search for the fewest views; by default they are greedy.
         - `mean`: whether to map by the mean of the records.
         - `backward`: whether drifters go back in time from the last record, by the reversed flow.
-        - `diffusivity`: of unresolved motion, in m²/s; for sampled maps.
-        - `until`: the time that is asked, in hours; by default
+        - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
+        - `until`: the time of interest, in hours; by default
             [`jaxcell.drift.asked_hours`][].
         - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
         - `say`: called with each stage of the computation.
@@ -280,8 +280,8 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
-        """The cells that drifters from the start may visit: those that stay in their layers, and
-        those that go up and down."""
+        """Masks of the cells that drifters from the start may visit: drifters that change their
+        layer at the start only, and drifters that change it at any time."""
         if self.start is None:
             return None
         return reachable_by_layer(self.sea, self.start), reachable_at_depth(self.sea, self.start)

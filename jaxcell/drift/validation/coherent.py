@@ -92,7 +92,7 @@ def ridges(
     **Arguments:**
 
     - `water`: the cells.
-    - `values`: of every cell.
+    - `values`: the value of each cell.
     - `share`: the share of the cells, those with the highest values, that may be on a ridge.
 
     **Returns:** a mask over the cells.

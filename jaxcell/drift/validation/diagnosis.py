@@ -12,15 +12,15 @@ from ..step import DriftStep
 from ..water import Water, square
 
 
-# A step is not too short from this mean drift in cells on.
+# The mean drift, in cells, above which a step is not too short.
 _FAR = 2.0
-# The number of steps in which water surely leaves a cell that is not its end.
+# The number of steps in which water certainly leaves a cell that does not hold it.
 _LONG = 10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Signs that the grid, rather than the flow, made the groups of a drift map."""
+    """Signs that the grid, rather than the flow, determines the groups of a drift map."""
 
     duration: float
     "Seconds per step."
@@ -31,7 +31,7 @@ class Diagnosis:
     pieces: Int[np.ndarray, "pieces"]
     "Number of cells of each connected piece of water."
     whole_pieces: int
-    "Number of persistent groups that are a whole piece of water: the flow did not make them."
+    "Number of persistent groups that are a whole piece of water, whatever the flow."
     locked: int
     "Number of the other persistent groups that are one cell, out of which the water flows."
     ashore: int
@@ -41,12 +41,13 @@ class Diagnosis:
 
     @property
     def warning(self) -> str | None:
-        """A sentence if the grid, rather than the flow, made the groups; else `None`.
+        """A warning that the grid, rather than the flow, determines the groups; or `None`.
 
-        On a grid a drift of less than half a cell is none, so a step that is too short makes slow
-        cells persistent. It is too short if more than half of the cells are their own images, or if
-        more than half of the persistent groups, apart from whole pieces of water, are single cells
-        from whose centre the flow leads out of the cell within ten steps.
+        A drift of less than half a cell maps a cell to itself, so a step that is too short makes
+        slow cells persistent. A step counts as too short if more than half of the cells are their
+        own images, or if more than half of the persistent groups, except those that are whole
+        pieces of water, are single cells from whose centre the flow leads out of the cell within
+        ten steps.
         """
         others = self.groups - self.whole_pieces
         if self.self_image > 0.5:
@@ -61,10 +62,10 @@ class Diagnosis:
         )
 
     def remedies(self, spread: str) -> tuple[str, ...]:
-        """Name the parameters of the step that may make its groups those of the water.
+        """Name the parameters of the step whose change may remove the warning.
 
-        They are a longer `duration`, if the mean drift is less than two cells, and the `spread`
-        `"sampled"`, unless it is that of the map. Without a warning there are none.
+        They are `duration`, to be longer, if the mean drift is less than two cells; and `spread`,
+        to be `"sampled"`, unless the map is sampled already. Without a warning there are none.
         """
         if self.warning is None:
             return ()
@@ -80,7 +81,7 @@ def diagnose(
     **Arguments:**
 
     - `water`, `flow`, `step`, `start`: as for the map.
-    - `groups`: its persistent groups.
+    - `groups`: the persistent groups of the map.
 
     **Returns:** [`Diagnosis`][].
 
@@ -132,7 +133,8 @@ def diagnose(
 def group_counts(water: Water, flow: Flow, steps: Sequence[DriftStep]) -> Int[np.ndarray, "steps"]:
     """Count the persistent groups for several steps.
 
-    Which cells lead to which depends on whether `rho` is 0, 1 or neither, and so do the groups.
+    The groups depend on `rho` only by whether it is 0, 1 or between, because they follow from the
+    possible moves, not from their probabilities.
 
     **Arguments:**
 

@@ -20,14 +20,14 @@ from .replay import SAMPLING, Replay, Sampling
 
 
 HOURS = (6.0, 24.0)
-"""Times at which maps are compared with drifters, in hours, beside the time that is asked."""
+"""Times at which maps are compared with drifters, in hours, in addition to the time of interest."""
 FAR = 0.2
 """The total variation above which a map is far from drifters."""
 MOST_CELLS = 100_000
 """The cells at all phases above which only one step is mapped."""
-# The longest time that is asked by default, in hours.
+# The longest default time of interest, in hours.
 _MONTH = 30 * 24.0
-# The least number of steps in the time that is asked: the agreement of one step proves nothing.
+# The least number of steps in the time of interest: the agreement of one step proves nothing.
 _LEAST_STEPS = 4
 # Steps in which diffusion spreads drifters over more cells are not tried.
 _MAX_DIFFUSED = 2.0
@@ -195,17 +195,17 @@ def nearest_step(
 
     In every step the grid spreads drifters by up to a cell, which favours few steps; but the
     current changes during a long step, and few points stand for all of a cell. Of 1, 2, 4 ... times
-    the [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a quarter of the time that is
-    asked, the choice has the least total variation after 6 and 24 hours and that time. Maps are
-    made of a periodic flow as it changes, by the nearest durations that fit its period, and else of
-    the mean of its records. Of more than 100,000 cells at all phases nothing is tried, and the
-    duration is twice the crossing time.
+    the [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a quarter of the time of
+    interest, the choice has the least total variation after 6 and 24 hours and the time of
+    interest. In a periodic flow there is a map per phase, and durations are the nearest ones that
+    fit the period; otherwise the map is made from the mean of the records. For more than
+    100,000 cells at all phases no duration is tried, and the duration is twice the crossing time.
 
     **Arguments:**
 
-    - `waters`, `flows`: of each layer, with all records.
+    - `waters`, `flows`: water and flow of each layer, with all records.
     - `step`: the rules of the step; its duration has no effect.
-    - `hours`: the time that is asked; by default [`asked_hours`][jaxcell.drift.asked_hours] of the
+    - `hours`: the time of interest; by default [`asked_hours`][jaxcell.drift.asked_hours] of the
         map whose step is twice the crossing time.
 
     **Returns:** the step with its duration.
@@ -278,8 +278,9 @@ def nearest_maps(
 
     **Arguments:**
 
-    - `by`: the flow of each layer that its map is made of; drifters go with the flow in `flows`.
-    - `most_cells`: the cells at all phases above which nothing is tried, and `None` returned.
+    - `by`: the flow of the map of each layer; drifters move in the flow in `flows`.
+    - `most_cells`: number of cells at all phases above which no duration is tried, and `None` is
+        returned in place of the maps.
     """
     crossing = max(map(crossing_time, waters, by))
     usual = by[0].fitted(2 * crossing)
@@ -296,7 +297,7 @@ def nearest_maps(
     longest = min(3600 * asked / _LEAST_STEPS, spread)
     factors = [factor for factor in _FACTORS if factor == 1 or factor * crossing <= longest]
     if by[0].period is None:
-        # So that a whole number of steps takes the time that is asked.
+        # A whole number of steps takes the time of interest.
         counts = {steps_in(3600 * asked, factor * crossing) for factor in factors}
         durations = sorted(3600 * asked / count for count in counts)
     else:

@@ -55,7 +55,7 @@ def simulate_drifters(
 
     **Arguments:**
 
-    - `key`: of `jax.random`.
+    - `key`: a key of `jax.random`.
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][].
     - `cells`: a cell, several, or a mask; drifters are released uniformly in them.
     - `duration`: seconds per step.
@@ -146,9 +146,9 @@ class Comparison:
 
     hours: Float[np.ndarray, "times"]
     total_variation: Float[np.ndarray, "times"]
-    "The share of drifters that the chain has in a wrong cell, 0 to 1."
+    "The total variation: the share of drifters for which the chain has a wrong cell, 0 to 1."
     sampling: Float[np.ndarray, "times"]
-    "The same between two halves of the drifters, the noise of the comparison."
+    "The total variation between two halves of the drifters: the noise of the comparison."
     transport: Float[np.ndarray, "times"]
     "The distance in cells: the larger of the Wasserstein distances along x and y."
 
@@ -164,13 +164,13 @@ def compare(
     **Arguments:**
 
     - `water`: the cells.
-    - `chain`: the map, from phase 0 on, with steps of the duration of those of the drifters.
+    - `chain`: the map, from phase 0 on, whose steps are as long as the steps of the drifters.
     - `drifted`: the drifters.
     - `hours`: the times of the comparison, rounded to whole steps.
 
-    **Returns:** [`Comparison`][], a number for each of the times.
+    **Returns:** [`Comparison`][], with one number per time.
 
-    Two cells of 1 km; the chain takes every drifter to the second, and one of two drifters went:
+    Two cells of 1 km. The chain takes all drifters to the second cell; one of two drifters went:
 
         >>> import jax.numpy as jnp, numpy as np
         >>> from jaxcell import drift, mapping
@@ -208,7 +208,7 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
 
 
 def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the total variation of two distributions; what they lack of 1 is one more outcome."""
+    """Compute the total variation of two distributions; the rest to 1 is one more outcome."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 
 

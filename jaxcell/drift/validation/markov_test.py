@@ -66,7 +66,7 @@ class MarkovTest(Result):
         - `seconds`: the duration of a step.
         - `seen`: numbers of steps, each with the cells in which drifters began and ended; -1 for a
             drifter that has left.
-        - `depth`: of the cells, in metres.
+        - `depth`: depth of the cells, in metres.
         - `first`: the number of set 0 in the result.
         """
         steps = as_sequence(chain)

@@ -43,7 +43,7 @@ class Replay:
     origin: Int[np.ndarray, "drifters"]
     "The cell in which each drifter began."
     cell: Int[np.ndarray, "times drifters"]
-    "Its cell at each time; -1 if it has left the grid."
+    "The cell of each drifter at each time; -1 if the drifter has left the grid."
     half: Bool[np.ndarray, "drifters"]
     "Every second point in a cell, for estimates of noise."
 

@@ -37,9 +37,9 @@ class EdgeStates:
     """Saddles on the boundaries of basins: orbits on a boundary go to them."""
 
     first: Int[np.ndarray, "edges"]
-    "The smaller number of the two attractors to which orbits lead from beside the edge state."
+    "The smaller number of the two attractors to which orbits near the edge state lead."
     second: Int[np.ndarray, "edges"]
-    "The larger number."
+    "The larger number of these two attractors."
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
@@ -250,7 +250,7 @@ def _returns(
 def _different(
     box: Box, labels: Int[np.ndarray, "states 2"], orbit: Float[np.ndarray, "states window axes"]
 ) -> list[int]:
-    """Return the states between two attractors whose orbits do not meet one of a state before."""
+    """Return the edge states of different orbits: the first of those whose orbits meet."""
     kept: list[int] = []
     for k in np.flatnonzero((labels >= 0).all(axis=1)):
         others = [other for other in kept if (labels[other] == labels[k]).all()]

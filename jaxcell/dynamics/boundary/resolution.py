@@ -14,9 +14,9 @@ from ..orbits import attractor_owners, orbit_ends
 
 
 AGREE = 0.02
-"""The share of points from which disagreement is looked for no further."""
+"""The share of points that disagree at which the search for remedies ends."""
 DOUBTFUL = 0.05
-"""The share of random starts of which cells and orbits disagree that calls for a trial."""
+"""The share of random starts with other ends by orbits, above which remedies are tried."""
 # Number of points whose cells are compared with their orbits, and of halvings that are tried.
 _POINTS = 1 << 10
 _HALVINGS = 2
@@ -30,14 +30,14 @@ _LEAST = 0.15
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """Remedies for basins of which cells and orbits disagree, tried on a sample of points."""
+    """Remedies for basins where cells and orbits disagree, tried on a sample of points."""
 
     follow: int | None
     "Number of mappings outside the box with which basins by orbits agree, or `None`."
     points: int = 0
-    "Number of points of which cells and orbits were compared."
+    "Number of points at which cells and orbits were compared."
     wrong: tuple[float, ...] = ()
-    "The share of points of which they disagree: the cells, and those of half and a quarter width."
+    "The share of points that disagree, with the cells, and with cells of half and quarter width."
     cells: tuple[int, ...] | None = None
     """Extrapolated numbers of cells along the axes with which 2 % disagree; `None` if finer cells
     do not help, or if they are more than 32 bits number."""

@@ -205,8 +205,8 @@ class _Search:
         return cls(window, Window((*window.matrices, *after)), mass / mass.sum())
 
     def sets(self, count: int, *, moving: bool, throw: bool) -> NearlyClosedSets:
-        """Find the sets of the reversible chain between the start and the end of the window, or,
-        for sets that do not move, of the chain in which both are one."""
+        """Find the sets of the reversible chain between the start and the end of the window; for
+        sets that do not move, start and end are one set of states."""
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         before, after = self.mass[:, None], blurred.push(self.mass)[:, None]

@@ -27,7 +27,7 @@ class Cycle:
     order: Int[np.ndarray, "rows"]
     "The states, block by block."
     bounds: Int[np.ndarray, "bounds"]
-    "The first place of each block in the order."
+    "The first place of each block in `order`."
     rows: list[scipy.sparse.csr_array]
     "The steps from each block to states in this order."
     again: Int[np.ndarray, "first"]

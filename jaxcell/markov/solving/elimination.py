@@ -11,18 +11,18 @@ from ...base.process import one_blas_thread
 
 # Number of states that are eliminated together, by one product of matrices.
 _BLOCK = 16
-# A matrix of at most so few states has one level, because levels are expensive.
+# A matrix of at most this many states has one level, because finding levels is expensive.
 _FEW = 400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Levels:
-    """States by their distance from one of them: steps lead at most one level up or down."""
+    """States grouped by their distance from a first state; a step leads at most one level on."""
 
     order: Int[np.ndarray, "rows"]
     "The states, level by level."
     bounds: Int[np.ndarray, "bounds"]
-    "The first place of each level in the order."
+    "The first place of each level in `order`, and the number of states."
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array) -> "Levels":
@@ -106,7 +106,7 @@ class _Factor:
     before: slice
     here: slice
     triangles: Float[np.ndarray, "level level"]
-    "Both triangles; the ones on the diagonal of the upper one are left out."
+    "Both triangles in one matrix, without the diagonal of the upper one, which is 1."
     into: Float[np.ndarray, "before level"]
     back: Float[np.ndarray, "level before"]
 

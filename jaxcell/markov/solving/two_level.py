@@ -33,11 +33,11 @@ class TwoLevel:
     matrix: scipy.sparse.csr_array
     "Q."
     factor: linalg.SuperLU
-    "Of `I - Q`."
+    "An incomplete factorisation of `I - Q`."
     aggregate: scipy.sparse.csr_array
     "1 if a state, by its row, is in an aggregate, by its column."
     coarse: linalg.SuperLU
-    "Of `I - Q` between aggregates."
+    "An incomplete factorisation of `I - Q` between aggregates."
     steps: int
     "Largest number of steps of BiCGSTAB."
 

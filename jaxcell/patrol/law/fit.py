@@ -90,7 +90,7 @@ def fit_gld(
     - `censored`: whether the samples are whole numbers that stand for intervals. The default is
         `True` if all are whole and two are equal.
     - `steps`: largest number of steps of a search.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`GldFit`][]. The residual of its certificate is the predicted gain in
     log-likelihood of another step.

@@ -15,9 +15,9 @@ _STARTS = ("stationary", "uniform", "worst")
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Attack:
-    """Attacks on cells of a map: the steps that they take, and where robots are as they begin.
+    """Attacks on cells of a map: their numbers of steps, and the places of robots at the start.
 
-    Two attack times, and robots that have been walking:
+    Two attack times, for robots that have been walking for long:
 
         >>> from jaxcell import patrol
         >>> attack = patrol.Attack([20, 50])
@@ -28,10 +28,10 @@ class Attack:
     times: Int[np.ndarray, "times"]
     "Number of steps that an attack takes."
     start: str
-    """Distribution of each robot over its cells out of view of the target as an attack begins: its
-    share of time in the long run, `stationary`; equal probabilities, `uniform`, as at the first
-    attack; or the cell from which it is least likely to arrive in time, `worst`, if the adversary
-    sees the robots."""
+    """Distribution of each robot, when an attack begins, over its cells out of view of the target.
+    `stationary`: its share of time in the long run. `uniform`: equal probabilities, as at the first
+    attack. `worst`: the cell from which the robot is least likely to arrive in time, for an
+    adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
         """**Arguments:**

@@ -102,8 +102,8 @@ def vulnerability(
     """Compute how vulnerable one cell is (Alam 2018, section 4.4.6, Tables 4.6 and 4.7).
 
     The source simulates the time until the first robot sees the target, fits a generalized lambda
-    distribution to it, and takes the probabilities from the fit. The result has these beside the
-    exact probabilities, which shows the error of the fit.
+    distribution to it, and takes the probabilities from the fit. The result has both these and
+    the exact probabilities, which shows the error of the fit.
 
     **Arguments:**
 

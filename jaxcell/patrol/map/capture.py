@@ -45,7 +45,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability if robots begin in any cell alike: at the first attack, not after many."
+    "The probability if robots begin in all cells with equal probability, as at the first attack."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -191,8 +191,8 @@ def _later(
 
     **Arguments:**
 
-    - `late`: that probability for an earlier time.
-    - `steps`: number of steps after that time.
+    - `late`: the probability for an earlier time.
+    - `steps`: number of steps after the earlier time.
     """
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]

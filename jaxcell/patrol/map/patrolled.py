@@ -28,7 +28,7 @@ _BEGUN = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PatrolledMap(Result):
-    """Robots that patrol a map, and how vulnerable the map is then.
+    """A patrol of a map by robots, and the probability that the robots capture an adversary.
 
     One robot in a corridor of four cells, each of which sees its neighbours:
 
@@ -85,7 +85,7 @@ class PatrolledMap(Result):
     loss: Capture | None = None
     "Attacks while the remaining robots keep their regions, or `None`."
     recovery: Capture | None = None
-    "Attacks when they patrol the new regions, or `None`."
+    "Attacks when the remaining robots patrol the new regions, or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"],
         quantity("", "part of a cell that a robot must see"),
@@ -120,7 +120,7 @@ class PatrolledMap(Result):
     "Seed of the patrol that a recording shows."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for parts that have different cells or attack times."""
+        """**Raises:** `ValueError` if the parts have different cells or attack times."""
         positions = self.cells.positions
         sizes = {
             "graph": self.graph.vertices,

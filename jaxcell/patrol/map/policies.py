@@ -67,7 +67,7 @@ def distributed_policies(
     **Arguments:**
 
     - `graph`: the cells and the edges between them, a connected graph.
-    - `visible`: which cells are seen from each cell.
+    - `visible`: the mask of cells that are seen from each cell.
     - `robots`: number of robots.
     - `share`: the least weight of the tour through the cover, 0 to 1.
 
@@ -111,7 +111,7 @@ def centralized_policies(
     **Arguments:**
 
     - `graph`: the cells and the edges between them.
-    - `visible`: which cells a robot sees from each cell.
+    - `visible`: the mask of cells that a robot sees from each cell.
     - `regions`: the region of each robot.
     - `share`: the least weight of the tour through the cover and the contact cell, 0 to 1.
 

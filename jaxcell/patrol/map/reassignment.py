@@ -114,7 +114,7 @@ def reassign(
     **Arguments:**
 
     - `graph`: the cells and the edges between them.
-    - `visible`: which cells a robot sees from each cell.
+    - `visible`: the mask of cells that a robot sees from each cell.
     - `regions`, `policies`: the old region and policy of each robot.
     - `lost`: the robot that has stopped reporting.
     - `share`: as in [`centralized_policies`][].

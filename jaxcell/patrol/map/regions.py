@@ -52,7 +52,7 @@ def base_station(
     **Arguments:**
 
     - `graph`: the cells and the edges between them, a connected graph.
-    - `visible`: which cells are seen from each cell, within the range of the base station.
+    - `visible`: the mask of cells seen from each cell, within the range of the base station.
     - `central`: the share of the cells that count as central, more than 0 and at most 1.
 
     **Returns:** the number of the cell.

@@ -19,7 +19,7 @@ _MAX_CHANCES = 50_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Charged(Result):
-    """Walks that return to a charger at least every `every` steps, and what they achieve."""
+    """Walks that return to a charger at least every `every` steps, and their statistics."""
 
     title: ClassVar[str] = "Walks that return to a charger"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
@@ -43,7 +43,7 @@ class Charged(Result):
         Float[np.ndarray, "intervals"],
         quantity("interval", "probability of this time between charges", "1", kind="share"),
     ]
-    "Mean over robots."
+    "The mean of the distributions of all robots."
     least_capture: Annotated[
         float | None,
         quantity("", "least capture within the attack time, robots where worst", "1", kind="share"),
@@ -52,7 +52,7 @@ class Charged(Result):
         float | None,
         quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
     ] = None
-    "Capture by walks that were optimised without a charger and then return to it as [`charged`][]."
+    "The walks were optimised without a charger; then [`charged`][] made them return to it."
     late_gain: Annotated[
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),

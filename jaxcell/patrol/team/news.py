@@ -61,7 +61,7 @@ class News(Result):
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
     def _mean(self, law: Float[np.ndarray, "ages columns"]) -> Float[np.ndarray, "columns"]:
-        """Compute the sum of the tails; infinite for a law that has not ended."""
+        """Compute the mean age as the sum of tails; infinite if a law does not reach 1."""
         tails = 1 - law
         return np.where(tails[-1] < 1e-6, self.unit * tails.sum(axis=0), np.inf)
 
@@ -93,7 +93,7 @@ def age_of_news(
     - `unit`: length of a unit, in seconds.
     - `names`: names of the vertices; by default their numbers.
 
-    **Returns:** [`News`][]. Ages end where the law does, or at 20,000 units.
+    **Returns:** [`News`][]. Ages end when the law is 1 up to 1e-9, or at 20,000 units.
 
     **Raises:** `ValueError` if the graph has no vertex `base`.
 
@@ -132,11 +132,11 @@ class _Backward:
     base: int
     vertices: int
     before: Float[np.ndarray, "places"]
-    "Probability of each place, the base not yet visited."
+    "Probability that the robot is at each place, and has not visited the base yet."
     since: Float[np.ndarray, "places vertices"]
-    "Probability of each place, the base visited and then each vertex not yet."
+    "Probability of each place, after the base was visited and before each vertex is."
     heard: Bool[np.ndarray, "vertices"]
-    "The vertices of which it brings news in the long run."
+    "The vertices whose news the robot brings to the base in the long run."
 
     @classmethod
     def of(

@@ -32,8 +32,8 @@ _LEGEND: Legend = (
 def log_anywhere(stream: rr.RecordingStream, found: Anywhere, spec: Spec) -> None:
     """Log robots that start anywhere.
 
-    Over the timeline `bump`: the first robot, the stretches of walls where it may be, and their
-    hull; their extent, and the share of robots that are known, or at the goal.
+    The timeline `bump` shows the first robot, the stretches of walls where it may be, and the hull
+    and the extent of the stretches; also the share of robots that are localized, or at the goal.
     """
     map, last, legend = CellMap(stream, found.cells), found.bump.size, _LEGEND
     if isinstance(found, HomeFromAnywhere):
@@ -52,7 +52,7 @@ def log_anywhere(stream: rr.RecordingStream, found: Anywhere, spec: Spec) -> Non
 
 
 def stretches(found: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
-    """The ends of the stretches of walls where the first robot may be after a bump, in metres."""
+    """Return the ends of the stretches where the first robot may be after a bump, in metres."""
     possible, boundary = found.trial.sets[bump - 1], found.filter.boundary
     one = possible._replace(slice=np.zeros_like(possible.slice)).joined()
     return np.stack([boundary.point(one.wall, arc) for arc in (one.begin, one.end)], axis=1)
@@ -72,7 +72,7 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the free space within the hull of the stretches, and all of it before the first bump."""
+    """Log the free space within the hull of the stretches, and at first all free space."""
     workspace, path = map.cells.workspace, "map/hull"
     if workspace is None:
         return

@@ -26,7 +26,7 @@ class Drawing:
     state: Int[np.ndarray, "drawn"]
     "The states that are drawn."
     position: Float[np.ndarray, "drawn 2"]
-    "Their places."
+    "The place of each state that is drawn."
     edge: Int[np.ndarray, "edges 2"]
     "The transitions between them, as pairs of states, each pair once."
     whole: bool

@@ -60,7 +60,7 @@ def recording_name(path: str | os.PathLike[str]) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Dated:
-    """A timeline of whole units from a date on, which the viewer shows as dates."""
+    """A timeline that counts whole units from a date; the viewer shows it as dates."""
 
     unit: str
     start: np.datetime64
@@ -70,7 +70,7 @@ class Dated:
 
 
 def time_columns(timeline: str | Dated, times: Int[np.ndarray, "times"]) -> list[rr.TimeColumn]:
-    """Make the columns of times, of which those of dates are a second timeline."""
+    """Make the column of a timeline; a dated one has a second column with its dates."""
     if isinstance(timeline, str):
         return [rr.TimeColumn(timeline, sequence=times)]
     dates = timeline.start.astype("datetime64[ns]") + times * np.timedelta64(timeline.seconds, "s")

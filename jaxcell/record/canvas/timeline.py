@@ -13,7 +13,7 @@ class Timeline(NamedTuple):
     """A timeline along the values of a parameter."""
 
     name: str
-    "Its name, which names the factor from values to times."
+    "The name of the timeline, which includes the factor from values to times."
     times: Int[np.ndarray, "values"]
     meaning: str
     "The meaning of a time, in words."

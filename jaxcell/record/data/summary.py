@@ -10,10 +10,11 @@ from ...space import CellSpace
 
 
 def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
-    """Summarize a result as an object of JSON, for people and scripts.
+    """Summarize a result as a JSON object, for people and scripts.
 
-    It has single numbers and texts, listed arrays, and a list of rows for each of `result.tables`;
-    a part has its own object. Numbers that are not finite are `None`.
+    The object has the single numbers and texts, the listed arrays, a list of rows for each of
+    `result.tables`, and an object for each part of the result. A number that is not finite is
+    `None`.
 
     **Arguments:**
 

@@ -17,7 +17,7 @@ _UNKNOWN = "no drifter began there"
 
 
 def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log the distance for the drifters of each cell of each layer, at the time that is asked."""
+    """Log the distance for the drifters of each cell of each layer, at the time of interest."""
     drift = maps[0].drift
     special = {_UNKNOWN: FREE}
     values = np.zeros(1)

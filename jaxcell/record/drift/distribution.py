@@ -27,7 +27,7 @@ def log_distribution(
 
     **Arguments:**
 
-    - `maps`: of the layers.
+    - `maps`: the maps of the layers.
     - `more`: further views in the colours of [`density`][].
     - `about`: a text on these views.
     """

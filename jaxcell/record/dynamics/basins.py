@@ -30,8 +30,8 @@ axes; their labels are the two attractors."""
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     """Log attractors and basins.
 
-    The first two axes are drawn. If there are more, the timeline `slice` goes through the third
-    axis, and the others are cut in the middle.
+    The first two axes are drawn. The timeline `slice` moves along the third axis, if any; the plane
+    that is drawn goes through the middle of all further axes.
     """
     names = np.arange(basins.attractors)
     count = basins.box.cells[2] if basins.box.dimensions > 2 else 1

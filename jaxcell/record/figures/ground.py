@@ -106,7 +106,7 @@ def _walls(ax: "Axes", cells: CellSpace) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Plane(Ground):
-    """The first two axes of a box; further axes are cut in the middle."""
+    """The plane of the first two axes of a box, through the middle of the other axes."""
 
     box: Box
     labels: tuple[str, ...]

@@ -46,9 +46,10 @@ class ByClock:
         """**Arguments:**
 
         - `robot`: e.g. [`jaxcell.robot.Create`][], armed.
-        - `speed`, `turning`: metres, and radians, a second. The wheels' speeds must be among those
-            that [`jaxcell.robot.Driver.drive`][] does not change.
-        - `clock`, `sleep`: what gives the seconds, and what waits; for an emulated robot, its own.
+        - `speed`, `turning`: metres, and radians, per second. The speeds of the wheels must be
+            speeds that [`jaxcell.robot.Driver.drive`][] does not change.
+        - `clock`, `sleep`: functions that return the seconds, and that wait; for an emulated robot,
+            its own.
         - `pause`: seconds to stand still after each motion.
 
         **Raises:** `ValueError` for a speed that is not positive or that no wheel has.

@@ -5,13 +5,13 @@ from .open_interface import RESET, START
 
 
 def firmware(port: Port, *, seconds: float = 10.0, quiet: float = 2.0) -> str:
-    """Reboot the robot and read what it prints, its firmware version among it.
+    """Reboot the robot, and read the lines that it prints, which name its firmware version.
 
     **Arguments:**
 
-    - `port`: the open line, with no driver on it.
-    - `seconds`: how long to read at most; a reboot takes about five.
-    - `quiet`: after how many seconds without a byte the robot has said all.
+    - `port`: the open line, which no driver uses.
+    - `seconds`: the longest time to read; a reboot takes about five seconds.
+    - `quiet`: seconds without a byte after which reading ends.
 
     **Returns:** the printed lines; empty if the robot is silent.
     """

@@ -41,8 +41,7 @@ class Create(Driver):
         robot.forward(0.5)
     ```
 
-    When and why the wheels stop: see [`jaxcell.robot.Driver`][], which has the
-    constructor.
+    [`jaxcell.robot.Driver`][] has the constructor, and describes when and why the wheels stop.
     """
 
     speed: float = 0.2
@@ -61,13 +60,14 @@ class Create(Driver):
         **Arguments:**
 
         - `distance`: metres, backward if negative.
-        - `speed`: metres per second, up to 0.5; by default that of the robot.
-        - `tolerance`: how near is near enough by the encoders, metres.
-        - `timeout`: seconds; twice what it should take and 3 s if not given.
+        - `speed`: metres per second, up to 0.5; by default the `speed` of the robot.
+        - `tolerance`: the largest error of the distance by the encoders, in metres.
+        - `timeout`: seconds; by default twice the expected time and 3 s.
 
         **Returns:** [`Moved`][].
 
-        **Raises:** [`RobotStopped`][] if the robot is not armed, or no more, or out of time.
+        **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped on its way, or exceeds
+        the timeout.
         """
         start = self.sensors()
         cruise = self.speed if speed is None else speed
@@ -102,9 +102,9 @@ class Create(Driver):
 
         **Arguments:**
 
-        - `angle`: radians counterclockwise; a whole turn is not the same as none.
+        - `angle`: radians counterclockwise; `2 * math.pi` is a whole turn.
         - `speed`: radians per second, up to 4.
-        - `tolerance`: how near is near enough by the encoders, radians.
+        - `tolerance`: the largest error of the angle by the encoders, in radians.
         - `timeout`: as for `forward`.
 
         **Returns:** [`Moved`][].

@@ -111,19 +111,19 @@ def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
 
 
 class StreamParser:
-    """Find the frames of a stream in bytes that come in pieces, some of them damaged.
+    """Find the frames of a stream, which arrives in pieces and may be damaged.
 
     A frame is accepted if its header, its length, its packet numbers in the order of the request,
-    and its checksum are right, and all its values within the ranges of their packets. Otherwise the
-    search goes on at the next byte. Nothing raises, whatever is fed.
+    and its checksum are right, and if all values are within the ranges of their packets. Otherwise
+    the search continues at the next byte. No input raises an exception.
 
-    What that guarantees depends on the packets. For `jaxcell.robot.STREAM` no values that are not
-    the robot's come out, and at most two frames are lost, if of three frames in a row one byte is
-    changed, lost or doubled. Two things make it so: wherever a frame could be read out of step, two
-    or more known bytes disagree; and the last packet has one byte that never equals the header, or
-    else that byte could get lost and the next header pass for the checksum. Worse damage can go
-    unseen, as an eight-bit checksum misses one in 256 damaged frames that keep their length
-    and packet numbers from a right one.
+    The guarantee depends on the packets. For `jaxcell.robot.STREAM`: of three consecutive frames
+    with a single byte that is changed, lost or doubled, at most two are lost, and only values that
+    the robot sent are returned. This has two reasons. If a frame is read from a wrong position, at
+    least two known bytes disagree. And the last packet has a byte that never equals the header;
+    otherwise this byte could be lost and the next header be taken for the checksum.
+    Greater damage may remain unnoticed: an eight-bit checksum accepts one in 256 damaged frames
+    whose length and packet numbers are right.
 
     **Arguments:**
 
@@ -201,7 +201,7 @@ class Command:
     opcode: int
     "The number of the command."
     data: bytes = b""
-    "Its data; a song's, stream's or query list's begins with the bytes that give its length."
+    "The data. For a song, a stream or a query list they begin with the bytes for the length."
 
     @property
     def words(self) -> tuple[int, ...]:
@@ -210,12 +210,12 @@ class Command:
 
 
 class CommandParser:
-    """Cut bytes that come in pieces into commands, on the side of the robot.
+    """Split the bytes that a robot receives into commands.
 
-    As a robot does, it waits for missing data bytes, so that a command cut short swallows the next
-    one. A byte that is no opcode is passed over.
+    Like a robot, it waits for missing data bytes, so that a truncated command takes the bytes of
+    the next one. A byte that is not an opcode is skipped.
 
-    A command that comes in two pieces:
+    A command that arrives in two pieces:
 
         >>> from jaxcell import robot
         >>> from jaxcell.robot.create.open_interface import drive
@@ -265,7 +265,7 @@ class _FrameLayout:
     empty: bytes
     "A frame with the fixed bytes, and 0 for values and checksum."
     known: bytes
-    "255 for the fixed bytes, and 0 for values and checksum."
+    "A mask: 255 for each fixed byte, and 0 for values and checksum."
     values: struct.Struct
     "The format of the values, which skips the fixed bytes."
 
@@ -294,7 +294,7 @@ class _FrameLayout:
         return len(self.empty)
 
     def fits(self, frame: bytearray) -> bool:
-        """Check whether these may be the first bytes of a frame."""
+        """Check whether bytes may be the beginning of a frame."""
         return bytes(map(operator.and_, frame, self.known)) == self.empty[: len(frame)]
 
 

@@ -46,9 +46,9 @@ class Packet:
     id: int
     "The number that requests the packet."
     name: str
-    "A key of what `decode` returns."
+    "The key of the value in the result of `decode`."
     size: int
-    "In bytes."
+    "The size of the packet in bytes."
     low: int
     "The smallest value; two's complement if it is negative."
     high: int
@@ -140,7 +140,7 @@ GROUPS: Mapping[int, range] = {
     106: range(46, 52),
     107: range(54, 59),
 }
-"""The numbers that ask for several packets at once."""
+"""The numbers that request several packets at once."""
 
 
 def members(ids: Iterable[int]) -> list[Packet]:

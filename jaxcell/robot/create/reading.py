@@ -42,16 +42,16 @@ class Reading:
     charging_state: int
     "0 not charging, 1 reconditioning, 2 full, 3 trickle, 4 waiting, 5 fault."
     voltage: float
-    "Of the battery, volts."
+    "Voltage of the battery, in volts."
     charge: float
-    "In the battery, ampere hours."
+    "Charge of the battery, in ampere hours."
     capacity: float
-    "Of the battery, ampere hours; 0 if the robot does not know."
+    "Capacity of the battery, in ampere hours; 0 if the robot does not know it."
     encoders: tuple[int, int]
     "The counters of the left and right wheel."
     place: complex
-    """The place of the body's centre since the driver connected, in metres: ahead, and, the
-    imaginary part, to the left. The arcs from reading to reading are summed."""
+    """The place of the centre of the body, in metres from its place when the driver connected. The
+    real part is ahead, and the imaginary part to the left. It sums the arcs between readings."""
 
     @classmethod
     def of(
@@ -71,7 +71,7 @@ class Reading:
         **Arguments:**
 
         - `values`: the values of the packets in `STREAM`, by name.
-        - `time`: when the frame was complete.
+        - `time`: the time at which the frame was complete.
         - `previous`: the reading before this one, at most 14 m ago; `None` for the first.
         - `first_mode`: the number this robot gives to mode Off. Some give 1, not 0.
         """

@@ -2,17 +2,17 @@ from .packets import encoder_difference
 from .reading import Reading
 
 
-# Frames of 15 ms after which it is no bump and no start: they are the clock of the robot.
+# Frames after which the cause is neither a bump nor a start; the robot sends one per 15 ms.
 _STALL, _OVERCURRENT = 67, 20
-# Encoder counts, 2 mm, that a wheel which is held may move by.
+# Encoder counts by which a blocked wheel may move: 2 mm.
 _PLAY = 4
 
 
 class Strain:
     """Notice wheels that are blocked, frame by frame.
 
-    A wheel that is to turn and stands still for a second is blocked, and so is one whose motor
-    draws too much current for a third of a second: a bump and a start do for a moment.
+    A wheel is blocked if it should turn but stands still for a second, or if its motor draws too
+    much current for a third of a second. Shorter times are normal at a bump or a start.
 
         >>> from jaxcell.robot.create.packets import PACKETS
         >>> from jaxcell.robot.create.reading import Reading
@@ -35,7 +35,7 @@ class Strain:
         **Arguments:**
 
         - `wheels`: the speeds that were sent for the right and the left wheel, mm/s.
-        - `reading`: what the frame says.
+        - `reading`: the decoded frame.
         """
         self._overcurrent = self._overcurrent + 1 if reading.overcurrent and any(wheels) else 0
         if self._overcurrent >= _OVERCURRENT:

@@ -31,8 +31,8 @@ class Watchdog:
 
     **Arguments:**
 
-    - `command`: that of the process, which calls `watch`.
-    - `lines`: file descriptors that it inherits.
+    - `command`: the command of the process, which calls `watch`.
+    - `lines`: file descriptors that the process inherits.
 
     **Raises:** `OSError` if the process does not start.
     """
@@ -75,9 +75,9 @@ class Watchdog:
         **Arguments:**
 
         - `line`: file descriptor of the open serial line.
-        - `pause`: bytes to write when there was no beat for `patience`, again and again.
+        - `pause`: bytes to write whenever there was no beat for `patience`.
         - `farewell`: bytes to write when the driver is gone.
-        - `patience`: seconds.
+        - `patience`: seconds without a beat before the robot is stopped.
 
         **Raises:** `OSError` if the process does not start.
         """
@@ -113,9 +113,9 @@ def watch(pause: Callable[[], None], farewell: Callable[[], None], patience: flo
 
     **Arguments:**
 
-    - `pause`: called when there was no beat for `patience`, again and again.
+    - `pause`: called whenever there was no beat for `patience`.
     - `farewell`: called when the driver is gone.
-    - `patience`: seconds.
+    - `patience`: seconds without a beat before the robot is stopped.
     """
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE", "SIGTSTP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -32,9 +32,9 @@ class Noise:
     veer: float = 0.0
     "Standard deviation of the change of heading along a metre, in radians."
     encoder: float = 0.0
-    "Standard deviation of the relative error of what a wheel's encoder counts in a tick."
+    "Standard deviation of the relative error of the counts of an encoder in a tick."
     bump_turn: float = 0.0
-    """Turn toward the wall by a bump at 45 degrees, in radians, at each bump alike; see
+    """Turn toward the wall by a bump at 45 degrees, in radians, the same at each bump; see
     [`jaxcell.space.Slip`][]."""
     bump_skid: float = 0.0
     "Distance that the wheels skid at a head-on bump, in metres; see [`jaxcell.space.Slip`][]."
@@ -47,12 +47,12 @@ class Noise:
 
 
 def bumper_give(cell: float) -> float:
-    """Choose by how many metres the bumper of an emulated robot goes in, by the side of cells.
+    """Choose the distance in metres that the bumper of an emulated robot goes in.
 
-    A step that goes less deep into a wall is no bump, against the model of bouncing robots. But
-    with none, a robot that is beside its line by what its tolerances allow would meet corners that
-    the model's grazes. Between the two are 2 cm where cells are of a metre, with walls along their
-    edges, and less as the square of the side, to half a millimetre.
+    A step that goes less deep into a wall is no bump, unlike in the model of bouncing robots. But
+    if the bumper did not go in, a robot that is off its line within its tolerances would bump into
+    corners that the robot of the model grazes. A compromise for cells of 1 m, with walls along
+    their edges, is 2 cm. It decreases with the square of the side of a cell, to half a millimetre.
     """
     return max(0.0005, 0.02 * min(1.0, cell) ** 2)
 
@@ -79,7 +79,7 @@ class Body:
 
         - `workspace`: the map; its `robot_radius` is that of the body, 0 for a point.
         - `pose`: x and y in metres, and the heading in radians.
-        - `give`: how far the bumper goes in, in metres, before the wall stops the body. It is what
+        - `give`: the distance that the bumper goes in before the wall stops the body, in metres. It
             lets a body that is millimetres off its line graze a corner.
         - `noise`: slip and encoder errors.
         - `rng`: source of the noise.
@@ -184,7 +184,7 @@ class Body:
             self.travelled += self.noise.bump_skid / (1 + slope**2)
 
     def _move(self, forward: float, heading: float) -> float:
-        """Go straight as far as the walls allow; return the share of the way that is."""
+        """Go straight as far as the walls allow; return the covered share of the distance."""
         if forward == 0:
             return 1.0
         ux, uy = math.cos(heading), math.sin(heading)

@@ -12,18 +12,18 @@ _TICK, _TURN = 0.05, math.radians(15)
 class DirectBody:
     """The body of an emulated robot, driven without commands, frames, speeds or rounding.
 
-    It is what a walker needs of a robot, without the time that the driver takes.
+    It has the methods of a robot that a walker needs, without the time that the driver takes.
     """
 
     def __init__(self, body: Body) -> None:
         """**Arguments:**
 
-        - `body`: what is driven, and where that is.
+        - `body`: the body to move, at its place.
         """
         self.body = body
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        """Drive straight, backward if negative; a press of the bumper stops a forward drive."""
         ticks = max(1, math.ceil(abs(distance) / _TICK))
         before = self.body.travelled.copy()
         bumped = False

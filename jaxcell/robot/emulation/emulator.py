@@ -53,7 +53,7 @@ class Moving(Protocol):
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body surely rolls on, if no speed changes; 0 if it may not."""
+        """Seconds for which the body keeps rolling if no speed changes; 0 if that is uncertain."""
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
@@ -121,12 +121,13 @@ class Emulator:
     ) -> None:
         """**Arguments:**
 
-        - `body`: what it drives, and where that is: a
-            [`Body`][jaxcell.robot.emulation.body.Body] or another that moves.
-        - `line`: the serial line; by default a perfect one, in real time.
-        - `charge`, `capacity`: of the battery, in mAh. When it is empty the robot is dead.
+        - `body`: the body that the robot moves, such as a
+            [`Body`][jaxcell.robot.emulation.body.Body], at its place.
+        - `line`: the serial line; by default a line without faults, in real time.
+        - `charge`, `capacity`: charge and capacity of the battery, in mAh. With an empty battery
+            the robot ignores all commands.
         - `standby`: current that the robot draws at rest, in mA; its motors draw 1000 mA more.
-        - `seed`: of the bytes that are lost.
+        - `seed`: seed of the draws of lost bytes.
         """
         if not 0 < charge <= capacity <= 65535:
             raise ValueError(f"charge: expected above 0, to the capacity {capacity}, got {charge}")
@@ -167,7 +168,7 @@ class Emulator:
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body surely rolls on without a new command; 0 if it may not."""
+        """Seconds that the body keeps rolling without a new command; 0 if that is uncertain."""
         return 0.0 if self._pending else self._body.glide
 
     def __enter__(self) -> "Emulator":

@@ -48,12 +48,12 @@ class _Wire:
 
 
 class SimulatedCreate(Create):
-    """A [`jaxcell.robot.Create`][] with an emulated robot, armed, whose clock is the only one.
+    """An armed [`jaxcell.robot.Create`][] with an emulated robot, on the clock of this robot.
 
-    The driver, its commands and the frames of the robot are those of the real line. But there is no
-    line, thread or watchdog process between the two, and time passes only when the driver waits for
-    the robot. So a run does not depend on the machine, and is the same each time. While a robot in
-    the physics engine rolls steadily, time passes without frames.
+    The driver, its commands and the frames of the robot are the same as with a serial line. But no
+    line, thread or watchdog process is between driver and robot, and time passes only when the
+    driver waits for the robot. So a run does not depend on the machine, and is the same each time.
+    While a robot in the physics engine rolls steadily, time passes without frames.
     """
 
     robot: Emulator
@@ -62,7 +62,8 @@ class SimulatedCreate(Create):
     def __init__(self, robot: Emulator | Moving) -> None:
         """**Arguments:**
 
-        - `robot`: the robot, no faster than its line says, or the body of one, as fast as it can.
+        - `robot`: a robot, which runs at most as fast as its line, or a body, which runs as fast as
+            the machine can.
         """
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup

@@ -116,7 +116,7 @@ class PhysicsBody:
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body surely rolls on, if no speed changes; 0 if it may not."""
+        """Seconds for which the body keeps rolling if no speed changes; 0 if that is uncertain."""
         return 0.0 if self._rate is None else self._free_seconds
 
     def advance(self, left: float, right: float, seconds: float) -> None:

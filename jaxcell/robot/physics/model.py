@@ -92,7 +92,7 @@ def robot_model(
     - `physics`: the assumptions.
     - `pose`: x and y in metres, and the heading in radians.
     - `wheels`: radii of the left and the right wheel, in metres.
-    - `height`: how far the wheels are above the floor at first, in metres.
+    - `height`: the initial height of the wheels above the floor, in metres.
     """
     x, y, heading = pose
     axle = max(wheels)

@@ -9,21 +9,22 @@ from .halt import speed_publisher, speed_type
 from .node import GREETING, Odometry, RosRobot, moved
 
 
-# Metres and radians a second, the most and the least that a base is taken to hold.
+# Largest and smallest speeds of a base, in metres and in radians per second.
 _SPEED, _SLOWEST = 0.2, 0.03
 _TURNING, _SLOWEST_TURN = 1.0, 0.15
-# A base going straight steers back at this rate, 1/s, by at most so much, radians a second.
+# Rate at which a straight drive corrects its heading, 1/s, and its fastest turn, rad/s.
 _STEERING, _MAX_STEERING = 2.0, 0.4
 
 
 class Base(RosRobot):
     """A base that takes `cmd_vel` and publishes `odom` and a bumper.
 
-    Its speeds are `geometry_msgs/Twist` or `TwistStamped`, as it subscribes to them. The bumper is
-    a `std_msgs/Bool` on `bumper`, true while it is pressed, published all the time. A node of a few
-    lines makes it of a contact sensor, or of a laser that sees a wall near ahead.
+    Speeds are sent as `geometry_msgs/Twist` or `TwistStamped`, whichever type the base subscribes
+    to. The bumper is a `std_msgs/Bool` on `bumper`, published continuously, and true while the
+    bumper is pressed. A short node can publish it from a contact sensor, or from a laser that sees
+    a wall close ahead.
 
-    See [`jaxcell.robot.ros`][] for what stops it.
+    [`jaxcell.robot.ros`][] describes what stops the base.
     """
 
     kind, contact = "base", "bumper"
@@ -44,7 +45,7 @@ class Base(RosRobot):
         )
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        """Drive straight, backward if negative; a press of the bumper stops a forward drive."""
 
         def rest(start: Odometry, now: Odometry) -> float:
             return distance - moved(start, now, False).distance

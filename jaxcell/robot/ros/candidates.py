@@ -34,9 +34,9 @@ class Candidates:
     def __init__(self, robot: "RosRobot", task: AnyTask, cells: CellSpace | None) -> None:
         """**Arguments:**
 
-        - `robot`: whose node publishes.
-        - `task`: what it runs.
-        - `cells`: the cells of the map that the task is of, if they are known.
+        - `robot`: the robot whose node publishes.
+        - `task`: the task of the robot.
+        - `cells`: the cells of the map of the task, or `None`.
         """
         quality = import_module("rclpy.qos")
         # Later subscribers get the last message too.

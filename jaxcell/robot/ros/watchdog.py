@@ -9,14 +9,14 @@ from .halt import goal_cancellers, speed_publisher
 
 
 def main(kind: str, patience: float, speeds: str, arguments: list[str]) -> None:
-    """Stop a robot whenever its driver is silent, and when it is gone.
+    """Stop a robot whenever its driver is silent, and at the end of the driver.
 
     **Arguments:**
 
-    - `kind`: that of its class.
-    - `patience`: seconds.
-    - `speeds`: the type of the messages that set its speed.
-    - `arguments`: of ROS.
+    - `kind`: the `kind` of the class of the robot.
+    - `patience`: seconds of silence before the robot is stopped.
+    - `speeds`: the type of the messages that set the speed of the robot.
+    - `arguments`: the arguments of ROS.
     """
     rclpy = import_module("rclpy")
     handlers = import_module("rclpy.signals").SignalHandlerOptions.NO

@@ -69,7 +69,7 @@ def save_patrols(
     - `reach`: range of sight of a robot, in metres.
     - `about`: further fields of the file.
 
-    One robot, that goes to and fro between the ends of a corridor:
+    One robot that patrols between the ends of a corridor:
 
         >>> import pathlib, tempfile
         >>> import numpy as np

@@ -39,7 +39,7 @@ class Placement(NamedTuple):
     """A room of Figure 2.7."""
 
     free: Bool[np.ndarray, "rows columns"]
-    "Its free cells."
+    "The free cells of the room."
     corners: list[tuple[int, int]]
     "Lower left corner (x, y) of each obstacle."
     side: int
@@ -62,7 +62,7 @@ def place(seed: int, environment: str, run: int) -> Placement:
 
     **Arguments:**
 
-    - `seed`: of the study.
+    - `seed`: seed of the study.
     - `environment`: E1, E2, E3 or E4.
     - `run`: number of the placement, from 0.
     """
@@ -96,8 +96,8 @@ def random_room(
 
     **Arguments:**
 
-    - `seed`: of the study.
-    - `number`: of the room, from 0.
+    - `seed`: seed of the study.
+    - `number`: number of the room, from 0.
     - `columns`, `rows`: size of the room in cells.
     - `obstacles`: number of rectangles.
 

@@ -82,7 +82,7 @@ class Navigate(AnywhereStudy, Plans):
     change: Annotated[_Cost, Only(anywhere=False)] = 100.0
     slip: Annotated[Share | None, Only(anywhere=False, collision="swept")] = None
     """Error of the robot, as for `jaxcell localize`. The result then has the probability that the
-    plan arrives, and the policy that surely does."""
+    plan arrives, and the policy that is certain to arrive."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

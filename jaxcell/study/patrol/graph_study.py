@@ -46,8 +46,8 @@ class GraphStudy(Study):
     base: str | None = None
     """Base station: a vertex where robots report. The result has the age of the news there."""
     charger: Annotated[str | None, Only(speed=False)] = None
-    """Vertex that each robot must visit in time: change the walk so that it does, or for capture
-    find the best walk that does."""
+    """Vertex that each robot must visit at least every --every steps: change the walk accordingly,
+    or with the strategy capture find the best such walk."""
     every: Annotated[int | None, Needed(charger=True)] = None
     """Most steps between two visits of the charger."""
     baselines: bool = False
@@ -58,7 +58,7 @@ class GraphStudy(Study):
     """Seed of the recorded walk, and of simulations."""
 
     def more(self, patrolled: "GraphPatrol", say: Say) -> dict[str, Any]:
-        """Compute the parts of a result that parameters beside the strategy ask for."""
+        """Compute the parts of a result that other parameters than the strategy request."""
         from ... import patrol
 
         more: dict[str, Any] = {}

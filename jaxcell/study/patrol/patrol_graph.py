@@ -51,7 +51,7 @@ class PatrolGraph(GraphStudy):
     """Number of shortest paths from each vertex to count. Along one path, as in the dissertation's
     table, the walk goes straight to the vertex."""
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
-    """File of a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
+    """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
     memory_states: Annotated[
         AtLeastOne, Only(strategy="capture", division=False, base=False, charger=False)
@@ -61,9 +61,9 @@ class PatrolGraph(GraphStudy):
     visits: Annotated[
         Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
     ] = None
-    """File of a line "vertex share" for each vertex: the share of time there, up to a factor."""
+    """File with a line "vertex share" for each vertex: the share of time there, up to a factor."""
     values: Annotated[Path | None, Only(game=True)] = None
-    """File of a line for each vertex: "vertex value", the value of its goods; or "vertex value
+    """File with a line for each vertex: "vertex value", the value of its goods; or "vertex value
     value reward cost": their value for the patroller and for the adversary, the reward of a
     patroller who catches the adversary there, and the cost for the adversary."""
     game: bool = False

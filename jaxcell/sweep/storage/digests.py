@@ -20,7 +20,7 @@ _MAP_SERVER = (".yaml", ".yml")
 
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
-    """Describe what the numbers of a sweep depend on beside its specification.
+    """Describe all else, besides the specification, that the numbers of a sweep depend on.
 
     **Arguments:**
 

@@ -42,11 +42,11 @@ class Record:
 
     kind: Kind
     state: int
-    "Of a chunk."
+    "The state of the chunk, in a record of a chunk."
     number: int
-    "Of a chunk."
+    "The number of the chunk, in a record of a chunk."
     start: int
-    "The place of its content in the file."
+    "The place of the content of the record in the file."
     length: int
     checksum: int
 

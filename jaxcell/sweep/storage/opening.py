@@ -32,7 +32,7 @@ def opened(
     - `folder`: the folder of the store.
     - `spec`: the specification of the run.
     - `resume`: whether the folder may have a sweep.
-    - `made`: what the numbers depend on beside the specification, by `made_with`.
+    - `made`: all that the numbers depend on besides the specification, by `made_with`.
     - `anyway`: whether to resume a sweep that was made with other versions or files.
 
     **Raises:** `FileExistsError` if the folder has a sweep that is not to be resumed; `ValueError`

@@ -17,13 +17,13 @@ _ZSTD = Zstd(level=1)
 
 
 class Begun(msgspec.Struct):
-    """The specification of a sweep, and what its numbers depend on besides."""
+    """The specification of a sweep, and the attributes of its result."""
 
     text: bytes
     folder: str
     "The folder of the specification, relative to the store."
     made: dict[str, Any]
-    "Attributes of the result."
+    "Attributes of the result; they describe all else that the numbers depend on."
 
     @classmethod
     def of(cls, spec: Spec, folder: Path, made: Mapping[str, Any]) -> "Begun":
@@ -83,14 +83,14 @@ def _array(_: type, content: list[Any]) -> np.ndarray:
 
 
 class Exported(msgspec.Struct):
-    """The files of the result that was made of all earlier records."""
+    """The files of the result that was made from all earlier records."""
 
     files: dict[str, str]
     "The SHA-256 of each file."
 
 
 def fill_value(dtype: np.dtype) -> Any:
-    """The value of a variable for members that are not done."""
+    """Return the value of a variable for members that are not done."""
     return {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}.get(
         dtype.kind, np.iinfo(dtype).max if dtype.kind == "u" else 0
     )

@@ -77,7 +77,7 @@ class SweepStore:
 
     @property
     def made(self) -> Mapping[str, Any]:
-        """The attributes that say what the numbers depend on beside the specification."""
+        """The attributes that describe all else that the numbers depend on."""
         assert self.contents.begun is not None
         return self.contents.begun.made
 
@@ -136,7 +136,7 @@ class SweepStore:
         return states, arrays
 
     def empty(self, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Make the states and the variables of members that are to do."""
+        """Make the states and the variables of members that are not done yet."""
         variables = {} if self.frame is None else self.frame.variables
         arrays = {
             name: np.full(
@@ -172,9 +172,9 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the variables of the first one, which are written down.
+        """Check that a result has the variables of the first result, which are recorded.
 
-        **Raises:** `ValueError` if it has others.
+        **Raises:** `ValueError` if the result has other variables.
         """
         if self.frame is None:
             variables = {

@@ -11,15 +11,15 @@ from .work import Computed, Failed, Job
 
 @dataclasses.dataclass
 class Parts:
-    """The outcomes of the jobs of a chunk. Places are places in its batch."""
+    """The outcomes of the jobs of a chunk. A place is the index of a member in its batch."""
 
     chunk: Chunk
     members: int
-    "The number of its members that the run computes."
+    "The number of members of the chunk that the run computes."
     computed: list[tuple[np.ndarray, Computed]] = dataclasses.field(default_factory=list)
-    "Places, and the results there."
+    "The places of the members of each job, and its result."
     failed: dict[int, Failed] = dataclasses.field(default_factory=dict)
-    "The failures, by the places of the members."
+    "The failure of each member that failed, by its place."
     open: int = 1
     "The number of jobs that have not ended."
 

@@ -34,7 +34,7 @@ _MAX_LINES = 30
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """A chunk to compute, or members of it."""
+    """A chunk to compute, or some members of a chunk."""
 
     number: int
     "The number of the chunk."
@@ -66,7 +66,7 @@ class Variable:
     """An array of a result."""
 
     dimensions: tuple[str, ...]
-    "The dimensions after that of members."
+    "The names of the dimensions, without the dimension of the members."
     values: np.ndarray
     attributes: Mapping[str, Any]
 
@@ -76,9 +76,9 @@ class Computed:
     """The result of a job."""
 
     variables: Mapping[str, Variable]
-    "Arrays whose first dimension is that of members."
+    "The variables by name; the first dimension of their arrays is that of the members."
     coordinates: Mapping[str, Variable]
-    "Coordinates of the other dimensions, equal in all chunks."
+    "The coordinates of the other dimensions, equal in all chunks."
 
 
 @dataclasses.dataclass(frozen=True)

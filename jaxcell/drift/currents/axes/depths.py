@@ -16,7 +16,7 @@ class Layers:
     """The chosen depths, the surface first."""
 
     depth: Float[np.ndarray, " layers"]
-    "In metres, positive down."
+    "The depth of each layer in metres, positive down."
     places: Int[np.ndarray, " levels"] | None
     "The numbers of the levels to read; `None` if the file has one level."
     s_levels: SLevels | None

@@ -35,12 +35,12 @@ class RecordTimes:
     """The times of the records of a file."""
 
     values: Shaped[np.ndarray, " records"]
-    "Of all records, in order."
+    "The time of each record, in order."
     start: cftime.datetime | None = None
-    """In another calendar than the common one: the beginning of the year of the first record, from
-    which the days of the records are counted."""
+    """For a calendar other than the standard one, the beginning of the year of the first record,
+    from which the days of the records are counted; else `None`."""
     dated: bool = True
-    "True if they have a date; otherwise they are counted from 1970-01-01."
+    "True if the times have a date; otherwise they are counted from 1970-01-01."
     note: str = ""
     "Peculiarities, in words; may be empty."
 
@@ -73,8 +73,8 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
 
 
 def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
-    """Read the times of a variable: as datetime64, in another calendar as cftime dates, and without
-    a date in seconds.
+    """Read the times of a variable: as datetime64; as cftime dates if the calendar is not the
+    standard one; and in seconds if they have no date.
     """
     variable = file.dataset[name]
     if variable.dtype.kind in "MO":

@@ -101,7 +101,7 @@ def maximin_capture(
         graph of more than 60 vertices; for several robots the number is divided by theirs.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`MaximinCapture`][]. The residual of its certificate is the largest relative gain
     of the value, to first order, by any change of the chains. On graphs of more than 30 vertices

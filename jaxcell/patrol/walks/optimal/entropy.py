@@ -38,7 +38,7 @@ def maximum_entropy_rate(
     - `graph`: a connected graph.
     - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive.
     - `stay`: whether the patroller may wait at a vertex.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in
     nats per step. The residual of its certificate bounds, in nats, how far another chain can be
@@ -106,7 +106,7 @@ def maximum_return_time_entropy(
     - `starts`: number of starts. The first goes along a short closed tour.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual, which on trees falls slowly below 0.001.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
     The residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is

@@ -40,7 +40,7 @@ def minimum_kemeny(
     - `starts`: number of starts. The first goes along a short closed tour.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual.
-    - `throw`: whether to raise when the answer is not good enough.
+    - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk]. The residual of its
     certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is more: no reversible
