@@ -176,7 +176,7 @@ def test_walks_with_memory_stand_beside_a_tour_and_a_bound(capsys, line):
     args = "--strategy", "capture", "--attack-time", 5, "--memory-states", 2
     status, found, said = run(capsys, *args, file=line)
     assert status == 0
-    part = found["remembered"]
+    part = found["walks_with_memory"]
     assert [row["patrol"] for row in part["patrols"]] == ["memory 1", "memory 2", "tour"]
     least = [row["least_capture"] for row in part["patrols"]]
     assert least[0] == pytest.approx(found["value"])

@@ -262,10 +262,10 @@ def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
     # State 0 of the memory leads right, and state 1 left.
     there[[0, 1, 2, 3, 4, 5], [1, 2, 4, 1, 3, 4]] = 1
     matrices = plain.to_scipy().toarray()[None]
-    remembered = dataclasses.replace(
+    walks_with_memory = dataclasses.replace(
         memory_patrol(line, 4, 1, matrices, names="abc"), memory=2, chance=there[None]
     )
-    patrol = GraphPatrol.of(line, plain, names="abc", remembered=remembered)
+    patrol = GraphPatrol.of(line, plain, names="abc", walks_with_memory=walks_with_memory)
     found = _recorded(patrol, tmp_path, read)
     assert "| memory 1 | 75 %" in found.static("/text", "TextDocument:text")[0]
     shares = found.static("/graph/vertices", "Points2D:labels")

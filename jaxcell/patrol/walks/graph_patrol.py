@@ -73,7 +73,7 @@ class GraphPatrol(Measures):
     "The age of news at a base, or `None`."
     charged: Charged | None = None
     "The walks that return to a charger in time, or `None`."
-    remembered: MemoryPatrol | None = None
+    walks_with_memory: MemoryPatrol | None = None
     "The walks of robots with memory, or `None`; the other measures are of the walk without."
     idleness: Idleness | None = None
     "The times between visits, by these walks and by three other patrols, or `None`."
@@ -183,14 +183,14 @@ class GraphPatrol(Measures):
     @property
     def walks(self) -> Float[np.ndarray, "robots states states"]:
         """The transition matrix of each robot, between states if it has a memory."""
-        return self.matrices if self.remembered is None else self.remembered.chance
+        return self.matrices if self.walks_with_memory is None else self.walks_with_memory.chance
 
     @property
     def remarks(self) -> tuple[str, ...]:
         remarks = []
         if self.team is not None:
             remarks.append("robots walk differently; times and entropy are those of robot 0")
-        if self.remembered is not None:
+        if self.walks_with_memory is not None:
             remarks.append("times, shares and entropy above are those of the walk without memory")
         if self.weights_unused:
             remarks.append("the weights of edges in the file are not used; the walk has its own")

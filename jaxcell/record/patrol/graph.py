@@ -189,7 +189,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
     patrol, stream = drawing.patrol, drawing.stream
     news, charged = patrol.news, patrol.charged
     units = "steps" if patrol.timed is None else "s"
-    shares = patrol.shares if patrol.remembered is None else patrol.remembered.shares
+    shares = patrol.shares if patrol.walks_with_memory is None else patrol.walks_with_memory.shares
     between = patrol.timed.idleness if patrol.timed else steps_between_visits(shares)
     shown = {"Time between visits": between}
     if news is not None:
@@ -251,7 +251,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
     legend = _scale(most, "chance to leave by it, or to wait").legend()
     legend.append(("a vertex where it never waits", FREE))
-    who = "a patroller" if patrol.remembered is None else "one without memory"
+    who = "a patroller" if patrol.walks_with_memory is None else "one without memory"
     view = drawing.view(f"Where {who} goes next", "next", "chances", "stay", "names")
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
 
@@ -279,8 +279,8 @@ def _text(patrol: GraphPatrol, spec: Spec) -> str:
     edges = counted(len(patrol.graph.edges), "edge")
     columns = "vertex", "stationary", "mean_time_to", "first_arrival", "captured"
     drawn = "whatever came before: the walk is a *Markov chain*"
-    if patrol.remembered is not None:
-        drawn = f"by the vertex and one of {patrol.remembered.memory} states of a memory"
+    if patrol.walks_with_memory is not None:
+        drawn = f"by the vertex and one of {patrol.walks_with_memory.memory} states of a memory"
     return f"""# A random patrol
 
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
@@ -316,8 +316,9 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
     if patrol.goal is not None and patrol.value is not None:
         parts.append(f"The walk makes large: {patrol.goal}, which is **{patrol.value:.4g}**.")
     captured = patrol.captured
-    if patrol.remembered is not None and patrol.remembered.memory > 1:
-        captured, memory = patrol.remembered.captured, patrol.remembered.memory
+    walks = patrol.walks_with_memory
+    if walks is not None and walks.memory > 1:
+        captured, memory = walks.captured, walks.memory
         parts.append(f"With {counted(memory, 'state')} of memory the patrollers capture more.")
     if captured is not None:
         attack, unit = spec.get("attack_time"), "steps" if patrol.timed is None else "s"
@@ -350,12 +351,13 @@ def _more(patrol: GraphPatrol) -> str:
         parts.append(f"{numbers(patrol.news)}\n\n{ages}")
     if patrol.charged is not None:
         parts.append(f"Kept near enough to the charger:\n\n{numbers(patrol.charged)}")
-    if patrol.remembered is not None:
+    walks = patrol.walks_with_memory
+    if walks is not None:
         columns = "patrol", "least_capture", "any_time"
         parts.append(
             "By number of states of memory, beside a tour and an upper bound. Other numbers are "
             "those of the walk without memory:"
-            f"\n\n{numbers(patrol.remembered)}\n\n{described(patrol.remembered, *columns)}"
+            f"\n\n{numbers(walks)}\n\n{described(walks, *columns)}"
         )
     if patrol.idleness is not None:
         columns = "patrol", "mean", "mean_error", "worst", "longest", "least_capture"

@@ -115,7 +115,7 @@ class PatrolGraph(GraphStudy):
         options["by_steps"] = self.speed is not None and self.strategy in by_steps
         patrolled = GraphPatrol.of(graph, **walk, game=game, **options)
         if self.memory_states > 1:
-            remembered = memory_patrol(
+            walks_with_memory = memory_patrol(
                 graph,
                 self._attack(names),
                 self.memory_states,
@@ -124,7 +124,7 @@ class PatrolGraph(GraphStudy):
                 names=names,
                 say=say,
             )
-            patrolled = dataclasses.replace(patrolled, remembered=remembered)
+            patrolled = dataclasses.replace(patrolled, walks_with_memory=walks_with_memory)
         return dataclasses.replace(patrolled, **self.more(patrolled, say))
 
     def headline(self, spec: dict[str, Any]) -> str:
