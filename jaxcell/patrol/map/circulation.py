@@ -13,6 +13,7 @@ import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
 
 from ...optimize import Graph
+from ..walks.optimal.ascent import active_targets, log_missed_from_worst, soft_loss
 from ..walks.steps import Steps
 
 
@@ -20,13 +21,12 @@ from ..walks.steps import Steps
 _VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
 # The conductance of the farthest cell on excursions, relative to cells that are often visited.
 _FARTHEST = 0.2
-# Number of steps between evaluations of targets, and the numbers of targets of both kinds.
-_BLOCK, _ACTIVE, _EVALUATED = 10, 80, 400
-# Number of values that one step keeps for its gradient.
-_KEPT = 5e7
+# Number of steps between evaluations of targets, and the number of targets of an evaluation.
+_BLOCK, _EVALUATED = 10, 400
 # Learning rate of the logits, and the constants of Adam. Its least scale is so large that noise
 # does not move the logits of cells that are hardly visited.
 _RATE, _MOMENTUM, _SCALES, _SCALE = 0.1, 0.9, 0.999, 1e-7
+# Least probability whose logarithm is taken.
 _TINY = 1e-9
 
 Logits = Float[np.ndarray, "robots branches cells"]
@@ -119,9 +119,8 @@ class CirculationAscent:
         **Returns:** the last logits, the walks, and the least capture over the targets by block.
         """
         image, targets = np.asarray(self.steps.image), self.unseen.shape[1]
-        robots, _, cells = logits.shape
-        kept = int(_KEPT / (cells * self.attack_time * robots))
-        active = min(targets, max(8, min(_ACTIVE, kept)))
+        robots = len(logits)
+        active = active_targets(self.unseen, self.attack_time, robots)
         unseen = jax.device_put(self.unseen.astype(np.float32))
         parts = max(1, -(-targets // _EVALUATED))
         missed, course = np.zeros(targets), []
@@ -263,11 +262,7 @@ def _log_missed(
     attack_time: int,
     start: str,
 ) -> Float[Array, "targets"]:
-    """Compute the logarithm of the probability that no robot captures.
-
-    With a hardness, the worst start is a soft minimum of logarithms, because a probability that is
-    a product of many would leave a gradient of almost 0.
-    """
+    """Compute the logarithm of the probability that no robot captures."""
     logarithm = jnp.zeros(unseen.shape[1], unseen.dtype)
     flows = chance, share, excursion_share, excursion_chance
     for trained, often, rare, excursion in zip(*flows, strict=True):
@@ -280,14 +275,7 @@ def _log_missed(
 
         late, _ = jax.lax.scan(step, unseen, length=attack_time)
         if start == "worst":
-            caught = jnp.where(unseen > 0, jnp.maximum(1 - late, _TINY), 1.0)
-            if hardness is None:
-                worst = jnp.min(caught, axis=0)
-            else:
-                soft = -hardness * jnp.log(caught)
-                worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0, b=unseen) / hardness)
-            # This form is exact for small probabilities.
-            logarithm += jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
+            logarithm += log_missed_from_worst(late, unseen, hardness, _TINY)
         else:
             begin = unseen * total[:, None] if start == "stationary" else unseen
             missed = jnp.sum(begin * late, axis=0) / jnp.maximum(jnp.sum(begin, axis=0), 1e-30)
@@ -302,7 +290,6 @@ def _gradient(chance, share, *rest, attack_time, start):  # type: ignore[no-unty
 
     def loss(chance, share):  # type: ignore[no-untyped-def]
         missed = _log_missed(chance, share, *rest, attack_time=attack_time, start=start)
-        caught = jnp.log(jnp.maximum(-jnp.expm1(missed), _TINY))
-        return jax.nn.logsumexp(-hardness * caught) / hardness
+        return soft_loss(missed, hardness, _TINY)
 
     return jax.grad(loss, argnums=(0, 1))(chance, share)

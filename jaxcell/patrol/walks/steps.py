@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...markov import dense
 from ...optimize import Graph
 
 
@@ -76,13 +75,6 @@ class Steps(NamedTuple):
         """Return the weights of cells as starts of a robot, which are all equal."""
         return jnp.ones(chance.shape[1], chance.dtype)
 
-    def share_of_time(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """Compute the share of time of a robot in each cell in the long run."""
-        cells = chance.shape[1]
-        matrix = jnp.zeros((cells, cells))
-        here = jnp.broadcast_to(jnp.arange(cells), chance.shape)
-        return dense.stationary(matrix.at[here, self.image].add(chance.astype(matrix.dtype)))
-
 
 class ChargedSteps(NamedTuple):
     """The steps of a robot that must return to a charger within a given number of steps.
@@ -132,11 +124,6 @@ class ChargedSteps(NamedTuple):
             return there.at[self.charger].set(0), here
 
         return jax.lax.scan(step, begin, self._by_age(chance))[1].ravel()
-
-    def share_of_time(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """Compute the share of time of a robot in each cell in the long run."""
-        often = self.often(chance)
-        return often / often.sum()
 
     def _by_age(
         self, chance: Float[Array, "branches cells"]

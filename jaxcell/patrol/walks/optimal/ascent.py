@@ -25,16 +25,12 @@ _TINY = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ascent:
-    """The ascent of the probability that robots from `begin` come into view of a target in time."""
+    """The ascent of the probability that robots see a target in time from where they are worst."""
 
     steps: Steps | ChargedSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 where a target is out of view, else 0."
-    begin: Float[np.ndarray, "cells targets"]
-    "1 where a robot may be as the attack begins, else 0."
     attack_time: int
-    start: str
-    "The places of robots at that time: `uniform`, `stationary` or `worst`."
     floor: float
     "The least share of a step that goes to any neighbour with equal probability."
     hardness: tuple[float, float]
@@ -54,33 +50,38 @@ class Ascent:
 
         **Returns:** the best logits, their value, the last state, and the best value by block.
         """
-        fixed = self.attack_time, self.start
         if not isinstance(begin, tuple):
             logits = np.asarray(begin, np.float32)
             none = np.zeros_like(logits)
             state = optax.ScaleByAdamState(np.zeros((), np.int32), none, none)
             begin = jax.device_put((logits, state))
-        robots, targets = begin[0].shape[0], self.unseen.shape[1]
-        kept = int(_KEPT / (self.unseen.shape[0] * self.attack_time * robots))
-        active = min(targets, max(8, min(_ACTIVE, kept)))
+        active = active_targets(self.unseen, self.attack_time, begin[0].shape[0])
         rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
         soft, hard = self.hardness
         hardness = soft * (hard / soft) ** progress
-        all_targets = jax.device_put((self.unseen, self.begin))
+        unseen, time = jax.device_put(self.unseen), self.attack_time
         best = begin[0] if best is None else best
-        value, course = float(_least(best, self.steps, *all_targets, self.floor, *fixed)[0]), []
-        missed = _least(begin[0], self.steps, *all_targets, self.floor, *fixed)[1]
+        value, course = float(_least(best, self.steps, unseen, self.floor, time)[0]), []
+        missed = _least(begin[0], self.steps, unseen, self.floor, time)[1]
         for first in range(0, progress.size, _BLOCK):
             weak = np.argsort(-np.asarray(missed))[:active]
             block = slice(first, first + _BLOCK)
             schedule = rate[block].astype("f4"), hardness[block].astype("f4")
-            targeted = self.unseen[:, weak], self.begin[:, weak]
-            begin = _follow(*begin, self.steps, *targeted, self.floor, schedule, *fixed)
-            now, missed = _least(begin[0], self.steps, *all_targets, self.floor, *fixed)
+            begin = _follow(*begin, self.steps, self.unseen[:, weak], self.floor, schedule, time)
+            now, missed = _least(begin[0], self.steps, unseen, self.floor, time)
             if float(now) > value:
                 best, value = begin[0], float(now)
             course.append(value)
         return best, value, begin, course
+
+
+def active_targets(
+    unseen: Float[np.ndarray, "cells targets"], attack_time: int, robots: int
+) -> int:
+    """Choose the number of targets whose gradient is followed at a time, as memory allows."""
+    cells, targets = unseen.shape
+    kept = int(_KEPT / (cells * attack_time * robots))
+    return min(targets, max(8, min(_ACTIVE, kept)))
 
 
 def late_gain(course: list[float]) -> float:
@@ -90,21 +91,56 @@ def late_gain(course: list[float]) -> float:
     return max(0.0, 1 - course[-max(1, len(course) // 4)] / max(course[-1], _TINY))
 
 
+def log_missed_from_worst(
+    late: Float[Array, "cells targets"],
+    weight: Float[Array, "cells targets"],
+    hardness: Float[Array, ""] | None,
+    tiny: float = _TINY,
+) -> Float[Array, "targets"]:
+    """Compute the logarithm of the probability that a robot misses attacks from its worst start.
+
+    With a hardness, the worst start is a soft minimum of logarithms, because a probability that is
+    a product of many would leave a gradient of almost 0.
+
+    **Arguments:**
+
+    - `late`: probability that the robot does not see the target in time, by its cell.
+    - `weight`: weight of the cell as a start, 0 for none.
+    - `tiny`: least probability whose logarithm is taken.
+    """
+    caught = jnp.where(weight > 0, jnp.maximum(1 - late, tiny), 1.0)
+    if hardness is None:
+        worst = jnp.min(caught, axis=0)
+    else:
+        soft = -hardness * jnp.log(caught)
+        worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0, b=weight) / hardness)
+    # This form is exact for small probabilities.
+    return jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
+
+
+def soft_loss(
+    missed: Float[Array, "targets"], hardness: Float[Array, ""] | float, tiny: float = _TINY
+) -> Float[Array, ""]:
+    """Compute minus a soft minimum over targets of the logarithm of the probability of capture.
+
+    **Arguments:**
+
+    - `missed`: logarithm of the probability that no robot captures.
+    - `tiny`: least probability whose logarithm is taken.
+    """
+    caught = jnp.log(jnp.maximum(-jnp.expm1(missed), tiny))
+    return jax.nn.logsumexp(-hardness * caught) / hardness
+
+
 def _log_missed(
     logits: Float[Array, "robots branches cells"],
     steps: Steps | ChargedSteps,
     unseen: Float[Array, "cells targets"],
-    begin: Float[Array, "cells targets"],
     floor: float | Float[Array, ""],
     hardness: Float[Array, ""] | None,
     attack_time: int,
-    start: str,
 ) -> Float[Array, "targets"]:
-    """Compute the logarithm of the probability that no robot captures.
-
-    With a hardness, the worst start is a soft minimum of logarithms, because a probability that is
-    a product of many would leave a gradient of almost 0.
-    """
+    """Compute the logarithm of the probability that no robot captures."""
     total = jnp.zeros(unseen.shape[1], unseen.dtype)
     for chance in steps.chances(logits, floor):
 
@@ -113,41 +149,25 @@ def _log_missed(
 
         late, _ = jax.lax.scan(step, unseen, length=attack_time - 1)
         late = steps.pull(chance, late)
-        if start == "worst":
-            weight = begin * steps.often(chance)[:, None]
-            caught = jnp.where(weight > 0, jnp.maximum(1 - late, _TINY), 1.0)
-            if hardness is None:
-                worst = jnp.min(caught, axis=0)
-            else:
-                soft = -hardness * jnp.log(caught)
-                worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0, b=weight) / hardness)
-            # This form is exact for small probabilities.
-            total += jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
-        else:
-            share = begin
-            if start == "stationary":
-                share = begin * steps.share_of_time(chance).astype(begin.dtype)[:, None]
-            missed = jnp.sum(share * late, axis=0) / jnp.sum(share, axis=0)
-            total += jnp.log(missed + 1e-30)
+        weight = jnp.broadcast_to(steps.often(chance)[:, None], late.shape)
+        total += log_missed_from_worst(late, weight, hardness)
     return total
 
 
-@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
-def _least(logits, steps, unseen, begin, floor, attack_time, start):  # type: ignore[no-untyped-def]
+@functools.partial(jax.jit, static_argnames="attack_time")
+def _least(logits, steps, unseen, floor, attack_time):  # type: ignore[no-untyped-def]
     """Compute the least probability of capture, and the log-probability of none at each target."""
-    missed = _log_missed(logits, steps, unseen, begin, floor, None, attack_time, start)
+    missed = _log_missed(logits, steps, unseen, floor, None, attack_time)
     return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
 
 
-@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
-def _follow(logits, moments, steps, unseen, begin, floor, schedule, attack_time, start):  # type: ignore[no-untyped-def]
+@functools.partial(jax.jit, static_argnames="attack_time")
+def _follow(logits, moments, steps, unseen, floor, schedule, attack_time):  # type: ignore[no-untyped-def]
     """Make steps of Adam on the logits, for the soft minimum over the given targets."""
     adam = optax.scale_by_adam()
 
     def loss(logits, hardness):  # type: ignore[no-untyped-def]
-        missed = _log_missed(logits, steps, unseen, begin, floor, hardness, attack_time, start)
-        caught = jnp.log(jnp.maximum(-jnp.expm1(missed), _TINY))
-        return jax.nn.logsumexp(-hardness * caught) / hardness
+        return soft_loss(_log_missed(logits, steps, unseen, floor, hardness, attack_time), hardness)
 
     def step(state, now):  # type: ignore[no-untyped-def]
         logits, moments = state

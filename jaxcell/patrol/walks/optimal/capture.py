@@ -200,8 +200,7 @@ def _ascend(
     steps = Steps.of(graph)
     away = (1 - states_at(graph.vertices, attack.size)).astype(np.float32)
     annealed = _ANNEALED if graph.vertices == attack.size else (_WITH_MEMORY, _ANNEALED[1])
-    given = int(attack[0]), "worst", _FLOOR, annealed
-    ascent = Ascent(steps, away, np.ones_like(away), *given)
+    ascent = Ascent(steps, away, int(attack[0]), _FLOOR, annealed)
     count = _STEPS // (1 + (graph.vertices > _LARGE))
     progress = np.arange(count) / count
     climbs = [ascent.climb(steps.logits(start), progress) for start in starts]

@@ -106,7 +106,7 @@ def charged_capture(
     count = int(np.clip(starts * _QUICK / products, 1, starts))
     begins += [2 * random.normal(size=shape) for _ in range(count - len(begins))]
     away = np.tile(1 - np.eye(graph.vertices, dtype=np.float32), (every, 1))
-    ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", 0.0, _ANNEALED)
+    ascent = Ascent(steps, away, attack_time, 0.0, _ANNEALED)
     progress = np.arange(_STEPS) / _STEPS
     tries = [ascent.climb(begin, progress) for begin in begins[:count]]
     best, _, _, course = max(tries, key=lambda attempt: attempt[1])
