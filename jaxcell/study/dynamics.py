@@ -24,34 +24,16 @@ _MAX_AT_ONCE = 1 << 25
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Dynamics(Study):
-    """Find the attractors of any dynamics and their basins, by cells of a box."""
-
-    name: ClassVar[str] = "dynamics"
-    command: ClassVar[str] = "dynamics"
-    example: ClassVar[str] = "pendulum --params T=0.1:0.9:17"
-    task: ClassVar[str] = "dynamics"
+class SystemStudy(Study):
+    """A question about a dynamical system in a box of cells."""
 
     system: tyro.conf.Positional[str]
     """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
     lorenz84 and thomas."""
     params: tuple[str, ...] = ()
-    """Values of the system's parameters in place of its own, such as T=0.5; T=0.1:0.9:17 follows
-    the attractors along 17 values."""
+    """Values of the system's parameters in place of its own, such as T=0.5."""
     cells: tuple[int, ...] = ()
     """Number of cells along each axis, or one number for all axes; by default the system's."""
-    follow: WholeNumber = 0
-    """Number of times that a point outside the box is mapped again before it counts as lost."""
-    by: Literal["cells", "orbits"] = "cells"
-    """Method that assigns a cell to an attractor: the map of the cells (cells), or the orbit of the
-    cell's centre (orbits), which takes longer and is right even if cells are too coarse."""
-    edges: bool = False
-    """Find the edge states, the saddles on the boundaries of basins."""
-    folder: str = ""
-    """Folder for the arrays over cells, which then need not fit in memory; the same command
-    continues an interrupted one."""
-    seed: WholeNumber = 0
-    """Seed of the points from which attractors are sought."""
 
     @functools.cached_property
     def chosen(self) -> "System":
@@ -67,6 +49,35 @@ class Dynamics(Study):
         box = system.box
         cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
         return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
+
+    def headline(self, spec: dict[str, Any]) -> str:
+        return self.chosen.about or f"The system {self.system}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Dynamics(SystemStudy):
+    """Find the attractors of any dynamics and their basins, by cells of a box."""
+
+    name: ClassVar[str] = "dynamics"
+    command: ClassVar[str] = "dynamics"
+    example: ClassVar[str] = "pendulum --params T=0.1:0.9:17"
+    task: ClassVar[str] = "dynamics"
+
+    params: tuple[str, ...] = ()
+    """Values of the system's parameters in place of its own, such as T=0.5; T=0.1:0.9:17 follows
+    the attractors along 17 values."""
+    follow: WholeNumber = 0
+    """Number of times that a point outside the box is mapped again before it counts as lost."""
+    by: Literal["cells", "orbits"] = "cells"
+    """Method that assigns a cell to an attractor: the map of the cells (cells), or the orbit of the
+    cell's centre (orbits), which takes longer and is right even if cells are too coarse."""
+    edges: bool = False
+    """Find the edge states, the saddles on the boundaries of basins."""
+    folder: str = ""
+    """Folder for the arrays over cells, which then need not fit in memory; the same command
+    continues an interrupted one."""
+    seed: WholeNumber = 0
+    """Seed of the points from which attractors are sought."""
 
     def memory(self, written: bool = False) -> float | int:
         if self.folder:
@@ -110,9 +121,6 @@ class Dynamics(Study):
 
     def at_once(self, result: "Basins | Continuation") -> bool:
         return not self.folder or self.chosen.box.size <= _MAX_AT_ONCE
-
-    def headline(self, spec: dict[str, Any]) -> str:
-        return self.chosen.about or f"The system {self.system}"
 
 
 def load_system(reference: str) -> "System":

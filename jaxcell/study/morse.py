@@ -1,11 +1,9 @@
 import dataclasses
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import tyro
-
-from .dynamics import load_system, read_params
+from .dynamics import SystemStudy, read_params
 from .parameters import AtLeastOne, WholeNumber
-from .study import Say, Study, silent
+from .study import Say, silent
 
 
 if TYPE_CHECKING:
@@ -13,7 +11,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Morse(Study):
+class Morse(SystemStudy):
     """Find the recurrent sets of any dynamics and their order, with proof, by bisected boxes."""
 
     name: ClassVar[str] = "morse"
@@ -21,11 +19,6 @@ class Morse(Study):
     example: ClassVar[str] = "henon --cells 4 --depth 16 --check 4"
     task: ClassVar[str] = "morse"
 
-    system: tyro.conf.Positional[str]
-    """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
-    lorenz84 and thomas."""
-    params: tuple[str, ...] = ()
-    """Values of the system's parameters in place of its own, such as T=0.5."""
     cells: tuple[AtLeastOne, ...] = ()
     """Number of cells along each axis at the start, or one number for all axes; by default the
     system's."""
@@ -41,17 +34,13 @@ class Morse(Study):
 
     def run(self, say: Say = silent) -> "MorseSets":
         from .. import dynamics
-        from ..space import Box
 
-        system = load_system(self.system)
+        system = self.chosen
         params = read_params(self.params, dict(system.params))
         for name, value in params.items():
             if isinstance(value, list):
                 raise ValueError(f"params: {name}: expected one value, got {len(value)}")
-        box, map = system.box, system.map
-        if self.cells:
-            cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
-            box = Box(box.lower, box.upper, cells, box.axes)
+        map = system.map
         kinds: dict[str, dynamics.OuterMap] = {
             "intervals": dynamics.Intervals(map, mean_value=False),
             "mean-value": dynamics.Intervals(map),
@@ -63,7 +52,4 @@ class Morse(Study):
             "labels": system.labels,
             "say": say,
         }
-        return dynamics.morse_sets(kinds[self.images], box, params, **options)
-
-    def headline(self, spec: dict[str, Any]) -> str:
-        return load_system(self.system).about or f"The system {self.system}"
+        return dynamics.morse_sets(kinds[self.images], system.box, params, **options)
