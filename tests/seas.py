@@ -1,8 +1,11 @@
 """Small seas, as `open_currents` gives them, and random ones for property tests."""
 
 import numpy as np
+import shapely
 import xarray as xr
 from hypothesis import strategies as st
+
+from jaxcell.drift.currents.land import read_land
 
 
 def sea(east, north, wet=None, *, dx=1000.0, dy=1000.0, angle=0.0, hours=1.0):
@@ -66,3 +69,11 @@ def double_gyre(rows=20, columns=40, inward=0.1):
     sink = np.cos(np.pi * x) * np.sin(np.pi * y), np.sin(np.pi * x) * np.cos(np.pi * y)
     east, north = (a + inward * sign * b for a, b in zip(swirl, sink, strict=True))
     return sea(east, north)
+
+
+def land_of_the_channel():
+    """The bundled land near the Santa Barbara Channel."""
+    near = shapely.box(-121, 33, -118, 35)
+    return shapely.union_all(
+        [polygon for polygon in read_land().polygons if polygon.intersects(near)]
+    )

@@ -196,18 +196,18 @@ def run(paths: dict[str, Path], name: str, seed: int, limit: int) -> list[Run]:
     bounces = angles(next(iter(tasks.values())))
     try:
         for _ in range(limit):
-            left = [one for one in listeners.values() if one.follower.result is None]
-            if not left:
+            running = [each for each in listeners.values() if each.follower.result is None]
+            if not running:
                 break
             observation = int(walker.step())
-            for one in left:
-                one.follower.observe(observation)
-            turn = left[0].follower.turn if len(tasks) == 1 else 0 if observation else None
+            for listener in running:
+                listener.follower.observe(observation)
+            turn = running[0].follower.turn if len(tasks) == 1 else 0 if observation else None
             if turn is not None:
                 walker.rotate(bounces[turn])
             at = int(nearest_cell(cells, *body.pose))
-            for one in left:
-                one.judge(observation, at, robot.robot.seconds)
+            for listener in running:
+                listener.judge(observation, at, robot.robot.seconds)
     except RobotStopped:
         stopped = True
     return [one.run(name, by, seed, stopped=stopped) for by, one in listeners.items()]

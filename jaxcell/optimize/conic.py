@@ -120,10 +120,11 @@ def _contradicting(problem: Any, constraints: Sequence[Any]) -> list[Any]:
     """Find constraints without any one of which the others could be met, together with the rest."""
     import cvxpy
 
-    always = [one for one in problem.constraints if not any(one is each for each in constraints)]
+    named = {id(constraint) for constraint in constraints}
+    always = [constraint for constraint in problem.constraints if id(constraint) not in named]
     kept = list(constraints)
     for constraint in constraints:
-        without = [one for one in kept if one is not constraint]
+        without = [other for other in kept if other is not constraint]
         trial = cvxpy.Problem(cvxpy.Minimize(0), [*always, *without])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

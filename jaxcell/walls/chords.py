@@ -107,7 +107,7 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """One number for the slice and the wall of each row, by which rows are sorted."""
+        """The order of each row: the number of its slice and wall, by which rows are sorted."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 

@@ -44,8 +44,8 @@ def test_smallest_machines_are_exported_with_their_proof(filter_file, tmp_path, 
     pytest.importorskip("pysat.solvers")
     for suffix in ("h", "dot", "json"):
         assert main(["export", str(filter_file), str(tmp_path / f"f.{suffix}"), "--smallest"]) == 0
-        told = capsys.readouterr().err
-        assert "44 states, proved least; 94 if only equivalent states are merged" in told
+        message = capsys.readouterr().err
+        assert "44 states, proved least; 94 if only equivalent states are merged" in message
     assert "#define FILTER_STATES 44u" in (tmp_path / "f.h").read_text()
     assert RobotSketch(file=filter_file, heading=0.0, smallest=True).run() == 0
     assert "#define FILTER_STATES 44u\n" in capsys.readouterr().out

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from drift import products
 from hypothesis import given, settings, strategies as st
-from seas import sea
+from seas import land_of_the_channel, sea
 
 from jaxcell import drift
 from jaxcell.base.formatting import format_value
@@ -51,9 +51,7 @@ def test_gaps_of_a_radar_are_sea_where_another_hour_proves_it(hour):
 
 def test_squares_that_hold_land_are_land():
     currents = currents_where(SEEN[0])
-    land = shapely.union_all(
-        [one for one in read_land().polygons if one.intersects(shapely.box(-121, 33, -118, 35))]
-    )
+    land = land_of_the_channel()
     dx, dy = np.diff(LON).mean() / 2, np.diff(LAT).mean() / 2
     for row, column in np.argwhere(~SEEN[0])[::17]:
         x, y = LON[column], LAT[row]

@@ -5,10 +5,9 @@ import re
 import numpy as np
 import pytest
 import shapely
-from seas import sea
+from seas import land_of_the_channel, sea
 
 from jaxcell import drift, record
-from jaxcell.drift.currents.land import read_land
 from jaxcell.drift.currents.sphere import EARTH_RADIUS
 from jaxcell.record.drift.frame import _coasts, _ticks, latitude, longitude, on_the_grid
 
@@ -46,9 +45,7 @@ def test_coasts_on_the_map_are_those_of_the_land():
     grid = turned()
     coasts = list(_coasts(grid, ""))
     assert sum(map(len, coasts)) > 20
-    near = shapely.union_all(
-        [one for one in read_land().polygons if one.intersects(shapely.box(-121, 33, -118, 35))]
-    )
+    near = land_of_the_channel()
     rows, columns = grid.number.shape
     for x, y in np.concatenate(coasts):
         assert -0.5 <= x <= columns - 0.5

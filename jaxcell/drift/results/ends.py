@@ -135,7 +135,7 @@ class Ends(Result):
 
     @property
     def _tells_ways(self) -> bool:
-        """True if the ways out are told apart, as in a current."""
+        """True if leaving is divided by the way out, as in a current."""
         return all(len(layer.exits) == len(EXITS) for layer in self._layers)
 
     def _mean_by_way(self, way: int) -> float | None:
@@ -194,7 +194,7 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step, for each way out that is told apart."""
+        """The probability of leaving the map in a step, by the way out if leaving is divided."""
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
     @functools.cached_property

@@ -80,7 +80,7 @@ def brief(monkeypatch):
 @pytest.mark.usefixtures("brief")
 @pytest.mark.parametrize("attack", [5, 6])
 def test_two_states_are_a_direction_on_a_ring(attack):
-    """Of the directional model on a perimeter, whose best probability of turning is exact."""
+    """The exact optimum of the directional model on a perimeter is the least that is expected."""
     best = maximin(detection_polynomials(Perimeter(8, 1, Movement.DNCP), attack))
     found = maximin_capture(RING, attack, memory=2, starts=2)
     assert found.value >= best.value * (1 - 1e-3)

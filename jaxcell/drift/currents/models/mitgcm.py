@@ -53,13 +53,15 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
         str(name): placed(dataset[name]) for name in dataset.variables if name not in names
     }
     for name, known in _POSITIONS.items():
-        found = next((one for one in known if one in dataset.variables), None)
-        if found is None or str(dataset[found].attrs.get("units", "")).lower().startswith("m"):
+        position = next((axis for axis in known if axis in dataset.variables), None)
+        if position is None or str(dataset[position].attrs.get("units", "")).lower().startswith(
+            "m"
+        ):
             raise file.error(
                 u, "expected longitudes and latitudes of its cells (XC, YC) in degrees; if another "
                 "file has them, name it with grid",
             )  # fmt: skip
-        variables[name] = placed(dataset[found])
+        variables[name] = placed(dataset[position])
     for name, letter in _MASKS.items():
         for prefix in ("mask", "hFac"):
             if (open_share := f"{prefix}{letter}") in dataset.variables:
