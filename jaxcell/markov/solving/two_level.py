@@ -91,19 +91,20 @@ class TwoLevel:
 
 
 def aggregates(
-    matrix: scipy.sparse.csr_array, most: int = _MAX_AGGREGATES
+    matrix: scipy.sparse.csr_array, most: int = _MAX_AGGREGATES, states: int | None = None
 ) -> scipy.sparse.csr_array:
     """Assign each state to the nearest connected state among some random states.
 
-    The length of a step, in either direction, is the inverse of its probability.
+    The length of a step, in either direction, is the inverse of its probability. If `states` is
+    not `None`, only so many states, the first ones, are assigned.
     """
-    rows = matrix.shape[0]
+    rows = states or matrix.shape[0]
     count = min(-(-rows // _SIZE), most)
     # Drawn at random, because states at even distances of a grid would lie in columns.
     middles = np.sort(np.random.default_rng(_SEED).choice(rows, count, replace=False))
     length = (matrix + matrix.T).tocsr()
     length.data = 1 / length.data
     nearest = csgraph.dijkstra(length, indices=middles, min_only=True, return_predecessors=True)[2]
-    (member,) = np.nonzero(nearest >= 0)
+    (member,) = np.nonzero(nearest[:rows] >= 0)
     place = member, np.searchsorted(middles, nearest[member])
     return scipy.sparse.csr_array((np.ones(member.size), place), shape=(rows, count))
