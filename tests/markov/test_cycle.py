@@ -48,7 +48,7 @@ def test_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
 
 
 def in_two_phases(first):
-    """A chain that takes a step of a matrix in the first phase, and changes places in the second."""
+    """A chain that takes a step of a matrix in one phase, and changes places in the other."""
     size = len(first)
     turn = np.eye(size)[np.random.default_rng(7).permutation(size)]
     none = np.zeros((size, size))

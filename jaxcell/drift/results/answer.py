@@ -75,8 +75,8 @@ def _leaving(drift: "SeaDrift") -> str:
         f"{left:.0%} after {in_time(hour)} (by the map {map:.0%})" for hour, left, map in pairs
     ]
     ways = zip(drift.exit, drift.layers[0].mean_by_way, strict=True)
-    out = [f"{share:.0%} by the {name}" for name, share in ways if share >= _NAMED_SHARE]
-    end = f"; in the end, by the map, {', '.join(out)}" if out else ""
+    out = [f"{name} {share:.0%}" for name, share in ways if share >= _NAMED_SHARE]
+    end = f"; in the end by the map: {', '.join(out)}" if out else ""
     return f"What leaves the map: {', '.join(times)}{end}."
 
 
