@@ -207,7 +207,7 @@ class LayerEnds(Ends):
         """
         if self._solvable(self._possible_ways):
             return self._leaving_by(self.exits)
-        possible = self.exits.any(axis=1)[:, None]
+        possible = np.any(self.exits, axis=1)[:, None]
         return np.where(possible & (self.begins.sure_to_leave != 0), np.nan, 0.0)
 
     @property
