@@ -95,8 +95,8 @@ def aggregates(
 ) -> scipy.sparse.csr_array:
     """Assign each state to the nearest connected state among some random states.
 
-    The length of a step, in either direction, is the inverse of its probability. If `states` is
-    not `None`, only so many states, the first ones, are assigned.
+    The length of a step, in either direction, is the inverse of its probability. Only the first
+    `states` are assigned, by default all.
     """
     rows = states or matrix.shape[0]
     count = min(-(-rows // _SIZE), most)
