@@ -62,17 +62,18 @@ def test_slow_eddies_are_solved_in_few_products():
     step = 0.999 * wells / wells.sum(axis=1, keepdims=True)
     step[np.arange(count * size), random.permutation(count * size)] += 0.0009
     matrix = in_two_phases(step)
-    found, products = Cycle.of(matrix)(np.ones(2 * count * size))
-    expected = np.linalg.solve(np.eye(2 * count * size) - matrix.toarray(), np.ones(len(found)))
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
-    # A chain of 40 eddies has as many slow modes.
-    assert products < 40
+    right = random.random(2 * count * size)
+    found, products = Cycle.of(matrix)(right)
+    expected = np.linalg.solve(np.eye(right.size) - matrix.toarray(), right)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    # Without aggregates it takes 95.
+    assert products < 75
 
 
 @pytest.mark.parametrize("leak", [1e-2, 1e-6, 1e-9])
 def test_time_in_two_nearly_closed_wells_has_its_digits(leak, monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", solve.Limits(trial=1, worthwhile=0, cycle=10))
-    size = 60
+    size = 200
     random = np.random.default_rng(1)
     step = np.zeros((2 * size, 2 * size))
     for state in range(2 * size):

@@ -14,9 +14,12 @@ from .two_level import aggregates
 # Largest number of blocks of a cycle, and largest share of steps that begin a new round.
 _MAX_BLOCKS, _MAX_BACK = 10_000, 0.4
 # Number of directions that GMRES keeps, largest number of their bytes, and number of restarts.
-_DIRECTIONS, _MAX_BYTES, _ROUNDS = 150, 2**29, 4
-# Probabilities of coming to an aggregate are dropped below this part of their row.
-_DROP = 1e-2
+_DIRECTIONS, _MAX_BYTES, _ROUNDS = 300, 2**30, 4
+# States per aggregate.
+_SIZE = 8
+# With more probabilities per state, those of coming to an aggregate that are below this part of
+# their row are dropped.
+_MOST, _DROP = 64, 1e-2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,7 +75,6 @@ class Cycle:
         **Raises:** `RuntimeError` if the chain between aggregates is singular to rounding.
         """
         wanted, none = right[self.order], np.zeros(right.size)
-        aggregate, after, coarse = self._between
         products = 0
 
         def left(value: Float[np.ndarray, "first"]) -> Float[np.ndarray, "first"]:
@@ -82,6 +84,7 @@ class Cycle:
 
         def inverse(value: Float[np.ndarray, "first"]) -> Float[np.ndarray, "first"]:
             # The value of the aggregates, and then a round.
+            aggregate, after, coarse = self._between
             return value + after @ coarse.solve(aggregate.T @ value)
 
         system, roughly = (
@@ -91,8 +94,10 @@ class Cycle:
         begin = self._round(np.zeros(self.again.size), wanted)[self.again]
         kept = min(_DIRECTIONS, _MAX_BYTES // (8 * max(1, self.again.size)), self.again.size)
         with one_blas_thread():
+            # With a direction for each unknown, no preconditioner is needed.
+            inner = roughly if self.again.size > kept else None
             value, _ = linalg.gmres(
-                system, begin, rtol=1e-8, restart=kept, maxiter=_ROUNDS, M=roughly
+                system, begin, rtol=1e-8, restart=kept, maxiter=_ROUNDS, M=inner
             )
         x = np.empty_like(right)
         x[self.order] = self._round(value, wanted)
@@ -111,7 +116,7 @@ class Cycle:
             (first.data, count + first.indices, np.pad(first.indptr, (0, into.size), "edge")),
             shape=(size, size),
         )
-        aggregate = aggregates(near, states=count)
+        aggregate = aggregates(near, states=count, size=_SIZE)
         place = np.arange(count), self.again
         pick = scipy.sparse.csr_array((np.ones(count), place), shape=(count, self.order.size))
         later = (pick.T @ aggregate).tocsr()
@@ -140,7 +145,10 @@ class Cycle:
 
 
 def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """Drop small probabilities, and enlarge the others so that each row keeps its sum."""
+    """Drop small probabilities if they are many, and enlarge the others so that each row keeps its
+    sum. Rare steps between closed parts are kept as long as possible."""
+    if matrix.nnz <= _MOST * matrix.shape[0]:
+        return matrix
     whole = matrix.sum(axis=1)
     matrix.data[matrix.data < _DROP * np.repeat(whole, np.diff(matrix.indptr))] = 0
     matrix.eliminate_zeros()

@@ -91,15 +91,19 @@ class TwoLevel:
 
 
 def aggregates(
-    matrix: scipy.sparse.csr_array, most: int = _MAX_AGGREGATES, states: int | None = None
+    matrix: scipy.sparse.csr_array,
+    most: int = _MAX_AGGREGATES,
+    *,
+    states: int | None = None,
+    size: int = _SIZE,
 ) -> scipy.sparse.csr_array:
-    """Assign each state to the nearest connected state among some random states.
+    """Assign each state to the nearest connected state among random states, one of each `size`.
 
     The length of a step, in either direction, is the inverse of its probability. Only the first
     `states` are assigned, by default all.
     """
     rows = states or matrix.shape[0]
-    count = min(-(-rows // _SIZE), most)
+    count = min(-(-rows // size), most)
     # Drawn at random, because states at even distances of a grid would lie in columns.
     middles = np.sort(np.random.default_rng(_SEED).choice(rows, count, replace=False))
     length = (matrix + matrix.T).tocsr()
