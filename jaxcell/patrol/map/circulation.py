@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
@@ -23,9 +24,9 @@ _VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
 _FARTHEST = 0.2
 # Number of steps between evaluations of targets, and the number of targets of an evaluation.
 _BLOCK, _EVALUATED = 10, 400
-# Learning rate of the logits, and the constants of Adam. Its least scale is so large that noise
-# does not move the logits of cells that are hardly visited.
-_RATE, _MOMENTUM, _SCALES, _SCALE = 0.1, 0.9, 0.999, 1e-7
+# Learning rate of the logits, and the least scale of Adam, which is so large that noise does not
+# move the logits of cells that are hardly visited.
+_RATE, _SCALE = 0.1, 1e-7
 # Least probability whose logarithm is taken.
 _TINY = 1e-9
 
@@ -124,7 +125,8 @@ class CirculationAscent:
         unseen = jax.device_put(self.unseen.astype(np.float32))
         parts = max(1, -(-targets // _EVALUATED))
         missed, course = np.zeros(targets), []
-        first, second = np.zeros_like(logits), np.zeros_like(logits)
+        adam = optax.scale_by_adam(eps=_SCALE)
+        moments = adam.init(logits)
         excursions, pivots = [self._excursions(None)] * robots, [0] * robots
         fixed = {"attack_time": self.attack_time, "start": self.start}
         for step, now in enumerate(progress):
@@ -152,11 +154,8 @@ class CirculationAscent:
                 own = (walk.chance - self.floor * self._even) / (1 - self.floor)
                 slope[robot] -= (own * slope[robot]).sum(axis=0)
                 slope[robot] *= (1 - self.floor) * own
-            first = _MOMENTUM * first + (1 - _MOMENTUM) * slope
-            second = _SCALES * second + (1 - _SCALES) * slope**2
-            scale = np.sqrt(second / (1 - _SCALES ** (step + 1))) + _SCALE
-            rate = _RATE * 0.5 * (1 + np.cos(np.pi * now)) / (1 - _MOMENTUM ** (step + 1))
-            logits = logits - rate * first / scale
+            change, moments = adam.update(slope, moments)
+            logits = logits - _RATE * 0.5 * (1 + np.cos(np.pi * now)) * np.asarray(change)
         walks = []
         for walk in self._trained(logits, pivots):
             share, chance = self._excursions(walk.share)
