@@ -318,30 +318,26 @@ class _Problem:
             ascent.climb(begin, progress, f"searching from start {number} of {len(begins)}", say)
             for number, begin in enumerate(begins, 1)
         ]
-        found = [self._search(walks, randomness, course) for _, walks, course in tries]
-        best = int(np.argmax([search.value for search in found]))
-        values = np.array([search.value for search in found])
-        certificate = Certificate(steps * len(begins), found[best].late_gain, _TOLERANCE)
-        search = dataclasses.replace(found[best], tried=values, certificate=certificate)
-        return search, tries[best][0]
-
-    def _search(
-        self, walks: Sequence[Circulation], randomness: float, course: list[float]
-    ) -> CaptureSearch:
-        """Make the result of a single start."""
-        policies = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
-        (caught,) = capture_probabilities(self.graph, self.visible, policies, self.attack)
-        value = float(caught[self.visible.any(axis=0)].min(initial=1.0))
-        return CaptureSearch(
-            policies,
-            int(self.attack.times[0]),
-            randomness,
-            self.attack.start,
-            np.array([value]),
-            value,
-            self.tours[1],
-            Certificate(0, late_gain(course), _TOLERANCE),
+        teams = [
+            tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
+            for _, walks, _ in tries
+        ]
+        seen, problem = self.visible.any(axis=0), (self.graph, self.visible)
+        caught = [capture_probabilities(*problem, team, self.attack)[0, seen] for team in teams]
+        values = np.array([each.min(initial=1.0) for each in caught])
+        best = int(np.argmax(values))
+        logits, _, course = tries[best]
+        search = CaptureSearch(
+            policies=teams[best],
+            attack_time=int(self.attack.times[0]),
+            randomness=randomness,
+            start=self.attack.start,
+            tried=values,
+            value=float(values[best]),
+            tours=self.tours[1],
+            certificate=Certificate(steps * len(begins), late_gain(course), _TOLERANCE),
         )
+        return search, logits
 
     def _policy(self, robot: int, walk: Circulation) -> Policy:
         """Make the policy of a robot."""

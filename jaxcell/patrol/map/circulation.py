@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -119,12 +119,11 @@ class CirculationAscent:
 
         **Returns:** the last logits, the walks, and the least capture over the targets by block.
         """
-        image, targets = np.asarray(self.steps.image), self.unseen.shape[1]
-        robots = len(logits)
+        image, robots = np.asarray(self.steps.image), len(logits)
         active = active_targets(self.unseen, self.attack_time, robots)
         unseen = jax.device_put(self.unseen.astype(np.float32))
-        parts = max(1, -(-targets // _EVALUATED))
-        missed, course = np.zeros(targets), []
+        parts = max(1, -(-unseen.shape[1] // _EVALUATED))
+        missed, course = np.zeros(unseen.shape[1]), []
         adam = optax.scale_by_adam(eps=_SCALE)
         moments = adam.init(logits)
         excursions, pivots = [self._excursions(None)] * robots, [0] * robots
@@ -140,7 +139,8 @@ class CirculationAscent:
                 flows = jax.device_put([part.astype(np.float32) for part in mixed])
                 block = step // _BLOCK
                 for part in range(parts) if block == 0 else [block % parts]:
-                    missed[part::parts] = self._evaluate(trained, flows, unseen[:, part::parts])
+                    targets = unseen[:, part::parts], self.steps, None
+                    missed[part::parts] = _log_missed(*_stacked(trained), *flows, *targets, **fixed)
                 course.append(float(-np.expm1(missed.max(initial=-np.inf))))
                 targeted = unseen[:, _weakest(missed, active)]
             hardness = self.hardness[0] * (self.hardness[1] / self.hardness[0]) ** now
@@ -154,7 +154,8 @@ class CirculationAscent:
                 own = (walk.chance - self.floor * self._even) / (1 - self.floor)
                 slope[robot] -= (own * slope[robot]).sum(axis=0)
                 slope[robot] *= (1 - self.floor) * own
-            change, moments = adam.update(slope, moments)
+            with jax.numpy_dtype_promotion("standard"):
+                change, moments = adam.update(slope, moments)
             logits = logits - _RATE * 0.5 * (1 + np.cos(np.pi * now)) * np.asarray(change)
         walks = []
         for walk in self._trained(logits, pivots):
@@ -167,11 +168,9 @@ class CirculationAscent:
     def least(self, logits: Logits) -> float:
         """Compute the least capture over the targets."""
         _, walks, _ = self.climb(logits, np.zeros(0))
-        flows = [np.stack([getattr(walk, name) for walk in walks]) for name in ("chance", "share")]
-        rare = np.zeros_like(flows[1]), flows[0]
-        parts = [*flows, *rare]
+        chance, share = _stacked(walks)
         missed = _log_missed(
-            *(part.astype(np.float32) for part in parts),
+            *(chance, share, np.zeros_like(share), chance),
             self.unseen.astype(np.float32),
             self.steps,
             None,
@@ -222,11 +221,6 @@ class CirculationAscent:
         total = conductance.sum(axis=0)
         return self._part * total / total.sum(), conductance / total
 
-    def _evaluate(self, trained: list[Trained], flows: Any, unseen: Any) -> Any:
-        return _log_missed(
-            *_stacked(trained), *flows, unseen, self.steps, None, self.attack_time, self.start
-        )
-
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
     """Choose the weakest targets: most of them of all, and the weakest of each part of the map."""
@@ -242,9 +236,9 @@ def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray
     return np.flatnonzero(chosen)
 
 
-def _stacked(trained: list[Trained]) -> list[np.ndarray]:
+def _stacked(walks: Sequence[Circulation | Trained]) -> list[np.ndarray]:
     return [
-        np.stack([getattr(walk, name) for walk in trained]).astype(np.float32)
+        np.stack([getattr(walk, name) for walk in walks]).astype(np.float32)
         for name in ("chance", "share")
     ]
 

@@ -15,6 +15,7 @@ from ..team.division import Division
 from ..team.durations import Timed
 from ..team.idleness import (
     Idleness,
+    RobotShares,
     idleness_over_vertices,
     long_run,
     steps_between_visits,
@@ -57,10 +58,7 @@ class GraphPatrol(Measures):
     bounds: MetConstraints | None = None
     "The constraints on the walk and how it meets them, or `None`."
     game: StrategyGame | None = None
-    shares: Annotated[
-        Float[np.ndarray, "robots vertices"],
-        quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
-    ]
+    shares: RobotShares
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
     "The transition matrix of each robot, if they differ; the measures are those of robot 0."
     timed: Timed | None = None
