@@ -1,8 +1,9 @@
-"""Sums over all walks, which the tests of capture compare with."""
+"""Sums over all walks, and chains by another solver, which tests of optimal walks compare with."""
 
 import itertools
 
 import numpy as np
+import scipy.optimize
 
 
 def delays_of(graph, times):
@@ -29,3 +30,19 @@ def by_walks(matrix, delays, attack):
                     else:
                         walks.append((there, later, chance * matrix[here, there]))
     return captured
+
+
+def by_slsqp(among, loss, starts, seed):
+    """The losses of chains to which another solver leads, from random starts."""
+    sums, sides = among.equalities()
+    rule = {"type": "eq", "fun": lambda p: sums @ p - sides, "jac": lambda p: sums}
+    options = {"constraints": rule, "method": "SLSQP"}
+    ends = []
+    for start in among.starts(starts, 1, seed)[:, 0]:
+        bounds = [(1e-6, 1)] * start.size
+        found = scipy.optimize.minimize(
+            lambda p: loss(among.matrix(p)), start, bounds=bounds, **options
+        )
+        if np.abs(sums @ found.x - sides).max() < 1e-9:
+            ends.append(found.fun)
+    return ends

@@ -49,12 +49,10 @@ class Circulation:
     "The share of time in each cell in the long run."
 
 
-@dataclasses.dataclass
-class Trained:
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trained(Circulation):
     """The trained walk of one robot, and the linear system of its shares of time."""
 
-    chance: Float[np.ndarray, "branches cells"]
-    share: Float[np.ndarray, "cells"]
     pivot: int
     rest: Int[np.ndarray, "others"]
     solver: Any
@@ -236,7 +234,7 @@ def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray
     return np.flatnonzero(chosen)
 
 
-def _stacked(walks: Sequence[Circulation | Trained]) -> list[np.ndarray]:
+def _stacked(walks: Sequence[Circulation]) -> list[np.ndarray]:
     return [
         np.stack([getattr(walk, name) for walk in walks]).astype(np.float32)
         for name in ("chance", "share")

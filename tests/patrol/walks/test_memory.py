@@ -11,6 +11,8 @@ from jaxcell.patrol.team import simulate_idleness
 from jaxcell.patrol.walks import capture_bound, memory_patrol, walk_capture_probabilities
 from jaxcell.patrol.walks.optimal import capture
 from jaxcell.patrol.walks.optimal.pursuit import Pursuit
+from jaxcell.patrol.walks.steps import SymmetricSteps
+from jaxcell.patrol.walks.symmetries import symmetries
 
 
 KITE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
@@ -76,6 +78,36 @@ def test_memory_helps_and_no_walk_exceeds_the_bound(monkeypatch):
     found = maximin_capture(graph, attack, memory=2, starts=1, throw=False)
     assert 0.21 < found.value < capture_bound(graph, attack)
     exact = walk_capture_probabilities(graph, found.matrices[0], attack)
+    assert found.value == pytest.approx(exact.min(), rel=1e-9)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_robot_that_acts_alike_in_symmetric_positions_against_all_walks():
+    graph, memory, attack = grid(2, 3), 8, 4
+    frames = symmetries(delays_of(graph, 1), ["corner", "side", "corner"] * 2)
+    steps = SymmetricSteps.of(capture._with_memory(graph, memory, False), frames)
+    assert len(frames) == 4
+    logits = np.random.default_rng(0).normal(size=(1, *steps.own.image.shape))
+    chance = steps.chances(logits, 0.0)
+    (matrix,) = steps.matrices(chance)
+    exact = walk_capture_probabilities(graph, matrix, attack)
+    away = 1 - np.tile(np.eye(6), (2, 1))
+    late = away
+    for _ in range(attack - 1):
+        late = away * steps.pull(chance[0], late)
+    np.testing.assert_allclose(1 - steps.pull(chance[0], late), exact[:12], atol=1e-12)
+    for number, frame in enumerate(frames):
+        rows = exact.reshape(4, 2, 6, 6)
+        np.testing.assert_allclose(rows[number], rows[0][:, frame][..., frame], atol=1e-12)
+
+
+@pytest.mark.usefixtures("brief", "unchecked")
+def test_memory_is_divided_among_symmetries():
+    """On a line of nine, whose walk with two states is nearly the best with any memory."""
+    line = Graph([[i, i + 1] for i in range(8)])
+    found = maximin_capture(line, 8, memory=2, starts=1, throw=False)
+    assert found.value > 0.147
+    exact = walk_capture_probabilities(line, found.matrices[0], 8)
     assert found.value == pytest.approx(exact.min(), rel=1e-9)
 
 

@@ -85,8 +85,8 @@ def capture_bound(
     pursuit = Pursuit(delays, attack, ends)
     if cuts is None:
         # Vertices that symmetries exchange share their cuts.
-        alike = graph.vertices // len(set(pursuit.models.values()))
-        cuts = min(_CUTS, _WORK * alike // size)
+        models = len(set(pursuit.models.values()))
+        cuts = min(_CUTS, _WORK * graph.vertices // (size * models))
     return pursuit.bound(captured, bound, tests, cuts)
 
 

@@ -1,21 +1,18 @@
 import itertools
-import operator
 from collections.abc import Iterable
 from typing import Any
 
-import networkx
 import numpy as np
 from jaxtyping import Float, Int
 
 from ....base.process import no_output
+from ..symmetries import symmetries
 
 
 # Least distance of promises from a set for which a cut is made, and the chance to go on after one.
 _OUTSIDE, _ON = 1e-6, 0.7
 # Number of steps of a walk along which cuts are sought.
 _DEPTH = 30
-# Number of symmetries of the graph that are used.
-_SYMMETRIES = 48
 
 Cuts = dict[int, list[tuple[Any, float]]]
 
@@ -48,31 +45,22 @@ class Pursuit:
     ) -> None:
         self.delays, self.attack, self.targets = delays, attack, targets
         self.beside = [np.flatnonzero(row).tolist() for row in delays]
-        symmetries = self._symmetries()
+        kinds = [(int(time), here in targets) for here, time in enumerate(attack)]
+        alike = symmetries(delays, kinds)
         self.column = self._columns(int(attack[targets].max()))
         self.sizes = self.column.max(axis=(1, 2)) + 1
         self.models: dict[int, int] = {}
-        self.images = [self._images(here, symmetries) for here in range(len(delays))]
-
-    def _symmetries(self) -> list[Int[np.ndarray, "vertices"]]:
-        """Find permutations of the vertices, the identity first, that do not change the game."""
-        graph = networkx.from_numpy_array(self.delays, create_using=networkx.DiGraph)
-        kinds = {here: (time, here in self.targets) for here, time in enumerate(self.attack)}
-        networkx.set_node_attributes(graph, kinds, "kind")
-        alike: Any = {"node_match": operator.eq, "edge_match": operator.eq}
-        maps = networkx.isomorphism.DiGraphMatcher(graph, graph, **alike).isomorphisms_iter()
-        every = [range(len(graph)), *itertools.islice(maps, _SYMMETRIES)]
-        return [np.array([each[here] for here in range(len(graph))]) for each in every]
+        self.images = [self._images(here, alike) for here in range(len(delays))]
 
     def _images(
-        self, here: int, symmetries: list[Int[np.ndarray, "vertices"]]
+        self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
         """Choose the model of a vertex. Returns the promise of the model for each promise here, by
         each symmetry that leads to the model."""
-        there = [int(each[here]) for each in symmetries]
+        there = alike[:, here].tolist()
         model = next((vertex for vertex in self.models.values() if vertex in there), here)
         self.models[here], images = model, {}
-        for each, vertex in zip(symmetries, there, strict=True):
+        for each, vertex in zip(alike, there, strict=True):
             if vertex == model:
                 targets = [self.targets.index(each[target]) for target in self.targets]
                 image, possible = np.empty(self.sizes[here], np.int64), self.column[here] >= 0
