@@ -49,10 +49,6 @@ def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
         comment.
     - `names`: names of the vertices.
 
-    **Returns:** [`jaxcell.optimize.Stakes`][].
-
-    **Raises:** as [`load_values`][], and for lines of different lengths.
-
     Goods whose value is higher for the adversary:
 
         >>> import pathlib, tempfile

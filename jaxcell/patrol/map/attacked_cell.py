@@ -113,10 +113,6 @@ def vulnerability(
     - `attack`: the attack; the start `worst` is that for its first time.
     - `runs`: number of simulated runs.
 
-    **Returns:** [`Vulnerability`][].
-
-    **Raises:** as [`capture_probabilities`][]; `ValueError` for a wrong target or number of runs.
-
     One robot in a corridor of five cells, against attacks on cell 0; five runs are too few for a
     fit:
 

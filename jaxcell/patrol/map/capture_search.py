@@ -138,8 +138,6 @@ def capture_policies(
     **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
     the last quarter of the steps added: if it is large, more steps would improve the result.
 
-    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
-
     One robot in a corridor of five cells, each of which sees its neighbours:
 
         >>> from jaxcell import examples, patrol
@@ -178,8 +176,6 @@ def capture_frontier(
 
     **Returns:** [`Frontier`][], with its floors in increasing order. Each search has two starts, a
     new one and the patrol of the next higher floor, so that capture never rises with the floor.
-
-    **Raises:** as [`capture_policies`][]; `ValueError` for no floors.
 
     A robot in a corridor of five cells captures less if its steps must be unpredictable:
 

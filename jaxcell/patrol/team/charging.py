@@ -141,8 +141,6 @@ def charged(
     - `attack_time`: number of steps that an attack takes, one number or array `[vertices]`.
     - `names`: names of the vertices; by default their numbers.
 
-    **Returns:** [`Charged`][].
-
     **Raises:** `ValueError` if the graph has no vertex `charger`, a vertex is too far from it,
     or `every` exceeds the memory.
 
@@ -170,8 +168,6 @@ def charged(
 def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
     """Return a mask of the vertices to which a robot may step and still reach the charger in time,
     by the number of steps since the charge.
-
-    **Raises:** as [`charged`][].
     """
     check_vertex("charger", charger, graph.vertices)
     beside = graph.matrix(np.ones(len(graph.edges)))

@@ -120,11 +120,6 @@ def strategy_game(
     - `names`: names of the vertices; by default their numbers.
     - `stakes`: the stakes of the game at each vertex, as in [`jaxcell.optimize.payoffs`][].
 
-    **Returns:** [`StrategyGame`][].
-
-    **Raises:** as [`jaxcell.optimize.minimum_commute`][], [`jaxcell.patrol.toward`][] and
-    [`jaxcell.optimize.stackelberg`][].
-
     On a line of three, the walk toward `a` has `a` closest to the patroller, then `b`, then `c`:
 
         >>> from jaxcell import patrol

@@ -114,8 +114,6 @@ class GraphPatrol(Measures):
         - `attack_time`: number of steps of an attack, a whole number, or array `[vertices]`.
         - further keywords: the other fields of [`GraphPatrol`][].
 
-        **Raises:** `ValueError` if the chain, the names or the game do not match the graph.
-
         Two random walks on a line of three vertices:
 
             >>> from jaxcell import patrol, record

@@ -92,11 +92,6 @@ def memory_patrol(
     - `tests`: number of tests of the upper bound, as in [`capture_bound`][].
     - `names`: names of the vertices; by default their numbers.
     - `say`: called with a line on what is sought.
-
-    **Returns:** [`MemoryPatrol`][].
-
-    **Raises:** as [`maximin_capture`][jaxcell.patrol.maximin_capture].
-
     A robot on a line of four goes from end to end more often if it remembers where it was:
 
         >>> import numpy as np

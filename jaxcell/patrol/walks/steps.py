@@ -118,6 +118,7 @@ class SymmetricSteps(NamedTuple):
         states = count * own.shape[1] * vertices
         return whole.swapaxes(0, 1).reshape(len(own), states, states)
 
+    @jax.jit
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:

@@ -56,8 +56,6 @@ def capture_bound(
 
     **Returns:** the bound, at most 1.
 
-    **Raises:** `ValueError` for times that are not whole numbers of at least 1.
-
     On a star a robot cannot go to two of three leaves in three steps:
 
         >>> from jaxcell import patrol

@@ -26,8 +26,9 @@ from .sequential_lp import maximize_least_capture
 # Hardness of the soft minimum of the logarithms. If it is softer, all starts lead to the most
 # symmetric chain; linear programs then improve the result to the minimum.
 _HARDNESS = 50.0
-# On few vertices, the number of starts is multiplied by up to this factor.
-_MORE, _QUICK = 4, 3600
+# On few vertices, the number of starts is multiplied by up to this factor; and the least number if
+# the states of a memory are divided among symmetries.
+_MORE, _QUICK, _SYMMETRIC = 4, 3600, 3
 # Number of vertices up to which all linear programs are solved, and up to which any are solved.
 _EXACT, _POLISHED = 30, 100
 # Tolerance of the relative gain on larger graphs.
@@ -142,7 +143,8 @@ def maximin_capture(
         frames = _frames(delays, memory)
         # On small graphs a step is quick, and more starts improve the result more than more steps.
         quick = _QUICK * len(frames) / whole.vertices**2
-        count = max(1, int(starts * min(_MORE, quick) / robots))
+        least = 1 if len(frames) == 1 else _SYMMETRIC
+        count = max(min(least, starts), int(starts * min(_MORE, quick) / robots))
         # If there is time for a single start, a random one leads further than the tour.
         begin = among.starts(max(count, min(starts, 2)), robots, seed)
         skipped = len(begin) - count
