@@ -72,6 +72,7 @@ def timed(
     - `shares`: the share of its steps that each robot begins at each vertex.
     - `durations`: array `[edges]`, the travel time of each edge in seconds.
     - `wait`: the time in seconds of a step that stays.
+
     A random walk on a line of three vertices, one of whose edges takes ten times as long:
 
         >>> import numpy as np

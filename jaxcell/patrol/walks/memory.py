@@ -92,6 +92,7 @@ def memory_patrol(
     - `tests`: number of tests of the upper bound, as in [`capture_bound`][].
     - `names`: names of the vertices; by default their numbers.
     - `say`: called with a line on what is sought.
+
     A robot on a line of four goes from end to end more often if it remembers where it was:
 
         >>> import numpy as np
