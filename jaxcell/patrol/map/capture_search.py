@@ -336,7 +336,6 @@ class _Problem:
         return search, logits
 
     def _policy(self, robot: int, walk: Circulation) -> Policy:
-        """Make the policy of a robot."""
         cells = self.graph.vertices
         chain = Chain(self.steps.image, jnp.asarray(walk.chance))
         flow = self.steps.matrices(walk.chance * walk.share)

@@ -184,7 +184,6 @@ class CirculationAscent:
 
     @functools.cached_property
     def _part(self) -> float:
-        """The share of the excursions."""
         return min(_MOST_EXCURSIONS, _VISITED * self.graph.vertices)
 
     @functools.cached_property
@@ -253,7 +252,6 @@ def _log_missed(
     attack_time: int,
     start: str,
 ) -> Float[Array, "targets"]:
-    """Compute the logarithm of the probability that no robot captures."""
     logarithm = jnp.zeros(unseen.shape[1], unseen.dtype)
     flows = chance, share, excursion_share, excursion_chance
     for trained, often, rare, excursion in zip(*flows, strict=True):

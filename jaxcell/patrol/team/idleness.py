@@ -1,7 +1,7 @@
 import dataclasses
 import heapq
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -212,7 +212,11 @@ def simulate_idleness(
         means = np.array([times.mean() for times in gaps])
         at, longest = int(means.argmax()), max(float(times.max()) for times in gaps)
         errors = _error(batches.mean(axis=0)), _error(batches[at])
-        caught = np.nan if attack is None else _least_capture(gaps, attack)
+        caught = np.nan
+        if attack is not None:
+            # The next visit interrupts an attack, which begins at any time.
+            each = zip(gaps, attack, strict=True)
+            caught = min(np.minimum(times, time).sum() / times.sum() for times, time in each)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
     mean, mean_error, worst, worst_error, most, captured = np.array(rows).T
     return Idleness(
@@ -235,17 +239,6 @@ def _batches(times: Float[np.ndarray, "_"]) -> list[float]:
 def _error(means: Float[np.ndarray, "batches"]) -> float:
     """Compute the standard error of the mean of batches; infinite with too few visits."""
     return float(means.std(ddof=1) / math.sqrt(means.size)) if np.isfinite(means).all() else np.inf
-
-
-def _least_capture(
-    gaps: Sequence[Float[np.ndarray, "_"]], attack: Float[np.ndarray, "vertices"]
-) -> float:
-    """Compute the least share of start times of attacks that the next visit interrupts."""
-    shares = [
-        float(np.minimum(times, time).sum() / times.sum()) if np.isfinite(times).all() else 0.0
-        for times, time in zip(gaps, attack, strict=True)
-    ]
-    return min(shares)
 
 
 def _spaced(

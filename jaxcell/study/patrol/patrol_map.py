@@ -200,7 +200,6 @@ class PatrolMap(CellStudy):
         regions: "Regions | None",
         say: Say,
     ) -> "dict[float, tuple[Policy, ...]]":
-        """Find the policies of each share that is tried."""
         from ... import patrol
 
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
@@ -311,14 +310,12 @@ class PatrolMap(CellStudy):
         return graph
 
     def _visible(self, cells: "CellSpace", reach: float) -> "np.ndarray":
-        """Find the cells that a robot sees from each cell."""
         from ...space.sight import AT_CENTRE, visible_cells
 
         visible = visible_cells(cells, reach, part=AT_CENTRE if self.sight == "centre" else 1.0)
         return visible.T if self.sight == "source" else visible
 
     def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
-        """Divide the map around the base station, if there is one."""
         from ...patrol.map import angular_regions, base_station
 
         if self.base is None:

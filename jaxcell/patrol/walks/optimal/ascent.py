@@ -28,7 +28,7 @@ _TINY = 1e-12
 class Ascent:
     """The ascent of the probability that robots see a target in time from where they are worst."""
 
-    steps: Steps | ChargedSteps | SymmetricSteps
+    steps: Steps | ChargedSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 where a target is out of view, else 0."
     attack_time: int
@@ -137,13 +137,12 @@ def soft_loss(
 
 def _log_missed(
     logits: Float[Array, "robots branches cells"],
-    steps: Steps | ChargedSteps | SymmetricSteps,
+    steps: Steps | ChargedSteps,
     unseen: Float[Array, "cells targets"],
     floor: float | Float[Array, ""],
     hardness: Float[Array, ""] | None,
     attack_time: int,
 ) -> Float[Array, "targets"]:
-    """Compute the logarithm of the probability that no robot captures."""
     total = jnp.zeros(unseen.shape[1], unseen.dtype)
     for chance in steps.chances(logits, floor):
 
