@@ -28,7 +28,7 @@ _TINY = 1e-12
 class Ascent:
     """The ascent of the probability that robots see a target in time from where they are worst."""
 
-    steps: Steps | ChargedSteps
+    steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 where a target is out of view, else 0."
     attack_time: int
@@ -137,7 +137,7 @@ def soft_loss(
 
 def _log_missed(
     logits: Float[Array, "robots branches cells"],
-    steps: Steps | ChargedSteps,
+    steps: Steps | ChargedSteps | SymmetricSteps,
     unseen: Float[Array, "cells targets"],
     floor: float | Float[Array, ""],
     hardness: Float[Array, ""] | None,

@@ -156,4 +156,4 @@ class _Visits:
         opening = np.flatnonzero((self.tail == begin) & (self.lasts <= self.end))
         at_once = self.lasts[opening] <= self.attack[self.head[opening]]
         gains = at_once * draw[self.head[opening]] + worth[self.lasts[opening], opening]
-        return float(gains.max())
+        return float(gains.max(initial=0.0))

@@ -150,7 +150,7 @@ def maximin_capture(
         skipped = len(begin) - count
         begin = begin[skipped:]
         matrices, best, steps, late = _ascend(
-            SymmetricSteps.among(whole, frames) if len(frames) > 1 else Steps.of(whole),
+            SymmetricSteps.of(whole, frames) if len(frames) > 1 else Steps.of(whole),
             attack,
             np.array([[among.matrix(robot) for robot in start] for start in begin]),
         )
@@ -209,7 +209,7 @@ def _frames(
 
 @one_blas_thread()
 def _ascend(
-    steps: Steps,
+    steps: Steps | SymmetricSteps,
     attack: Int[np.ndarray, "targets"],
     starts: Float[np.ndarray, "starts robots states states"],
 ) -> tuple[Float[np.ndarray, "robots states states"], int, int, float]:
