@@ -215,8 +215,8 @@ def simulate_idleness(
         caught = np.nan
         if attack is not None:
             # The next visit interrupts an attack, which begins at any time.
-            each = zip(gaps, attack, strict=True)
-            caught = min(np.minimum(times, time).sum() / times.sum() for times, time in each)
+            attacked = zip(gaps, attack, strict=True)
+            caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
     mean, mean_error, worst, worst_error, most, captured = np.array(rows).T
     return Idleness(
