@@ -55,6 +55,8 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
     - `choice`: the place in the ranking, from 0; robot `i` of several takes choice `i`, so that
         their covers differ.
 
+    **Returns:** [`Cover`][].
+
     The first two of three sets hold all elements:
 
         >>> import numpy as np

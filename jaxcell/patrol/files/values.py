@@ -49,6 +49,8 @@ def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
         comment.
     - `names`: names of the vertices.
 
+    **Returns:** [`jaxcell.optimize.Stakes`][].
+
     Goods whose value is higher for the adversary:
 
         >>> import pathlib, tempfile

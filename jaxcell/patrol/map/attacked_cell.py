@@ -113,6 +113,8 @@ def vulnerability(
     - `attack`: the attack; the start `worst` is that for its first time.
     - `runs`: number of simulated runs.
 
+    **Returns:** [`Vulnerability`][].
+
     One robot in a corridor of five cells, against attacks on cell 0; five runs are too few for a
     fit:
 

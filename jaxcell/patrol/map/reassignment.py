@@ -120,6 +120,8 @@ def reassign(
     - `share`: as in [`centralized_policies`][].
     - `alpha`: as in [`silence_limit`][].
 
+    **Returns:** [`Reassignment`][].
+
     Two robots around a base station at cell 2 of a room of 5 x 2 cells. Robot 1 falls silent, and
     robot 0 gets the only remaining region:
 

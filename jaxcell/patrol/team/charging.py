@@ -141,6 +141,8 @@ def charged(
     - `attack_time`: number of steps that an attack takes, one number or array `[vertices]`.
     - `names`: names of the vertices; by default their numbers.
 
+    **Returns:** [`Charged`][].
+
     **Raises:** `ValueError` if the graph has no vertex `charger`, a vertex is too far from it,
     or `every` exceeds the memory.
 

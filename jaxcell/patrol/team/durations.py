@@ -73,6 +73,8 @@ def timed(
     - `durations`: array `[edges]`, the travel time of each edge in seconds.
     - `wait`: the time in seconds of a step that stays.
 
+    **Returns:** [`Timed`][].
+
     A random walk on a line of three vertices, one of whose edges takes ten times as long:
 
         >>> import numpy as np

@@ -120,6 +120,8 @@ def strategy_game(
     - `names`: names of the vertices; by default their numbers.
     - `stakes`: the stakes of the game at each vertex, as in [`jaxcell.optimize.payoffs`][].
 
+    **Returns:** [`StrategyGame`][].
+
     On a line of three, the walk toward `a` has `a` closest to the patroller, then `b`, then `c`:
 
         >>> from jaxcell import patrol

@@ -93,6 +93,8 @@ def memory_patrol(
     - `names`: names of the vertices; by default their numbers.
     - `say`: called with a line on what is sought.
 
+    **Returns:** [`MemoryPatrol`][].
+
     A robot on a line of four goes from end to end more often if it remembers where it was:
 
         >>> import numpy as np
