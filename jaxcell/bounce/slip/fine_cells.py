@@ -23,7 +23,7 @@ from ..dynamics import bounce_shift
 _SAMPLES = 128
 # Squares that are sampled at once.
 _CHUNK = 2048
-MAX_CELLS = 100_000
+MAX_CELLS = 400_000
 "The largest number of fine cells by default."
 # Standard deviations of the drift of a heading in a number of steps, radians of the turn after a
 # bump, and cells along one heading.
