@@ -1,10 +1,12 @@
+import functools
 import json
 import math
 
 import numpy as np
 import pytest
-from robot_files import SPEC, save_filter
-from wheels import MAPS, map_cells
+import robot_files
+from robot_files import SPEC, run, save_filter
+from wheels import map_cells
 
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
@@ -15,6 +17,7 @@ from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
 
 
 LAB = map_cells("lab_b.json")
+simulated = functools.partial(robot_files.simulated, name="lab_b.json")
 
 
 @pytest.fixture
@@ -28,15 +31,6 @@ def patrol_file(tmp_path):
     path = tmp_path / "patrol.json"
     save_patrols(path, LAB, walks, [0, 7, 18], 1.6)
     return path
-
-
-def run(command, capsys) -> tuple[int, dict]:
-    code = command.run()
-    return code, json.loads(capsys.readouterr().out)
-
-
-def simulated(file, name="lab_b.json", **fields) -> RobotRun:
-    return RobotRun(file=file, simulate=MAPS / name, speedup=1e6, json=True, **fields)
 
 
 def replayed(out, found, capsys) -> dict:
@@ -105,13 +99,6 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
     assert len(found["observations"]) == 2
 
 
-def test_a_camera_is_for_patrols(patrol_file, tmp_path, capsys):
-    with pytest.raises(ValueError, match=r"--camera .*nothing: No such file"):
-        run(simulated(patrol_file, camera=str(tmp_path / "nothing")), capsys)
-    with pytest.raises(ValueError, match="camera: it has an effect only without `intruder`"):
-        run(simulated(patrol_file, camera=str(tmp_path), intruder="1,1"), capsys)
-
-
 def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
     hall = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)])
     cells = CellSpace.of(hall, 1.0, 8)
@@ -163,25 +150,7 @@ def test_a_robot_of_a_team_runs_its_part(tmp_path, capsys, steps):
 def test_a_filter_runs_with_distances_by_the_clock(tmp_path, capsys):
     path = save_filter(tmp_path)
     code, found = run(
-        simulated(path, "lab_a.json", start="70", heading=135.0, steps="clock"), capsys
+        simulated(path, name="lab_a.json", start="70", heading=135.0, steps="clock"), capsys
     )
     assert (code, found["result"]) == (0, "localized")
     assert found["emulated"]["truth_is_a_candidate"] is True
-
-
-def test_bad_options(patrol_file, tmp_path):
-    with pytest.raises(ValueError, match="there is no robot 3; robots are 0 to 2"):
-        simulated(patrol_file, robot=3).run()
-    with pytest.raises(ValueError, match="--intruder 'x': expected"):
-        simulated(patrol_file, intruder="x").run()
-    with pytest.raises(ValueError, match="visits: expected at least 1, got 0"):
-        simulated(patrol_file, visits=0).run()
-    with pytest.raises(ValueError, match="tolerance: expected a positive number"):
-        simulated(patrol_file, tolerance=-1.0).run()
-    path = save_filter(tmp_path)
-    with pytest.raises(ValueError, match="it is for one robot"):
-        simulated(path, robot=0).run()
-    with pytest.raises(ValueError, match="--intruder: it has an effect only for a patrol"):
-        simulated(path, heading=0.0, intruder="1,1").run()
-    with pytest.raises(ValueError, match="a robot does not read NetCDF"):
-        simulated(tmp_path / "plans.nc").run()

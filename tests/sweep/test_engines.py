@@ -105,32 +105,6 @@ def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
     assert len({process for process, _, numbers in calls if numbers == "1"}) == 3
 
 
-def test_deaths_are_counted_for_each_job(monkeypatch):
-    deaths = {number: 3 if number == 7 else 2 for number in range(30)}
-    made = []
-
-    class Mortal:
-        """A worker within this process that dies of a job some times."""
-
-        def __init__(self, environment):
-            made.append(self)
-
-        def compute(self, job, timeout):
-            if deaths[job.number]:
-                deaths[job.number] -= 1
-                raise EOFError
-            return job.number
-
-        def end(self):
-            pass
-
-    monkeypatch.setattr("jaxcell.sweep.workers.process.Worker", Mortal)
-    outcomes = [(job.number, found) for job, found in engine_named("processes", 1)(jobs_of(30)[0])]
-    died = Failed("its worker died each of 3 times: out of memory?")
-    assert outcomes == [(number, died if number == 7 else number) for number in range(30)]
-    assert len(made) == 1 + 29 * 2 + 3
-
-
 @pytest.mark.usefixtures("forked")
 def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
     spec = stub_spec("kill = 5", text="[grid]\nx = {count = 12}")
@@ -140,13 +114,6 @@ def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
     assert found.failures[0].message == "its worker died each of 3 times: out of memory?"
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.status.values.tolist() == [1] * 5 + [2] + [1] * 6
-
-
-@pytest.mark.usefixtures("forked")
-def test_a_job_that_hangs_is_ended():
-    take, _ = jobs_of(1, hang=0)
-    outcomes = [outcome for _, outcome in engine_named("processes", 1, 0.5)(take)]
-    assert outcomes == [Failed("TimeoutError: it was not done after 0.5 s")]
 
 
 @pytest.mark.usefixtures("forked")
