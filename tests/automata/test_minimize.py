@@ -1,6 +1,5 @@
 import hypothesis.strategies as st
 import numpy as np
-import pytest
 from automata.fa.dfa import DFA
 from hypothesis import given
 
@@ -72,28 +71,6 @@ def test_has_as_many_states_as_in_automata_lib(graphs, data, open_world):
         allow_partial=True,
     )
     assert len(minimize(filter).transition) == len(dfa.minify().states) - 1
-
-
-@pytest.mark.parametrize("open_world", [False, True])
-def test_quotients_of_labs_give_the_same_colours(labs, open_world):
-    rng = np.random.default_rng(0)
-    for graph in labs.values():
-        filter = filter_of(graph, open_world)
-        quotient = minimize(filter)
-        assert len(quotient.transition) == len(set(moore_blocks(filter)))
-        assert quotient.open_world == open_world
-        image, observation = graph
-        for cell in rng.integers(0, image.size, 20):
-            string = []
-            for _ in range(60):
-                string.append(int(observation[cell]))
-                cell = image[cell]
-            np.testing.assert_array_equal(quotient.run(string).colors, filter.run(string).colors)
-        if open_world:
-            for string in rng.integers(0, 2, (50, 30)):
-                ours, theirs = quotient.run(string), filter.run(string)
-                np.testing.assert_array_equal(ours.colors, theirs.colors)
-                assert ours.refuted_at == theirs.refuted_at
 
 
 @given(data=st.data(), open_world=st.booleans())

@@ -1,5 +1,4 @@
 import io
-import os
 import zipfile
 
 import hypothesis.strategies as st
@@ -187,27 +186,3 @@ def test_missing_fields_are_named(saved, missing):
     storage.write_arrays(other, header, arrays_of(filter))
     with pytest.raises(ValueError, match=rf"other\.filter: '{missing}' is missing"):
         Filter.load(other)
-
-
-def test_failed_save_keeps_the_old_file(saved, tmp_path, monkeypatch):
-    filter, _, _ = saved
-    target = tmp_path / "kept.filter"
-    target.write_bytes(b"old")
-
-    def fail(*_):
-        raise OSError("no space left")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(OSError, match="no space"):
-        filter.save(target)
-    assert target.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["kept.filter"]
-
-
-def test_save_replaces_the_old_file(saved, tmp_path):
-    filter, path, _ = saved
-    target = tmp_path / "kept.filter"
-    target.write_bytes(b"old")
-    filter.save(target)
-    assert target.read_bytes() == path.read_bytes()
-    assert os.listdir(tmp_path) == ["kept.filter"]
