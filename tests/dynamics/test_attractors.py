@@ -173,18 +173,6 @@ def test_transient_chaos_is_followed_to_its_cycle():
     assert found.period.tolist() == [1, 10]
 
 
-def test_remark_on_orbits_that_come_back_names_the_mappings_outside_that_help():
-    def out_and_back(x, p):
-        return jnp.where((x > 0.5) & (x < 1), 1.3, 0.25)
-
-    box = Box([0], [1], [20])
-    (remark,) = dynamics.basins(out_and_back, box).remarks[:1]
-    said = "take basins by orbits, which agree if points are followed outside the box (follow=1)"
-    assert said in remark
-    found = dynamics.basins(out_and_back, box, by="orbits", follow=1)
-    assert (found.fraction.tolist(), found.remarks) == ([1.0], ())
-
-
 def test_remark_names_cells_that_agree_with_orbits():
     # The boundary is in the middle of a cell, and cells of half the width end there.
     def edge(x, p):

@@ -108,10 +108,3 @@ def test_of_many_angles_those_with_the_largest_shares_have_maps(cells, tmp_path,
     alpha = np.asarray(many.alpha)
     assert alpha[sorted(shown)].min() >= np.delete(alpha, sorted(shown)).max()
     assert "those of the 6 largest shares" in found.text()
-
-
-def test_one_angle(cells, tmp_path, read):
-    one = coverage_policy(cells, BOUNCES[:1], math.pi / 4, 0.6)
-    save_recording(one, tmp_path / "one.rrd")
-    text = read(tmp_path / "one.rrd").text()
-    assert "there is one angle" in text

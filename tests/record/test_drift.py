@@ -107,19 +107,6 @@ def test_the_dataset_holds_the_chain_and_the_arrays_of_all_layers(gyres, dataset
     assert [*zip(dataset.transient_layer, dataset.transient_number, strict=True)] == parts
 
 
-def test_the_dataset_holds_the_reach_and_the_voyages(gyres, dataset):
-    for name, expected in zip(("reached", "reached_at_any_depth"), gyres.reachable, strict=True):
-        np.testing.assert_array_equal(by_cell(dataset, name), expected)
-    assert dataset.goal.values.tolist() == [GOAL]
-    for name, voyage in (("voyage", gyres.voyage), ("surest", gyres.surest)):
-        policy, hours = voyage.policy, 3400 / 3600
-        np.testing.assert_array_equal(by_cell(dataset, f"{name}_action"), policy.action)
-        probability = by_cell(dataset, f"{name}_arrival_probability")
-        np.testing.assert_array_equal(probability, policy.probability)
-        time = np.asarray(policy.time) * hours
-        np.testing.assert_allclose(by_cell(dataset, f"{name}_arrival_time"), time)
-
-
 def test_the_dataset_has_places_units_and_the_spec(gyres, dataset):
     assert dataset.attrs["Conventions"] == "CF-1.8"
     assert json.loads(dataset.attrs["spec"]) == {"file": "gyres"}
@@ -135,15 +122,6 @@ def test_the_dataset_has_places_units_and_the_spec(gyres, dataset):
     row, column = np.argwhere(dataset.cell[0].values == cell)[0]
     assert (lon, lat, depth) == (dataset.lon[row, column], dataset.lat[row, column], 0)
     assert gyres.place(538 + 538)[2] == 10
-
-
-def test_a_sea_that_all_drifters_leave_has_no_groups(leaving):
-    found = record.dataset(leaving)
-    wet = found.cell.values >= 0
-    assert (found.group.values[wet] == -1).all()
-    np.testing.assert_allclose(found.leaving.values[wet], 1)
-    assert found.sizes["group_index"] == 0
-    assert found.domicile.values.tolist() == [-1]
 
 
 def test_deployment_files(gyres, dataset, tmp_path):
@@ -223,19 +201,6 @@ def test_a_label_stands_deep_in_its_set_of_cells(gyres):
     at = np.linalg.norm(map.xy() - [x, y], axis=1).argmin()
     assert ring[at]
     assert np.hypot(row[at] - row[~ring], column[at] - column[~ring]).min() > 1.5
-
-
-def test_the_dataset_has_the_numbers_of_the_maps(gyres, dataset):
-    for layer, ranks in enumerate(gyres.group_ranks):
-        assert dataset.group_number[layer].values.tolist() == ranks.tolist()
-    basin = dataset.basin.values
-    number = np.where(basin >= 0, np.take_along_axis(
-        dataset.group_number.values, basin.clip(0).reshape(3, -1), axis=1
-    ).reshape(basin.shape), -1)  # fmt: skip
-    # Groups of one number lie over one another.
-    for above, below in itertools.pairwise(number):
-        for one in set(above[above >= 0]) & set(below[below >= 0]):
-            assert ((above == one) & (below == one)).any()
 
 
 def test_the_distribution_plays(gyres, found):

@@ -5,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-import rerun as rr
 import shapely
 
 import jaxcell.record.bounce.groups
@@ -210,22 +209,6 @@ def test_the_text_describes_the_groups(recorded):
     for phrase in ("turns by **45°**", "**152 cells**", "There is **one**, with period 20"):
         assert phrase in text
     assert "| who|what | a test |" in text.replace("&#124;", "|")
-
-
-def test_an_error_on_the_way_leaves_no_file(lab, tmp_path, monkeypatch):
-    path = tmp_path / "groups.rrd"
-    path.write_bytes(b"old")
-    strict = rr.strict_mode()
-
-    def fail(*arguments, **options):
-        raise RuntimeError("on the way")
-
-    monkeypatch.setattr(jaxcell.record.bounce.groups, "send_blueprint", fail)
-    with pytest.raises(RuntimeError, match="on the way"):
-        save_recording(lab.groups, path)
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]
-    assert rr.strict_mode() == strict
 
 
 @pytest.mark.parametrize("limit", [0, 1000, 100_000])

@@ -1,4 +1,3 @@
-import dataclasses
 import math
 
 import numpy as np
@@ -87,16 +86,6 @@ def test_the_robot_and_its_trail(case, request):
         share = np.clip(share / np.maximum(np.sum(along**2, axis=-1), 1e-12), 0, 1)
         gap = np.linalg.norm(place[:, None] - start - share[..., None] * along, axis=-1)
         assert gap.min(axis=1).max() < 1e-5
-
-
-def test_observations_and_colors(lab, lab_run):
-    run, recorded = lab_run
-    bumps = recorded.over("step", "/robot/bumps", "Scalars:scalars")
-    counted = np.cumsum([0, *run.observations.tolist()])
-    assert [value for (value,) in bumps.values()] == counted.tolist()
-    color = recorded.over("step", "/filter/color", "Scalars:scalars")
-    assert [value for (value,) in color.values()] == lab.filter.color[run.states].tolist()
-    assert color[len(run.observations)][0] > 1
 
 
 def test_the_end_marks_the_candidates_and_the_truth(lab, lab_run):
@@ -197,11 +186,3 @@ def test_a_robot_that_cannot_move(read, tmp_path):
     recorded = read(path)
     assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars") == {0: [4]}
     assert len(recorded.over("step", "/map/candidates", "Boxes2D:centers")[0]) == 4
-
-
-def test_refuses_what_does_not_fit(lab, hall):
-    found = lab.localized(100)
-    with pytest.raises(ValueError, match="starts in doubt over"):
-        dataclasses.replace(found, filter=hall.filter)
-    with pytest.raises(ValueError, match=r"path\[.*\] is cell"):
-        dataclasses.replace(found, run=hall.localize(hall.cells.size - 1))

@@ -52,26 +52,6 @@ def test_the_dataset_says_that_there_is_no_path(split):
     assert data.reaches.values.sum() == split.reaching.sum() > 0
 
 
-def test_the_robot_follows_the_plan(cells, found, recorded):
-    x, y, theta = cells.centre(found.visited)
-    origins = recorded.over("step", "/map/robot", "Arrows2D:origins")
-    vectors = recorded.over("step", "/map/robot", "Arrows2D:vectors")
-    middle = np.squeeze([*origins.values()]) + np.squeeze([*vectors.values()]) / 2
-    np.testing.assert_allclose(middle, np.stack([x, y], axis=1), atol=1e-6)
-    headings = np.concatenate([*recorded.poses("/map/robot").values()])[:, 2:]
-    np.testing.assert_allclose(headings, np.stack([np.cos(theta), np.sin(theta)], 1), atol=1e-6)
-
-
-def test_the_trail_begins_at_the_last_bump(cells, found, recorded):
-    x, y, _ = cells.centre(found.visited)
-    trail = recorded.over("step", "/map/trail", "LineStrips2D:strips")
-    since = 0
-    for time in range(len(found.visited)):
-        np.testing.assert_allclose(trail[time][0], [[x[since], y[since]], [x[time], y[time]]])
-        if time < len(found.actions) and found.actions[time] != 0:
-            since = time
-
-
 def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
     x, y, _ = cells.centre(found.visited)
     origins = np.array(recorded.static("/map/plan/runs", "Arrows2D:origins"))
@@ -124,18 +104,6 @@ def test_start_and_goal_are_marked(cells, found, recorded):
         assert recorded.static(f"/map/{name}/label", "Points2D:labels") == [name]
         ((dx, dy),) = recorded.static(f"/map/{name}/heading", "Arrows2D:vectors")
         np.testing.assert_allclose(np.exp(1j * np.arctan2(dy, dx)), np.exp(1j * theta), atol=1e-6)
-
-
-def test_counts_along_the_plan(found, recorded):
-    bumps = recorded.over("step", "/plan/bumps", "Scalars:scalars")
-    changes = recorded.over("step", "/plan/changes", "Scalars:scalars")
-    last, bumped, changed = None, 0, 0
-    for time, action in enumerate([*found.actions.tolist(), 0]):
-        assert (bumps[time], changes[time]) == ([bumped], [changed])
-        if action:
-            bumped, changed = bumped + 1, changed + (last not in (None, action))
-            last = action
-    assert (bumped, changed) == (found.bumps, found.changes)
 
 
 def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):

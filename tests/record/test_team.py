@@ -45,28 +45,6 @@ def test_positions_without_a_visit_are_marked(lab):
     )
 
 
-def test_robots_and_trails(lab, team, recorded):
-    for robot, path in enumerate(team.cell.T):
-        origins = recorded.over("step", f"/map/robot_{robot}", "Arrows2D:origins")
-        vectors = recorded.over("step", f"/map/robot_{robot}", "Arrows2D:vectors")
-        trails = recorded.over("step", f"/map/trail_{robot}", "LineStrips2D:strips")
-        x, y, theta = lab.cells.centre(path)
-        place = np.stack([x, y], axis=1)
-        assert list(origins) == list(vectors) == list(trails) == list(range(len(path)))
-        for time in range(len(path)):
-            vector = np.array(vectors[time])[0]
-            np.testing.assert_allclose(np.array(origins[time])[0] + vector / 2, place[time])
-            heading = [np.cos(theta[time]), np.sin(theta[time])]
-            np.testing.assert_allclose(vector / np.hypot(*vector), heading, atol=1e-6)
-            (trail,) = trails[time]
-            np.testing.assert_allclose(trail[-1], place[time])
-            assert len(trail) <= 7
-            # The trail ends with the straight run since the last turn.
-            turns = np.flatnonzero(np.diff(path[: time + 1] // lab.cells.positions)) + 1
-            last = turns[-1] if turns.size else 0
-            np.testing.assert_allclose(trail[-2], place[last])
-
-
 def test_squares_fill_in_the_colour_of_the_first_robot(lab, team, recorded):
     labels = recorded.classes("/map/grid/visited")
     assert labels[0] == "not visited"
@@ -114,12 +92,6 @@ def test_the_text_says_what_came_out(team, recorded):
     pose = f"{team.starts[0]} ({x:g} m, {y:g} m, {np.rad2deg(theta):g}°)"
     assert f"| 0 | vermilion | {pose} |" in text
     assert "| seed | 0 |" in text
-
-
-def test_the_legend_names_robots_and_marks(recorded):
-    labels = recorded.static("/legend/text", "Points2D:labels")
-    assert labels[:3] == ["robot 0", "robot 1", "robot 2"]
-    assert labels[-1] == "collided in the step before (black frame)"
 
 
 def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):

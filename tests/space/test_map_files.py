@@ -1,6 +1,5 @@
 import json
 import math
-import os
 import re
 import stat
 
@@ -107,29 +106,19 @@ def test_lengths_are_converted_to_metres(units, metre):
         ({"units": "inch"}, "units: expected m, cm, mm, ft, got 'inch'"),
         ({"units": ["m"]}, "units: expected m, cm, mm, ft, got ['m']"),
         ({"boundary": 3}, "boundary: expected a list, got 3"),
-        ({"boundary": []}, "boundary: it has no vertices"),
-        ({"boundary": [[0, 0], [1, 0]]}, "boundary: it has 2 distinct vertices"),
         ({"boundary": [[0, 0], [1, 0], [1]]}, "boundary[2]: expected a pair [x, y], got [1]"),
         ({"boundary": [[0, 0], [1, 0], "1 1"]}, "boundary[2]: expected a pair [x, y], got '1 1'"),
         ({"boundary": [[0, 0], [1, "0"], [1, 1]]}, "boundary[1]: expected a number, got '0'"),
         ({"boundary": [[0, 0], [1, True], [1, 1]]}, "boundary[1]: expected a number, got True"),
         ({"boundary": [[0, 0], [1, 10**400], [1, 1]]}, "boundary[1]: the number is too large"),
         ({"boundary": [[0, 0], [1, math.nan], [1, 1]]}, "boundary: vertex 1 is (1, nan)"),
-        ({"boundary": [[0, 0], [1, math.inf], [1, 1]]}, "boundary: vertex 1 is (1, inf)"),
-        ({"boundary": [[0, 0], [1, 1], [1, 0], [0, 1]]}, "boundary: self-intersection at (0.5, 0"),
         ({"obstacles": BOX}, "obstacles[0][0]: expected a pair [x, y], got 1"),
         ({"obstacles": {}}, "obstacles: expected a list, got {}"),
         ({"obstacles": [BOX, None]}, "obstacles[1]: expected a list, got None"),
-        ({"obstacles": [[[7, 7], [8, 7], [8, 8]]]}, "obstacles[0]: it lies wholly outside"),
         ({"robot_radius": "big"}, "robot_radius: expected a number, got 'big'"),
-        ({"robot_radius": -1}, "robot_radius: expected 0 m or more, got -1"),
-        ({"robot_radius": 3}, "robot_radius: a robot of radius 3 m fits nowhere"),
         ({"cell": None}, "cell: expected a number, got None"),
-        ({"cell": 0}, "cell: expected more than 0 m"),
         ({"directions": 8.0}, "directions: expected a whole number, got 8.0"),
-        ({"directions": 0}, "directions: expected a whole number from 1, got 0"),
         ({"name": 3}, "name: expected text, got 3"),
-        ({"name": "a\nb"}, "name: expected printable text on one line"),
     ],
 )
 def test_bad_json_maps_are_refused(tmp_path, change, message):
@@ -200,30 +189,6 @@ def test_saving_in_an_unknown_format_writes_nothing(tmp_path):
     with pytest.raises(ValueError, match=r"map\.svg: unknown format '\.svg'"):
         Workspace(ROOM["boundary"]).save(tmp_path / "map.svg")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_saving_replaces_the_whole_file(tmp_path):
-    path = tmp_path / "map.json"
-    Workspace(ROOM["boundary"], [BOX]).save(path)
-    Workspace(ROOM["boundary"]).save(path)
-    assert Workspace.load(path).obstacles == ()
-    assert [file.name for file in tmp_path.iterdir()] == ["map.json"]
-
-
-def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
-    path = tmp_path / "map.json"
-    Workspace(ROOM["boundary"]).save(path)
-    before = path.read_bytes()
-
-    def disk_full(source, target):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(os, "replace", disk_full)
-    monkeypatch.setattr("pathlib.Path.replace", disk_full)
-    with pytest.raises(OSError, match="disk full"):
-        Workspace(ROOM["boundary"], [BOX]).save(path)
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["map.json"]
 
 
 def test_saved_files_have_the_usual_permissions(tmp_path):
