@@ -53,7 +53,7 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
 
 
 def test_large_graphs_say_that_times_are_of_one_patroller(capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.patrol.walks.graph_patrol._MAX_ARRIVALS", 7)
+    monkeypatch.setattr("jaxcell.patrol.walks.graph_patrol.MAX_ARRIVALS", 7)
     status, found, said = run(capsys, "patrol graph", EIGHT, "--robots", 2)
     assert (status, "mean_first_arrival" in found) == (0, False)
     assert "on graphs of up to 7 vertices; other times are of one patroller" in said

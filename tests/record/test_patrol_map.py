@@ -341,7 +341,7 @@ def test_an_emphasis_that_lowers_capture_is_remarked(alone):
 
 
 def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, monkeypatch):
-    monkeypatch.setattr("jaxcell.patrol.map.capture_search._STEPS", 20)
+    monkeypatch.setattr("jaxcell.patrol.map.capture_search.STEPS", 20)
     problem = alone.graph, alone.visible, 2, Attack(TIMES[0])
     search = capture_policies(*problem, starts=1)
     frontier = capture_frontier(*problem, [0.0, 0.6])

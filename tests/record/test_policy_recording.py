@@ -48,7 +48,7 @@ def test_a_large_policy_is_a_tree_with_the_run(found):
     assert set(run) <= set(tree)
     small, path = 12, list(dict.fromkeys(run))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.record.bounce.policy._MAX_DRAWN", small)
+        patch.setattr("jaxcell.record.bounce.policy.MAX_DRAWN", small)
         tree = _tree(found.policy, run)
     assert set(path) <= set(tree)
     assert len(tree) <= max(small, len(path))

@@ -95,8 +95,8 @@ def test_the_text_says_what_came_out(team, recorded):
 
 
 def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.record.bounce.team._MAX_TIMES", 8)
-    monkeypatch.setattr("jaxcell.record.bounce.team._MAX_PICTURES", 3)
+    monkeypatch.setattr("jaxcell.record.bounce.team.MAX_TIMES", 8)
+    monkeypatch.setattr("jaxcell.record.bounce.team.MAX_PICTURES", 3)
     team = team_trajectory(lab.cells, [0, 31], BOUNCE, max_parts=3)
     save_recording(team, tmp_path / "thin.rrd")
     thin = read(tmp_path / "thin.rrd")

@@ -383,10 +383,10 @@ def after(count: int, act):
         (lambda r: setattr(r, "contact", Contact.WHEEL_DROP_LEFT), "a wheel hangs in the air"),
         (lambda r: r.cliffs.add("cliff_front_left"), "there is a cliff"),
         (lambda r: setattr(r, "charger", True), "it is on the charger"),
-        (lambda r: setattr(r, "_charge", 0.09 * r._capacity), "the battery is low"),
+        (lambda r: setattr(r, "charge", 240.0), "the battery is low"),
         (lambda r: setattr(r, "mode", Mode.PASSIVE), "it is not in mode Safe"),
         # Its wheels do not turn.
-        (lambda r: setattr(r._body, "advance", lambda *_: None), "a motion takes too long"),
+        (lambda r: setattr(r.body, "advance", lambda *_: None), "a motion takes too long"),
     ],
 )
 def test_the_sketch_stops_the_robot_in_danger(compiled, danger, end):

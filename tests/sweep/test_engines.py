@@ -126,7 +126,7 @@ def test_a_job_that_hangs_takes_no_other_with_it():
 
 def test_workers_of_a_cluster_come_and_go(monkeypatch, tmp_path):
     # Jobs that are over in no time leave none for a look each second.
-    monkeypatch.setattr("jaxcell.sweep.workers.engines._LOOK_SECONDS", 0.01)
+    monkeypatch.setattr("jaxcell.sweep.workers.engines.LOOK_SECONDS", 0.01)
     with LocalCluster(
         n_workers=1,
         threads_per_worker=1,
