@@ -181,16 +181,3 @@ def test_walks_with_memory_stand_beside_a_tour_and_a_bound(capsys, line):
     assert [row["vertex"] for row in part["vertices"]] == [
         row["vertex"] for row in found["vertices"]
     ]
-
-
-def test_tables_of_news_and_of_charging_have_the_names_of_vertices(capsys):
-    status, found, _ = run(
-        capsys, "patrol graph", EIGHT, "--base", 1, "--charger", 3, "--every", 20
-    )
-    assert status == 0
-    for part in ("news", "charged"):
-        rows = found[part]["vertices"]
-        assert [row["vertex"] for row in rows] == [row["vertex"] for row in found["vertices"]]
-    # News of the base itself are the newest.
-    ages = {row["vertex"]: row["mean_age"] for row in found["news"]["vertices"]}
-    assert min(ages, key=ages.get) == found["news"]["base"] == "1"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcell.bounce.coverage import coverage_policy
-from jaxcell.record import dataset, save_recording
+from jaxcell.record import save_recording
 from jaxcell.record.bounce.coverage import heat_levels, heat_scale
 from jaxcell.space import ENDPOINT
 
@@ -20,17 +20,6 @@ def cells(lab):
 @pytest.fixture(scope="module")
 def policy(cells):
     return coverage_policy(cells, BOUNCES, math.pi / 4, 0.6, motion=ENDPOINT)
-
-
-def test_the_dataset_has_the_groups_of_each_angle(cells, policy):
-    kept = dataset(policy)
-    for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
-        assert int(kept.persistent_groups[i]) == groups.count
-        np.testing.assert_array_equal(kept.group[i].values.ravel(), groups.group)
-        weights = kept.group_weight[i].values
-        np.testing.assert_array_equal(weights[: groups.count], limiting.weights)
-        assert not weights[groups.count :].any()
-        assert int(kept.group_size[i].sum()) == int((kept.group[i] >= 0).sum())
 
 
 def test_heat_has_two_classes_to_a_doubling():

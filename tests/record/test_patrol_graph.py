@@ -1,11 +1,9 @@
 import dataclasses
 import itertools
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
@@ -14,10 +12,9 @@ from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.team import age_of_news, charged
 from jaxcell.patrol.walks import memory_patrol, walk_hitting_times
 from jaxcell.patrol.walks.game import strategy_game
-from jaxcell.record import dataset, summary
+from jaxcell.record import dataset
 from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
-from jaxcell.record.data.dataset import save_dataset
 from jaxcell.record.recordings import save_recording
 
 
@@ -64,57 +61,21 @@ def test_the_text_names_strategy_attack_and_capture(eight, read, tmp_path):
     assert f"**{found.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
 
 
-def test_the_dataset_holds_the_walk(eight, weights, patrol, tmp_path):
+def test_the_dataset_holds_the_walk(eight, weights, patrol):
     graph, names = eight
-    file = tmp_path / "patrol.nc"
-    save_dataset(dataset(patrol, spec={"graph": "eight"}), file)
     times = walk_hitting_times(graph, weights)
-    with xr.open_dataset(file) as found:
-        np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
-        np.testing.assert_allclose(found.commute_time, times + times.T, rtol=1e-9)
-        np.testing.assert_allclose(found.transition.sum("target"), 1)
-        np.testing.assert_allclose(
-            found.stationary.values @ found.transition.values, found.stationary
-        )
-        np.testing.assert_allclose(found.weight, weights, atol=1e-12)
-        ends = [[names[i], names[j]] for i, j in graph.edges.tolist()]
-        assert found.ends.values.tolist() == ends
-        np.testing.assert_allclose(
-            found.probabilities[:, 0],
-            found.transition.sel(start=found.ends[:, 0], target=found.ends[:, 1]),
-        )
-        assert found.edges_used == (weights > 1e-6).sum()
-        assert found.largest_weight == pytest.approx(weights.max())
-        np.testing.assert_allclose(found.mean_time_to, times.sum(axis=0) / 7)
-        np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), graph.xy)
-        assert float(found.hitting_time.sel(start="6", target="3")) == pytest.approx(times[5, 2])
-        assert float(found.mean_commute_time) == pytest.approx(18.626151, abs=1e-6)
-        assert json.loads(found.attrs["spec"]) == {"graph": "eight"}
-        assert not any(name.startswith("game") for name in found)
-
-
-def test_the_dataset_holds_the_game(with_game, game, tmp_path):
-    file = tmp_path / "patrol.nc"
-    save_dataset(dataset(with_game), file)
-    with xr.open_dataset(file) as found:
-        assert found.strategy.values.tolist() == [
-            *(f"toward {v}" for v in range(1, 9)),
-            "all vertices",
-            "emphasis 2, 5, 8",
-        ]
-        # Table 4.2 of Alam 2018.
-        row = found.game_patroller_payoff.sel(strategy="all vertices")
-        expected = [0.2148, 3.5625, 0.7344, 0.1543, 1.5938, 0.1318, 8, 0.3672]
-        np.testing.assert_allclose(row, expected, atol=5e-5)
-        assert found.game_rank.sel(strategy="emphasis 2, 5, 8").values.tolist() == [
-            4, 2, 8, 6, 3, 7, 5, 1,
-        ]  # fmt: skip
-        paid = found.game_share @ found.game_adversary_payoff
-        assert float(paid.sel(vertex=str(found.game_attacked.values))) == pytest.approx(
-            float(paid.max())
-        )
-        assert float(found.game_value) == pytest.approx(7.689278)
-        np.testing.assert_array_equal(found.game_weight, game.weight)
+    found = dataset(patrol)
+    np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
+    np.testing.assert_allclose(found.commute_time, times + times.T, rtol=1e-9)
+    np.testing.assert_allclose(found.mean_time_to, times.sum(axis=0) / 7)
+    np.testing.assert_allclose(found.weight, weights, atol=1e-12)
+    assert found.edges_used == (weights > 1e-6).sum()
+    assert found.ends.values.tolist() == [[names[i], names[j]] for i, j in graph.edges.tolist()]
+    np.testing.assert_allclose(
+        found.probabilities[:, 0],
+        found.transition.sel(start=found.ends[:, 0], target=found.ends[:, 1]),
+    )
+    np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), graph.xy)
 
 
 def test_names_are_numbers_and_positions_may_be_missing():
@@ -123,20 +84,6 @@ def test_names_are_numbers_and_positions_may_be_missing():
     assert found.vertex.values.tolist() == ["0", "1", "2"]
     assert "x" not in found.coords
     assert found.slem == 1
-
-
-def test_the_summary_has_rows_for_vertices_edges_and_strategies(eight, patrol, game, with_game):
-    graph, names = eight
-    found = summary(with_game)
-    assert [one["vertex"] for one in found["vertices"]] == list(names)
-    assert found["vertices"][6]["stationary"] == pytest.approx(patrol.stationary[6])
-    for (i, j), one in zip(graph.edges.tolist(), found["edges"], strict=True):
-        assert one["ends"] == [names[i], names[j]]
-        assert one["probabilities"] == [patrol.transition[i, j], patrol.transition[j, i]]
-    last = found["game"]["strategies"][-1]
-    assert last["strategy"] == "emphasis 2, 5, 8"
-    assert last["order"] == [names[vertex] for vertex in game.closest[-1]]
-    assert found["game"]["value"] == pytest.approx(7.689278)
 
 
 @pytest.mark.parametrize(
