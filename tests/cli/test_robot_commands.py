@@ -55,23 +55,6 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
         RobotReplay(log=out / "run.jsonl").run()
 
 
-def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
-    filter = bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45, "name": LAB.workspace.name})
-    filter.save(filter_file)
-    out = tmp_path / "out"
-    code, found = run(
-        simulated(filter_file, "lab_b.json", start="101", heading=225.0, out=out), capsys
-    )
-    # Its cells are not those of the map that the robot is in.
-    chunks = RrdReader(out / "run.rrd").stream().to_chunks()
-    beliefs = [c for c in chunks if c.entity_path == "/map/belief" and not c.is_static]
-    assert not beliefs
-    assert any(chunk.entity_path == "/filter/uncertainty" for chunk in chunks)
-    assert code == 1
-    assert found["result"] == "refuted"
-    assert found["observations"] in found["reason"]
-
-
 PLAN_START = 20
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import robot_files
-from robot_files import SPEC, run, save_filter
+from robot_files import SPEC, run
 from wheels import map_cells
 
 from jaxcell.cli.robot.replay import RobotReplay
@@ -39,21 +39,6 @@ def replayed(out, found, capsys) -> dict:
     same = set(again) - {"log", "whole"}
     assert {name: again[name] for name in same} == {name: found[name] for name in same}
     return again
-
-
-def test_robots_of_a_patrol_run_independently(patrol_file, capsys):
-    found = []
-    for i in range(3):
-        code, one = run(simulated(patrol_file, robot=i, seed=10 + i, visits=6), capsys)
-        assert code == 0
-        found.append(one)
-    for i, one in enumerate(found):
-        assert one["result"] == "patrolled"
-        assert len(one["visited"]) == 6
-        assert one["observations"].count("1") == 0
-        assert one["emulated"]["start"] == [0, 7, 18][i]
-        assert one["emulated"]["end"] % LAB.positions == one["position"] == one["visited"][-1]
-    assert len({tuple(one["visited"]) for one in found}) == 3
 
 
 def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
@@ -99,23 +84,6 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
     assert len(found["observations"]) == 2
 
 
-def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
-    hall = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)])
-    cells = CellSpace.of(hall, 1.0, 8)
-    image = np.arange(15)[None].copy()
-    image[0, [5, 9]] = [9, 5]
-    save_patrols(tmp_path / "patrol.json", cells, [(image, np.ones((1, 15)))], [5], 1.0)
-    boxed = tmp_path / "boxed.json"
-    Workspace(hall.boundary, [[(2, 1), (3, 1), (3, 2), (2, 2)]]).save(boxed)
-    command = RobotRun(
-        file=tmp_path / "patrol.json", simulate=boxed, visits=2, speedup=1e6, json=True
-    )
-    code, found = run(command, capsys)
-    assert (code, found["result"]) == (0, "patrolled")
-    assert found["obstacles"] == [[6, 0]]
-    assert "1 time where the map is free" in found["reason"]
-
-
 @pytest.mark.parametrize("steps", ["encoder", "clock"])
 def test_a_robot_of_a_team_runs_its_part(tmp_path, capsys, steps):
     # East until the wall, and back; then a meeting, a turn to the left, and the wall there.
@@ -145,12 +113,3 @@ def test_a_robot_of_a_team_runs_its_part(tmp_path, capsys, steps):
         replayed(out, found, capsys)
         if robot == 1:
             assert found["emulated"]["end"] == int(cells.index(*end))
-
-
-def test_a_filter_runs_with_distances_by_the_clock(tmp_path, capsys):
-    path = save_filter(tmp_path)
-    code, found = run(
-        simulated(path, name="lab_a.json", start="70", heading=135.0, steps="clock"), capsys
-    )
-    assert (code, found["result"]) == (0, "localized")
-    assert found["emulated"]["truth_is_a_candidate"] is True
