@@ -25,7 +25,7 @@ def test_a_map_in_view_of_all_robots_has_no_fitted_law(capsys, tmp_path):
     assert one["exact"] == 1
     assert one["fitted"] is None
     assert found["policies"][0]["tour_steps"] == 0
-    assert main(["patrol map", str(tmp_path / "two.txt"), "--runs", "9"]) == 0
+    assert main(["patrol", "map", str(tmp_path / "two.txt"), "--runs", "9"]) == 0
     assert "why no law is fitted" in capsys.readouterr().out
 
 

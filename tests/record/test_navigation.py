@@ -2,10 +2,10 @@ import itertools
 
 import numpy as np
 import pytest
-from recordings import packed
+from recordings import packed, read_back
 
 from jaxcell.bounce import all_plans, plan
-from jaxcell.record import dataset, save_recording
+from jaxcell.record import dataset
 from jaxcell.record.canvas.palette import TRAIL
 from jaxcell.space import CellSpace
 
@@ -31,10 +31,8 @@ def found(cells):
 
 
 @pytest.fixture(scope="module")
-def recorded(cells, found, read, tmp_path_factory):
-    path = tmp_path_factory.mktemp("navigation") / "plan.rrd"
-    save_recording(found, path, spec={"bounces_deg": [45, 90, 135]})
-    return read(path)
+def recorded(cells, found):
+    return read_back(found, {"bounces_deg": [45, 90, 135]})
 
 
 @pytest.fixture(scope="module")
@@ -130,9 +128,8 @@ def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded
         np.testing.assert_array_equal(picture, pictures[headings[time]])
 
 
-def test_without_a_path_there_is_a_heat_map(split, read, tmp_path):
-    save_recording(split, tmp_path / "none.rrd")
-    recorded = read(tmp_path / "none.rrd")
+def test_without_a_path_there_is_a_heat_map(split):
+    recorded = read_back(split)
     assert "direction" in recorded.timelines
     assert "step" not in recorded.timelines
     assert not [entity for entity in recorded.entities if entity.startswith("/map/plan")]
@@ -160,18 +157,17 @@ def test_the_text_tells_the_plan(found, recorded):
 
 
 @pytest.mark.parametrize("goal", [5, 0])
-def test_short_plans_are_recorded(cells, read, tmp_path, goal):
+def test_short_plans_are_recorded(cells, goal):
     made = plan(cells, BOUNCES, 0, goal)
     assert made.bumps == 0
-    save_recording(made, tmp_path / "short.rrd")
-    recorded = read(tmp_path / "short.rrd")
+    recorded = read_back(made)
     assert len(recorded.over("step", "/map/robot", "Arrows2D:origins")) == goal + 1
     text = recorded.text()
     assert "| bumps | 0 |" in text
     assert ("starts at the goal" in text) == (goal == 0)
 
 
-def test_the_costs_of_all_plans_have_the_costliest(cells, read, tmp_path):
+def test_the_costs_of_all_plans_have_the_costliest(cells):
     plans = all_plans(cells, BOUNCES)
     costs = plans.cost_summary()
     known = plans.costs()
@@ -180,6 +176,5 @@ def test_the_costs_of_all_plans_have_the_costliest(cells, read, tmp_path):
     assert costs.reachable_pairs == pytest.approx((known >= 0).mean())
     data = dataset(costs)
     assert data.costliest_visited.values.tolist() == costs.costliest.visited.tolist()
-    save_recording(costs, tmp_path / "costs.rrd")
-    text = read(tmp_path / "costs.rrd").text()
+    text = read_back(costs).text()
     assert f"cost **{known.max()}**" in text

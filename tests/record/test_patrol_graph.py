@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings import read_back
 
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
@@ -51,10 +52,9 @@ def with_game(patrol, game):
     return dataclasses.replace(patrol, game=game)
 
 
-def test_the_text_names_strategy_attack_and_capture(eight, read, tmp_path):
+def test_the_text_names_strategy_attack_and_capture(eight):
     found = patrol_of(eight[0], names=eight[1], attack_time=4)
-    save_recording(found, tmp_path / "a.rrd", spec={"strategy": "capture", "attack_time": 4})
-    (text,) = read(tmp_path / "a.rrd").static("/text", "TextDocument:text")
+    text = read_back(found, {"strategy": "capture", "attack_time": 4}).text()
     place = int(np.argmin(found.captured))
     assert "The strategy is **capture**." in text
     assert "An attack takes **4 steps**." in text
@@ -106,11 +106,9 @@ def test_a_mixture_that_is_none_is_refused(game, with_game):
         dataset(dataclasses.replace(with_game, game=dataclasses.replace(game, commitment=half)))
 
 
-def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
+def test_the_recording_shows_the_walk(eight, weights, patrol):
     graph, names = eight
-    file = tmp_path / "patrol.rrd"
-    save_recording(patrol, file, spec={"graph": "a|b"})
-    found = read(file)
+    found = read_back(patrol, {"graph": "a|b"})
     assert len(found.blueprints) == 1
     assert found.timelines == {"step"}
     np.testing.assert_array_equal(
@@ -175,14 +173,12 @@ def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
     assert not any(one.startswith("/game/") for one in found.entities)
 
 
-def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
+def test_the_recording_shows_who_waits_how_long(eight):
     graph, names = eight
     patrol = patrol_of(graph, names=names)
     news = age_of_news(graph, patrol.matrices, 1, names=names)
     kept = charged(graph, patrol.matrices, 1, 8, names=names)
-    file = tmp_path / "patrol.rrd"
-    save_recording(dataclasses.replace(patrol, news=news, charged=kept), file)
-    found = read(file)
+    found = read_back(dataclasses.replace(patrol, news=news, charged=kept))
     times = [1 / patrol.stationary, news.mean_age, kept.idleness]
     most = np.max(times)
     for number, shown in enumerate(times):
@@ -198,10 +194,10 @@ def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
         np.testing.assert_allclose(height, news.known[: len(height), vertex], atol=1e-6)
     bars = found.picture("/waits/charges/interval")
     assert np.argmax(bars.sum(axis=0)) == kept.interval.argmax()
-    assert "/waits/news/0" not in _recorded(patrol, tmp_path, read).entities
+    assert "/waits/news/0" not in read_back(patrol).entities
 
 
-def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
+def test_recorded_patrollers_walk_with_their_memory():
     """To and fro between the ends of a line, which no walk without memory does."""
     line = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
     plain = random_walk(line, np.ones(2))
@@ -213,7 +209,7 @@ def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
         memory_patrol(line, 4, 1, matrices, names="abc"), memory=2, chance=there[None]
     )
     patrol = GraphPatrol.of(line, plain, names="abc", walks_with_memory=walks_with_memory)
-    found = _recorded(patrol, tmp_path, read)
+    found = read_back(patrol)
     assert "| memory 1 | 75 %" in found.static("/text", "TextDocument:text")[0]
     shares = found.static("/graph/vertices", "Points2D:labels")
     assert shares == [f"{share} % of the time" for share in (25, 50, 25)]
@@ -221,15 +217,8 @@ def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
     assert len({tuple(idle[step]) for step in range(100, 200)}) == 4
 
 
-def _recorded(patrol, folder, read):
-    save_recording(patrol, folder / "other.rrd")
-    return read(folder / "other.rrd")
-
-
-def test_the_recording_shows_the_game(with_game, game, tmp_path, read):
-    file = tmp_path / "patrol.rrd"
-    save_recording(with_game, file)
-    found = read(file)
+def test_the_recording_shows_the_game(with_game, game):
+    found = read_back(with_game)
     text = found.static("/game/text", "TextDocument:text")[0]
     assert "| vertex that it attacks | 2 |" in text
     assert "| what the patroller is paid | 7.689" in text
@@ -245,22 +234,20 @@ def test_the_recording_shows_the_game(with_game, game, tmp_path, read):
         assert numbers == [f"{one:.3g}" for one in payoff.ravel()]
 
 
-def test_the_same_seed_walks_the_same_way(patrol, tmp_path, read):
+def test_the_same_seed_walks_the_same_way(patrol):
     walks = []
     for seed in (1, 1, 2):
-        save_recording(dataclasses.replace(patrol, seed=seed), tmp_path / "walk.rrd")
-        found = read(tmp_path / "walk.rrd")
+        found = read_back(dataclasses.replace(patrol, seed=seed))
         walks.append(found.over("step", "/graph/patrollers/0/here", "Points2D:positions"))
     assert walks[0] == walks[1] != walks[2]
 
 
-def test_a_walk_that_turns_one_way_and_waits(tmp_path, read):
+def test_a_walk_that_turns_one_way_and_waits():
     """Probabilities differ by direction, some are 0, and a patroller may stay."""
     graph = Graph([[0, 1], [1, 2], [2, 0]], xy=[[0, 0], [1, 0], [0, 1]])
     chain = Chain.from_scipy(np.array([[0.5, 0.5, 0], [0, 0, 1.0], [1.0, 0, 0]]))
     patrol = GraphPatrol.of(graph, chain)
-    save_recording(patrol, tmp_path / "one.rrd")
-    found = read(tmp_path / "one.rrd")
+    found = read_back(patrol)
     labels = found.static("/graph/chances", "Points2D:labels")
     assert labels == ["0.500", "1.000", "1.000", "0.000", "0.000", "0.000"]
     assert found.static("/graph/stay", "Points2D:labels")[0] == "stays with probability 0.5"
@@ -287,12 +274,12 @@ def test_a_large_graph_makes_a_small_file(tmp_path, read):
     assert not {"/times/matrix/labels", "/times/matrix/numbers"} & found.entities
 
 
-def test_vertices_in_one_place_and_two_of_them(tmp_path):
-    graph = Graph([[0, 1]], xy=[[1, 1], [1, 1]])
-    save_recording(patrol_of(graph), tmp_path / "two.rrd")
+@pytest.mark.parametrize("xy", [None, [[1, 1], [1, 1]]])
+def test_vertices_without_a_place_or_in_one_place_have_a_recording(xy):
+    assert read_back(patrol_of(Graph([[0, 1]], xy=xy))).entities
 
 
-def test_parts_of_different_patrols_are_refused(eight, weights, patrol, game, tmp_path):
+def test_parts_of_different_patrols_are_refused(eight, weights, game):
     graph, names = eight
     other = Graph(graph.edges[:-1], xy=graph.xy)
     chain = random_walk(graph, weights)
@@ -307,8 +294,6 @@ def test_parts_of_different_patrols_are_refused(eight, weights, patrol, game, tm
     path = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
     with pytest.raises(ValueError, match="game: expected walks on 2 edges, got 13"):
         patrol_of(path, game=game)
-    save_recording(patrol_of(Graph(graph.edges)), tmp_path / "unplaced.rrd")
-    assert (tmp_path / "unplaced.rrd").exists()
 
 
 def test_a_matrix_of_one_number(tmp_path, read):
