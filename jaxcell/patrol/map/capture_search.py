@@ -24,8 +24,8 @@ from .regions import check_visible
 from .tours import capture_by_tours
 
 
-# Number of gradient steps for each start.
-_STEPS = 300
+STEPS = 300
+"""Number of gradient steps for each start."""
 # An even walk that captures less than this share of what tours capture is no start.
 _HOPELESS = 0.1
 # Hardness of the soft minimum of the logarithms of capture, at first and at the end.
@@ -308,7 +308,7 @@ class _Problem:
         self, begins: Sequence[Logits], randomness: float, say: Say | None = None
     ) -> tuple[CaptureSearch, Logits]:
         """Follow the gradient from several starts. Returns the best result, and its logits."""
-        steps = _STEPS if self.unseen.shape[1] else 0
+        steps = STEPS if self.unseen.shape[1] else 0
         ascent, progress = self.ascent(randomness), np.arange(steps) / max(1, steps)
         tries = [
             ascent.climb(begin, progress, f"searching from start {number} of {len(begins)}", say)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 # The shares among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
-# The most robots that "auto" tries.
-_MAX_ROBOTS = 20
+MAX_ROBOTS = 20
+"""The most robots that `"auto"` tries."""
 _Reach: TypeAlias = Annotated[Metres, Limit(gt=0)]
 _Floor: TypeAlias = Annotated[float, Limit(ge=0, lt=1)]
 _CAPTURE = Only(strategy="capture")
@@ -161,7 +161,7 @@ class PatrolMap(CellStudy):
 
         from ... import patrol
 
-        most = min(_MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
+        most = min(MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
         made = {}
         if self.strategy != "capture":
             made = self._emphasised(graph, visible, most, regions, say)

@@ -57,7 +57,7 @@ def test_capture_with_memory_is_the_sum_over_all_walks_of_states(stay, times):
 @pytest.fixture
 def brief(monkeypatch):
     """Searches take a third of their steps, from which linear programs complete them."""
-    monkeypatch.setattr(capture, "_STEPS", 400)
+    monkeypatch.setattr(capture, "STEPS", 400)
 
 
 @pytest.mark.usefixtures("brief")
