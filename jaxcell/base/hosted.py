@@ -11,6 +11,8 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
+import lazy_loader  # type: ignore[import-untyped]
+
 
 def attach(
     package: str, file: str
@@ -23,22 +25,12 @@ def attach(
 
     **Returns:** its `__getattr__`, `__dir__` and `__all__`.
     """
-    # The computer of a robot may lack it.
-    import lazy_loader  # type: ignore[import-untyped]
-
     get, names, every = lazy_loader.attach_stub(package, file)
 
     def get_hosted(name: str) -> Any:
         return hosted(package, name, get(name))
 
     return get_hosted, names, every
-
-
-def attach_all(package: str) -> None:
-    """Wrap the functions that a package has imported by [`hosted`][]."""
-    for name, value in list(vars(sys.modules[package]).items()):
-        if not name.startswith("_"):
-            hosted(package, name, value)
 
 
 def hosted(package: str, name: str, value: Any) -> Any:

@@ -16,7 +16,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from ..study.parameters import Needed, Only, Unit, conditions, listed, parameters, within
+from ..study.parameters import Needed, Only, Unit, conditions, inside, listed, parameters, within
 
 
 _ABOUT = """Compute the global behaviour of simple robots by cell-to-cell mapping. A map, a graph or
@@ -160,18 +160,13 @@ def _metavar(name: str, hint: Any) -> str | None:
     if _is_positional(hint):
         return name.upper()
     several: list[tuple[Any, ...]]
-    several = [get_args(part) for part in _inside(hint) if get_origin(part) is tuple]
+    several = [get_args(part) for part in inside(hint) if get_origin(part) is tuple]
     if several and Ellipsis not in several[0]:
         return " ".join(kind.__name__.upper() for kind in several[0])
     if (unit := within(hint, Unit)) is None:
         return None
     word = _UNITS[unit.suffix]
     return f"{word} [{word} ...]" if several else word
-
-
-def _inside(hint: Any) -> list[Any]:
-    """Return a type and the types that it is made of."""
-    return [hint, *(part for one in getattr(hint, "__args__", ()) for part in _inside(one))]
 
 
 def _is_positional(hint: Any) -> bool:

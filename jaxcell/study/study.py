@@ -4,16 +4,13 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
+from .. import verify as verification
 from ..base.bundled import bundled
 from ..base.paths import existing, name_in_results
 from ..base.quantities import Result
-from .parameters import Unit, check, parameters, within, without_effect
-
-
-if TYPE_CHECKING:
-    from ..verify import Comparison
+from .parameters import Unit, check, inside, parameters, within, without_effect
 
 
 Say: TypeAlias = Callable[..., None]
@@ -51,9 +48,12 @@ class Study:
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
-        for name in _paths(kind):
-            if str(value := getattr(self, name)).startswith("@"):
+        for name, kinds in _kinds(kind).items():
+            value = getattr(self, name)
+            if Path in kinds and str(value).startswith("@"):
                 object.__setattr__(self, name, bundled(str(value)))
+            if Ellipsis in kinds and isinstance(value, str | Path | float | int):
+                object.__setattr__(self, name, (value,))
         check(self)
 
     def run(self, say: Say = silent) -> Result:
@@ -119,19 +119,15 @@ class Study:
     def write(self, result: Any, out: Path) -> None:
         """Write the files that a result has beside its dataset and its recording."""
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         """Compute parts of a result again with other libraries, and compare."""
         return []
 
 
 @functools.cache
-def _paths(study: Any) -> list[str]:
-    """The parameters that are paths, or names of bundled data such as `@lab_a`."""
-
-    def is_path(annotation: Any) -> bool:
-        return annotation is Path or any(map(is_path, getattr(annotation, "__args__", ())))
-
-    return [name for name, annotation in parameters(study).items() if is_path(annotation)]
+def _kinds(study: Any) -> dict[str, list[Any]]:
+    """The types that the annotation of each parameter is made of."""
+    return {name: [*inside(annotation)] for name, annotation in parameters(study).items()}
 
 
 @contextlib.contextmanager
