@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import tyro
 
+from .. import automata, patrol, space, sweep
 from .output import Printing
 from .terminal import say, table
 
@@ -90,15 +91,14 @@ def _directory(path: Path) -> dict[str, Any]:
 
 
 def _filter(path: Path) -> dict[str, Any]:
-    from ..automata import Filter, HiddenMap, Policy
     from ..automata.formats.storage import read_kind
 
     if path.suffix == ".jxb":
-        hidden = HiddenMap.load(path)
+        hidden = automata.HiddenMap.load(path)
         what = "a map for the belief of a robot"
         return {"what": what, "fine_cells": hidden.cells, **hidden.metadata}
     if read_kind(path) == "policy":
-        policy = Policy.load(path)
+        policy = automata.Policy.load(path)
         return {
             "what": "a localization policy",
             "states": policy.turn.size,
@@ -106,7 +106,7 @@ def _filter(path: Path) -> dict[str, Any]:
             "largest_uncertainty": int(policy.uncertainty[policy.ends].max()),
             **policy.metadata,
         }
-    filter = Filter.load(path)
+    filter = automata.Filter.load(path)
     return {
         "what": "a localization filter",
         "states": len(filter.transition),
@@ -224,9 +224,7 @@ def _json(path: Path) -> dict[str, Any]:
 def _map(path: Path) -> dict[str, Any]:
     import numpy as np
 
-    from ..space import CellSpace, Workspace
-
-    workspace = Workspace.load(path)
+    workspace = space.Workspace.load(path)
     width, height = np.ptp(np.asarray(workspace.boundary, float), axis=0).tolist()
     described = {
         "what": "a map",
@@ -239,15 +237,13 @@ def _map(path: Path) -> dict[str, Any]:
         "directions": workspace.directions,
     }
     if workspace.cell is not None:
-        cells = CellSpace.of(workspace, workspace.cell, workspace.directions or 1)
+        cells = space.CellSpace.of(workspace, workspace.cell, workspace.directions or 1)
         described["positions"] = cells.positions
     return described
 
 
 def _graph(path: Path) -> dict[str, Any]:
-    from ..patrol import load_graph
-
-    graph, names = load_graph(path)
+    graph, names = patrol.load_graph(path)
     return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
 
 
@@ -285,9 +281,7 @@ def _log(path: Path) -> dict[str, Any]:
 
 
 def _sweep(path: Path) -> dict[str, Any]:
-    from ..sweep import sweep_status
-
-    status = sweep_status(path)
+    status = sweep.sweep_status(path)
     return {
         "what": "a sweep; to read it: jaxcell.sweep.open_sweep",
         "task": status.task,
@@ -299,9 +293,7 @@ def _sweep(path: Path) -> dict[str, Any]:
 
 
 def _specification(path: Path) -> dict[str, Any]:
-    from ..sweep import Spec
-
-    spec = Spec.load(path)
+    spec = sweep.Spec.load(path)
     sizes = {"dimensions": spec.dimensions, "chunks": spec.chunk_count}
     what = "the specification of a sweep; to run it: jaxcell sweep"
     return {"what": what, "task": spec.task, **sizes}

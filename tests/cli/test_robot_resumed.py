@@ -146,7 +146,7 @@ def test_a_run_whose_robot_stopped_can_be_resumed(
     out = tmp_path / "out"
     monkeypatch.setattr(Ending, "happens", happens, raising=False)
     with monkeypatch.context() as patched:
-        patched.setattr("jaxcell.robot.emulation.emulator.Emulator", Ending)
+        patched.setattr("jaxcell.cli.robot.emulation.Emulator", Ending)
         code, found = run(simulated(file, out))
     assert (code, found["result"]) == (1, "stopped")
     assert found["reason"].startswith(f"the robot was stopped: {why}")

@@ -1,11 +1,8 @@
 """The option `--heading` of the commands of robots."""
 
 import math
-from typing import TYPE_CHECKING
 
-
-if TYPE_CHECKING:
-    from ...robot.tasks.task import Task
+from ...robot.tasks.task import Task
 
 
 def direction_at(heading: float, directions: int) -> int:
@@ -22,7 +19,7 @@ def direction_at(heading: float, directions: int) -> int:
     return round(turn) % directions
 
 
-def check_heading(task: "Task") -> None:
+def check_heading(task: Task) -> None:
     """Refuse a task whose robot needs its heading, if no heading is known.
 
     **Raises:** `ValueError`.

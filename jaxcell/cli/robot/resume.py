@@ -5,30 +5,25 @@ import json
 import math
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
+from ...robot.create.motion import Moved
+from ...robot.run_log import LoggedRun, read_log
+from ...robot.tasks.files import AnyTask
 from ..terminal import own_command
-from .replay import replayed
-
-
-if TYPE_CHECKING:
-    from ...robot.create.motion import Moved
-    from ...robot.run_log import LoggedRun
-    from ...robot.tasks.files import AnyTask
-    from .options import RobotOptions
+from .outcome import replayed
+from .run import RobotRun
 
 
 Place: TypeAlias = tuple[float, float, float]
 """The metres ahead and to the left of the start of a run, and the radians turned since."""
 
 
-def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
+def run_before(log: Path, task: AnyTask) -> LoggedRun:
     """Read the log of the run to resume.
 
     **Raises:** `ValueError` if the log is of another task, or if its run is complete.
     """
-    from ...robot.run_log import read_log
-
     run = read_log(log)
     for name, ours in json.loads(json.dumps(task.header)).items():
         theirs = run.header.get(name)
@@ -56,11 +51,11 @@ def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
 class Standing:
     """A robot that cannot move: `forward` and `turn` raise `StandingStill`."""
 
-    def forward(self, distance: float, *, tolerance: float) -> "Moved":
+    def forward(self, distance: float, *, tolerance: float) -> Moved:
         """Raise `StandingStill`."""
         raise StandingStill
 
-    def turn(self, angle: float, *, tolerance: float) -> "Moved":
+    def turn(self, angle: float, *, tolerance: float) -> Moved:
         """Raise `StandingStill`."""
         raise StandingStill
 
@@ -69,7 +64,7 @@ class StandingStill(Exception):  # noqa: N818 (a signal as StopIteration, no err
     """A robot that cannot move was driven."""
 
 
-def resume_command(options: "RobotOptions", log: Path, start: str | None) -> str:
+def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
     """Write the command that resumes a stopped run in a folder of its own.
 
     **Arguments:**

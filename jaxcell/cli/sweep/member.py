@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ... import record
 from ...study import Study
 from ...sweep.tasks import TASKS
 from ...sweep.workers.work import study_of
@@ -37,7 +38,6 @@ def member_detail(
 
     **Returns:** the summary that the command prints as JSON.
     """
-    from ... import record
     from ...base.runtime import configure_jax
     from ...sweep.study_task import studies
 

@@ -7,19 +7,16 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
+from ... import sweep
 from ...base.paths import replacing
 from ...study.parameters import Only, check
 from ..output import Printing
 from ..startup import prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
-
-
-if TYPE_CHECKING:
-    from ...sweep import Failure, Progress, SweepStatus
 
 
 _MAX_FAILURES = 10
@@ -64,22 +61,21 @@ class Sweep(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-        from ...sweep import Shard, Spec, run_sweep, scheduler_address
 
         check(self)
         engine = self.engine
         if self.scheduler_file is not None:
-            engine = scheduler_address(self.scheduler_file)
-        spec = Spec.load(self.spec)
+            engine = sweep.scheduler_address(self.scheduler_file)
+        spec = sweep.Spec.load(self.spec)
         whole = Path("runs") / self.spec.stem if self.out is None else self.out
-        shard = None if self.shard is None else Shard.read(self.shard)
+        shard = None if self.shard is None else sweep.Shard.read(self.shard)
         out = whole if shard is None else shard.folder(whole)
         chunks = None if shard is None else shard.chunks(spec.chunk_count)
         doing = f"sweep of {spec.task}"
         began = time.perf_counter()
         try:
             with _terminated_like_interrupted(), stdout_on_stderr(), shown(doing) as show:
-                found = run_sweep(
+                found = sweep.run_sweep(
                     spec,
                     out,
                     engine=engine,
@@ -135,9 +131,7 @@ class SweepState(Printing):
     """Folder of the sweep."""
 
     def run(self) -> int:
-        from ...sweep import sweep_status
-
-        found = sweep_status(self.folder)
+        found = sweep.sweep_status(self.folder)
         show_status(self.folder, found, self.json)
         return 0 if found.complete else 1
 
@@ -156,15 +150,14 @@ class SweepMerge(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-        from ...sweep import merge_sweep
 
         with stdout_on_stderr(), shown(f"merging the shards of {self.folder}") as show:
-            found = merge_sweep(self.folder, progress=show)
+            found = sweep.merge_sweep(self.folder, progress=show)
         show_status(self.folder, found, self.json)
         return 0 if found.complete else 1
 
 
-def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) -> None:
+def show_status(folder: Path, found: "sweep.SweepStatus", as_json: bool, **more: Any) -> None:
     """Print the status of a sweep."""
     failures = [
         {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
@@ -207,18 +200,18 @@ def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) 
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 
 
-def in_a_line(failure: "Failure") -> str:
+def in_a_line(failure: "sweep.Failure") -> str:
     """Write a failure in one line."""
     parameters = ", ".join(f"{name} {value}" for name, value in failure.parameters.items())
     return f"a member of chunk {failure.chunk} failed ({parameters}): {failure.message}"
 
 
 @contextlib.contextmanager
-def shown(doing: str) -> "Iterator[Callable[[Progress], None]]":
+def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
     """Show the progress of a sweep: chunks, failures, members per second, time left."""
     with progress(doing) as say:
 
-        def show(now: "Progress") -> None:
+        def show(now: "sweep.Progress") -> None:
             rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
             say(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
 
@@ -236,8 +229,7 @@ def _terminated_like_interrupted() -> Iterator[None]:
 
 
 def _write_netcdf(out: Path) -> None:
-    from ...sweep import open_sweep
     from ...sweep.storage.damage import reading
 
-    with replacing(out / "sweep.nc") as temporary, open_sweep(out) as dataset, reading(out):
+    with replacing(out / "sweep.nc") as temporary, sweep.open_sweep(out) as dataset, reading(out):
         dataset.to_netcdf(temporary)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
+from ... import record, sweep
 from ...base.process import has_display
 from ..startup import prepare_tasks
 from ..terminal import note, own_command, status, table
@@ -16,8 +17,6 @@ from .run import in_a_line
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from ...sweep import Failure, Spec
 
 
 _MAX_LISTED = 6
@@ -44,32 +43,28 @@ class SweepView:
     there."""
 
     def run(self) -> int:
-        from ...sweep import sweep_status
         from ...sweep.storage.store import SweepStore
 
         if self.out is not None and self.out.suffix != ".rrd":
             raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
-        found = sweep_status(self.folder)
+        found = sweep.sweep_status(self.folder)
         with SweepStore(self.folder) as store:
             spec = store.spec
         if self.select:
             return self._member(spec, found.failures)
-        from ... import record
-        from ...sweep import open_sweep, sobol_indices
         from ...sweep.storage.damage import reading
 
         failures = [in_a_line(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
-        with open_sweep(self.folder) as dataset, status(f"writing {out}"):
+        with sweep.open_sweep(self.folder) as dataset, status(f"writing {out}"):
             with reading(self.folder):
                 dataset.load()
             record.log_sweep(out, dataset, failures=failures)
         if spec.has_indices and found.complete:
-            show_indices(self.folder, sobol_indices(self.folder))
+            show_indices(self.folder, sweep.sobol_indices(self.folder))
         return _open(out)
 
-    def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:
-        from ...sweep import open_sweep
+    def _member(self, spec: "sweep.Spec", failures: "Sequence[sweep.Failure]") -> int:
         from ...sweep.storage.damage import reading
         from ...sweep.workers.work import with_files_found, with_task_found
         from .member import detailed_study, member_detail
@@ -79,7 +74,7 @@ class SweepView:
         study = detailed_study(spec.task)
         places = selected(spec, self.select)
         name = ",".join(re.sub(r"[^\w.=+-]+", "_", f"{k}={v}") for k, v in named(spec, places))
-        with open_sweep(self.folder) as dataset, reading(self.folder):
+        with sweep.open_sweep(self.folder) as dataset, reading(self.folder):
             member = dataset.isel(places).load()
         state = int(member["status"])
         if state != 1:
@@ -94,7 +89,7 @@ class SweepView:
         return _open(out)
 
 
-def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
+def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     """Find the index of a member along each dimension of a sweep.
 
     **Arguments:**
@@ -124,18 +119,18 @@ def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
     return {name: places.get(name, 0) for name in values}
 
 
-def parameters(spec: "Spec", places: Mapping[str, int]) -> dict[str, Any]:
+def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
     """Return the parameters of a member: its own, and the parameters that all members share."""
     own = {one.name: one.values[places[one.dimension]].item() for one in spec.parameters}
     return {**spec.fixed, **own}
 
 
-def named(spec: "Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
+def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
     """Return the name and the value of each dimension for a member."""
     return [(name, some[places[name]]) for name, some in _values(spec)]
 
 
-def _values(spec: "Spec") -> list[tuple[str, list[Any]]]:
+def _values(spec: "sweep.Spec") -> list[tuple[str, list[Any]]]:
     """Return the values that identify members along each dimension."""
     own = {one.name: one.values.tolist() for one in spec.parameters if one.name == one.dimension}
     return [(name, own.get(name) or [*range(size)]) for name, size in spec.dimensions.items()]
