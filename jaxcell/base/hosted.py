@@ -19,10 +19,6 @@ def attach(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Import the names in the stub of a package when they are first used.
 
-    **Arguments:**
-
-    - `package`, `file`: `__name__` and `__file__` of the package.
-
     **Returns:** its `__getattr__`, `__dir__` and `__all__`.
     """
     get, names, every = lazy_loader.attach_stub(package, file)
@@ -37,14 +33,6 @@ def hosted(package: str, name: str, value: Any) -> Any:
     """Wrap a public function so that its error for traced arrays says that it runs on the host.
 
     The function is replaced in its own module too, because `pickle` finds it there.
-
-    **Arguments:**
-
-    - `package`: the package with the function.
-    - `name`: its name there.
-    - `value`: the function; anything else stays as it is.
-
-    **Returns:** the wrapped function, or the other value.
     """
     if isinstance(value, FunctionType) and not hasattr(value, "_hosted"):
         value = hosted_function(value, f"{package}.{name}")

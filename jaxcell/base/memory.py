@@ -34,12 +34,7 @@ def free() -> int | None:
 
 
 def shortage(available: int) -> str:
-    """Describe the free memory, and the limit that causes it unless that is the machine's.
-
-    **Arguments:**
-
-    - `available`: the bytes from `free`.
-    """
+    """Describe the free memory, and the limit that causes it unless that is the machine's."""
     left, limit = min(_known(), default=(0, ""))
     # The rest of a limit may have changed a little since.
     named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""

@@ -62,17 +62,6 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     shutil.rmtree(temporary.with_suffix(".old"), ignore_errors=True)
 
 
-def write_durably(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file by `replacing` it once its content is on the disk.
-
-    After a loss of power it holds what it held before, or all of `content`.
-    """
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def name_in_results(path: str | os.PathLike[str]) -> str:
     """Name a file for results: by its path below the working directory, or by its own name.
 

@@ -32,15 +32,11 @@ _LAST = {"out", "json", "verify"}
 
 
 def example(kind: Any, name: str) -> str:
-    """Return a command line that shows a command."""
     return f"jaxcell {name} {kind.example}".rstrip()
 
 
 def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Read the options of a command.
-
-    **Raises:** `SystemExit` after a page of help, or after the errors of the options.
-    """
+    """Read the options of a command."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")

@@ -51,10 +51,7 @@ class Info(Printing):
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """Describe a file: its kind, as `what`, and its content.
-
-    **Raises:** `ValueError` if its kind is unknown, or it is damaged; `FileNotFoundError`.
-    """
+    """Describe a file: its kind, as `what`, and its content."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():
@@ -157,7 +154,6 @@ def _contents(
     variables: dict[Any, tuple[tuple[Any, ...], dict[str, Any]]],
     attributes: dict[str, Any],
 ) -> dict[str, Any]:
-    """Describe a file of labelled arrays by its dimensions and attributes."""
     ours = "jaxcell_version" in attributes
     shown = {}
     for name, (dimensions, about) in variables.items():

@@ -20,16 +20,7 @@ class Printing:
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
-    """Refuse a place where results cannot be written, before they are computed.
-
-    **Arguments:**
-
-    - `out`: the place.
-    - `folder`: whether the place is for a folder, or for a file.
-    - `option`: the name of the place in the message.
-
-    **Raises:** `IsADirectoryError`, `NotADirectoryError` or `PermissionError`.
-    """
+    """Refuse a place where results cannot be written, before they are computed."""
     wanted = out.absolute()
     if not folder:
         if wanted.is_dir():

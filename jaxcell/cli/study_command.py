@@ -61,7 +61,6 @@ class StudyCommand(Printing):
 
     @property
     def question(self) -> Study:
-        """The study with the options as parameters."""
         return self.study(
             **{field.name: getattr(self, field.name) for field in dataclasses.fields(self.study)}
         )
@@ -79,7 +78,6 @@ class StudyCommand(Printing):
         return result, {**begin, **numbers, "seconds": seconds}
 
     def write(self, result: "Result", summary: dict[str, Any], out: Path) -> None:
-        """Write the files of a result to a folder."""
         from .. import record
 
         question = self.question
@@ -137,13 +135,7 @@ class StudyCommand(Printing):
 
 
 def command_of(study: type[Study], words: str = "") -> Any:
-    """Make the command of a study.
-
-    **Arguments:**
-
-    - `study`: its class.
-    - `words`: the words after `jaxcell`; by default those that the study names.
-    """
+    """Make the command of a study."""
     own = {
         "__doc__": study.__doc__,
         # The study checks its parameters itself, after all options have been read.

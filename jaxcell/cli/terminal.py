@@ -187,7 +187,6 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
 
 def _fits(console: Console, rows: Sequence[Sequence[str]]) -> bool:
-    """Return whether a table fits without breaking a word."""
     # Each column has a space on both sides, and a line.
     return sum(_longest_word(cells) + 3 for cells in zip(*rows, strict=True)) < console.width
 

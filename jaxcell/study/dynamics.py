@@ -34,10 +34,7 @@ class SystemStudy(Study):
 
     @functools.cached_property
     def chosen(self) -> "dynamics.System":
-        """The system with the parameter `cells` in place of its own.
-
-        **Raises:** `ValueError` if there is none, or its box cannot be cut so.
-        """
+        """The system with the parameter `cells` in place of its own."""
         system = load_system(self.system)
         if not self.cells:
             return system
@@ -118,10 +115,7 @@ class Dynamics(SystemStudy):
 
 
 def load_system(reference: str) -> "dynamics.System":
-    """Load a system from a file, or a system of jaxcell by its name.
-
-    **Raises:** `ValueError` for a reference to no system.
-    """
+    """Load a system from a file, or a system of jaxcell by its name."""
     module, colon, name = reference.rpartition(":")
     try:
         found = getattr(load_module(module), name) if colon else None
@@ -144,10 +138,7 @@ def load_system(reference: str) -> "dynamics.System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Replace parameters by the values in texts, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`.
-
-    **Raises:** `ValueError` for an unknown name, or for text that is no number.
-    """
+    """Replace parameters by the values in texts, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

@@ -121,10 +121,7 @@ class MapStudy(CellStudy):
 
 
 def cell_at(cells: "space.CellSpace", text: str, parameter: str) -> int:
-    """Return the cell that a text names: `x,y,heading` in metres and degrees, or a cell number.
-
-    **Raises:** `ValueError` that names the parameter, if there is no such cell or pose.
-    """
+    """Return the cell that a text names: `x,y,heading` in metres and degrees, or a cell number."""
     if text.removeprefix("-").isdecimal():
         with about(f"{parameter} {text!r}"):
             cells.centre(int(text))

@@ -140,11 +140,7 @@ def about(parameter: str) -> Iterator[None]:
 
 
 def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:
-    """Read the finite numbers of a text, which commas separate.
-
-    **Raises:** `ValueError` with the name of the parameter and what was expected, unless the text
-    has `count` numbers.
-    """
+    """Read the finite numbers of a text, which commas separate."""
     with contextlib.suppress(ValueError):
         read = [float(part) for part in text.split(",")]
         if len(read) == count and all(map(math.isfinite, read)):

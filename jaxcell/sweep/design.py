@@ -71,8 +71,6 @@ def read_parameters(
         A with the value of B.
     - `seed`: the seed of the samples. Without a design each parameter has its own stream of random
         numbers, which does not depend on the other parameters.
-
-    **Raises:** `ValueError` that names the field.
     """
     if listed and random:
         raise ValueError("[list] and [random]: expected only one of them, with or without a [grid]")
@@ -106,7 +104,6 @@ def read_parameters(
 
 
 def check_name(name: str) -> None:
-    """Check the name of a parameter."""
     if not name.isidentifier() or name in _RESERVED:
         reserved = ", ".join(_RESERVED)
         raise ValueError(
@@ -321,7 +318,6 @@ def _distribution(given: Any) -> _Distribution:
 
 
 def _ndtri(points: np.ndarray) -> np.ndarray:
-    """Compute quantiles of the standard normal distribution."""
     from scipy.special import ndtri
 
     return ndtri(points)

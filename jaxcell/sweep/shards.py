@@ -131,7 +131,6 @@ def merge_sweep(
 def _check_shards(
     folder: Path, shards: Sequence[Shard], stores: Sequence[SweepStore], made: Mapping[str, Any]
 ) -> None:
-    """Raise an error if shards cannot be merged."""
     spec, unfinished = stores[0].spec, []
     for shard, store in zip(shards, stores, strict=True):
         if (process := holder(store.folder / "lock")) is not None:
@@ -153,10 +152,7 @@ def _check_shards(
 
 
 def _shards(folder: Path) -> list[Shard]:
-    """Find the shards of a sweep.
-
-    **Raises:** `ValueError` if a shard is missing.
-    """
+    """Find the shards of a sweep."""
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
     shards = [Shard.read(name) for name in names]
     counts = sorted({shard.count for shard in shards})

@@ -44,13 +44,11 @@ class Emulation:
 
     @property
     def end(self) -> int | None:
-        """The cell of the robot, or `None`."""
         with contextlib.suppress(ValueError):
             return int(self.cells.index(*self.robot.pose))
         return None
 
     def describe(self, outcome: RunOutcome) -> dict[str, Any]:
-        """Describe the true state, for the summary."""
         x, y, theta = self.robot.pose
         among = self.end in outcome.cells if outcome.cells else None
         if isinstance(outcome, AnywhereOutcome) and outcome.place is not None:
@@ -108,7 +106,6 @@ def _physical(
     options: RobotRun,
     rng: Any,
 ) -> Emulation:
-    """Emulate a robot that the physics engine moves."""
     from ...robot.physics import LATENCY, RADIUS, Physics, PhysicsBody
 
     assert cells.workspace is not None
@@ -148,14 +145,7 @@ def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> 
 def seen_from(
     cells: CellSpace, task: PatrolTask, intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """Make the look of a robot on patrol, which reports an intruder in a cell that it sees.
-
-    **Arguments:**
-
-    - `cells`: the cells of the map of the emulation.
-    - `task`: the patrol, with the range of the robot's sight.
-    - `intruder`: the place of the intruder, "x,y" in metres.
-    """
+    """Make the look of a robot on patrol, which reports an intruder in a cell that it sees."""
     try:
         x, y = map(float, intruder.split(","))
         hidden = int(cells.index(x, y)) % cells.positions

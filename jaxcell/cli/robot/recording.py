@@ -20,16 +20,7 @@ def recording_of(
     emulation: Emulation | None = None,
     viewer: str | None = None,
 ) -> "record.RobotRecording":
-    """Open the recording of a run, with the map if it is known.
-
-    **Arguments:**
-
-    - `task`: the task.
-    - `path`: the file.
-    - `start`: the pose where the robot's odometry begins, `(x, y, theta)`, or `None`.
-    - `emulation`: the emulated robot, whose map is drawn.
-    - `viewer`: the viewer that shows the run as it goes, or `None`.
-    """
+    """Open the recording of a run, with the map if it is known."""
     path.parent.mkdir(parents=True, exist_ok=True)
     estimator, about = _estimator(task), _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells
@@ -54,7 +45,6 @@ def recording_of(
 
 
 def _estimator(task: AnyTask) -> Filter | Policy | Belief | None:
-    """Return the filter, the policy or the belief that localizes the robot."""
     match task:
         case FilterTask():
             return task.filter
@@ -84,7 +74,6 @@ def cells_of(task: AnyTask) -> CellSpace | None:
 
 
 def _is_map(cells: CellSpace, about: Mapping[str, Any]) -> bool:
-    """Return whether cells agree with the map that a filter describes."""
     assert cells.workspace is not None
     expected = {
         "name": cells.workspace.name,

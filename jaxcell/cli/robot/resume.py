@@ -20,10 +20,7 @@ Place: TypeAlias = tuple[float, float, float]
 
 
 def run_before(log: Path, task: AnyTask) -> LoggedRun:
-    """Read the log of the run to resume.
-
-    **Raises:** `ValueError` if the log is of another task, or if its run is complete.
-    """
+    """Read the log of the run to resume."""
     run = read_log(log)
     for name, ours in json.loads(json.dumps(task.header)).items():
         theirs = run.header.get(name)
@@ -52,11 +49,9 @@ class Standing:
     """A robot that cannot move: `forward` and `turn` raise `StandingStill`."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Raise `StandingStill`."""
         raise StandingStill
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Raise `StandingStill`."""
         raise StandingStill
 
 
@@ -65,14 +60,7 @@ class StandingStill(Exception):  # noqa: N818 (a signal as StopIteration, no err
 
 
 def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
-    """Write the command that resumes a stopped run in a folder of its own.
-
-    **Arguments:**
-
-    - `options`: the options of the stopped run.
-    - `log`: its log.
-    - `start`: the place of the emulated robot, or `None` for a real robot.
-    """
+    """Write the command that resumes a stopped run in a folder of its own."""
     assert options.out is not None
     resumed = dataclasses.replace(
         options, heading=None, start=start, resume=log, out=_new_directory(options.out, log.name)

@@ -28,16 +28,7 @@ def runner_of(
     direction: int | None,
     before: LoggedRun | None,
 ) -> Runner:
-    """Choose the function that runs a task, and write the header of its log.
-
-    **Arguments:**
-
-    - `task`: the task.
-    - `options`: the options of the command.
-    - `emulation`: the emulated robot, or `None`.
-    - `direction`: the direction of the robot at the start, or `None` if it is unknown.
-    - `before`: the run to resume, or `None`.
-    """
+    """Choose the function that runs a task, and write the header of its log."""
     header, limit = {**task.header, "direction": direction}, options.limit
     for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
         if getattr(options, name) not in (None, "known") and header["kind"] != kind:

@@ -70,8 +70,6 @@ def run_robot(options: RobotRun) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class _Run:
-    """A run of a task on a robot."""
-
     options: RobotRun
     task: AnyTask
     emulation: Emulation | None
@@ -232,7 +230,6 @@ class _Run:
 
 
 def _before(options: RobotRun, task: AnyTask) -> LoggedRun | None:
-    """Read the run to resume, if any."""
     if options.resume is None:
         return None
     if options.simulate is not None and options.start is None:
@@ -246,8 +243,6 @@ def _direction(
     """Return the direction in which the robot starts, as far as it knows, or `None`.
 
     It is the same on an emulated robot as on a real one.
-
-    **Raises:** `ValueError` if the task needs a direction, and none is known.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

@@ -34,7 +34,6 @@ class SweepIndices(Printing):
 
 
 def show_indices(folder: Path, found: "Iterable[sweep.SobolIndex]") -> None:
-    """Print Sobol indices in a table."""
     rows = [
         (
             one.variable,

@@ -12,10 +12,7 @@ from ..terminal import progress, show, status
 
 
 def detailed_study(task: str) -> type[Study]:
-    """Return the study of a task.
-
-    **Raises:** `ValueError` if the task is a function, whose members have no detail to show.
-    """
+    """Return the study of a task."""
     if (study := study_of(task)) is None:
         raise ValueError(
             f"--select: the task {task!r} has no detail to show; expected a study of yours, or "
@@ -28,13 +25,6 @@ def member_detail(
     study: type[Study], parameters: Mapping[str, Any], seed: int, out: Path
 ) -> dict[str, Any]:
     """Run the study of a member again, print its tables, and write its recording.
-
-    **Arguments:**
-
-    - `study`: the study of the sweep.
-    - `parameters`: the parameters of the member.
-    - `seed`: the seed of the sweep.
-    - `out`: the file of the recording, whose folder exists.
 
     **Returns:** the summary that the command prints as JSON.
     """

@@ -14,6 +14,7 @@ import tyro
 from ... import sweep
 from ...base.paths import replacing
 from ...study.parameters import Only, check
+from ...sweep.storage.damage import reading
 from ..output import Printing
 from ..startup import prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
@@ -94,8 +95,13 @@ class Sweep(Printing):
             return 130
         seconds = time.perf_counter() - began
         if self.netcdf and found.complete:
-            with status("writing sweep.nc"):
-                _write_netcdf(out)
+            with (
+                status("writing sweep.nc"),
+                replacing(out / "sweep.nc") as temporary,
+                sweep.open_sweep(out) as dataset,
+                reading(out),
+            ):
+                dataset.to_netcdf(temporary)
         show_status(out, found, self.json, seconds=round(seconds, 3))
         if self.max_failures is not None and len(found.failures) > self.max_failures:
             note(f"Stopped: more than {self.max_failures:,} members failed")
@@ -158,7 +164,6 @@ class SweepMerge(Printing):
 
 
 def show_status(folder: Path, found: "sweep.SweepStatus", as_json: bool, **more: Any) -> None:
-    """Print the status of a sweep."""
     failures = [
         {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
         for one in found.failures
@@ -201,7 +206,6 @@ def show_status(folder: Path, found: "sweep.SweepStatus", as_json: bool, **more:
 
 
 def in_a_line(failure: "sweep.Failure") -> str:
-    """Write a failure in one line."""
     parameters = ", ".join(f"{name} {value}" for name, value in failure.parameters.items())
     return f"a member of chunk {failure.chunk} failed ({parameters}): {failure.message}"
 
@@ -220,16 +224,8 @@ def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
 
 @contextlib.contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
-    """Make SIGTERM do what Ctrl-C does."""
     kept = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, kept)
-
-
-def _write_netcdf(out: Path) -> None:
-    from ...sweep.storage.damage import reading
-
-    with replacing(out / "sweep.nc") as temporary, sweep.open_sweep(out) as dataset, reading(out):
-        dataset.to_netcdf(temporary)

@@ -8,6 +8,7 @@ import tyro
 
 from ... import record, sweep
 from ...base.process import has_display
+from ...sweep.storage.damage import reading
 from ..startup import prepare_tasks
 from ..terminal import note, own_command, status, table
 from ..view import View
@@ -52,8 +53,6 @@ class SweepView:
             spec = store.spec
         if self.select:
             return self._member(spec, found.failures)
-        from ...sweep.storage.damage import reading
-
         failures = [in_a_line(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
         with sweep.open_sweep(self.folder) as dataset, status(f"writing {out}"):
@@ -65,7 +64,6 @@ class SweepView:
         return _open(out)
 
     def _member(self, spec: "sweep.Spec", failures: "Sequence[sweep.Failure]") -> int:
-        from ...sweep.storage.damage import reading
         from ...sweep.workers.work import with_files_found, with_task_found
         from .member import detailed_study, member_detail
 
@@ -97,8 +95,6 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     - `spec`: the specification of the sweep.
     - `given`: `NAME=VALUE` for each dimension with several values. The value of a parameter of a
         grid, or the number of a sample or of a member of a list.
-
-    **Raises:** `ValueError` that lists the values.
     """
     values = dict(_values(spec))
     listed = ", ".join(values)
@@ -126,7 +122,6 @@ def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
 
 
 def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
-    """Return the name and the value of each dimension for a member."""
     return [(name, some[places[name]]) for name, some in _values(spec)]
 
 
@@ -137,7 +132,6 @@ def _values(spec: "sweep.Spec") -> list[tuple[str, list[Any]]]:
 
 
 def _place(option: str, text: str, values: Sequence[Any]) -> int:
-    """Return the index of the value that a text names."""
     error = ValueError(f"--select {option}: there is no such value; there are {_listed(values)}")
     if isinstance(values[0], str | bool):
         texts = [str(value) for value in values]
@@ -163,7 +157,6 @@ def _listed(values: Sequence[Any]) -> str:
 
 
 def _show(name: str, member: "xr.Dataset") -> None:
-    """Print the result of a member in the sweep."""
     rows = [
         (one.attrs.get("long_name", key), f"{one.item():.6g}", one.attrs.get("units", ""))
         for key, one in member.data_vars.items()

@@ -94,10 +94,7 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
 def _log_runs(
     map: CellMap, plan: Plan, place: Float[np.ndarray, "times 2"]
 ) -> list[tuple[str, Color]]:
-    """Log an arrow per run and a dot per bump, in the colours of their angles.
-
-    **Returns:** the legend.
-    """
+    """Log an arrow per run and a dot per bump, in the colours of their angles."""
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
     color_of = [palette.angle_color(i) for i in range(angle.size)]
@@ -157,7 +154,6 @@ def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Contain
 def _heading_legend(
     cells: CellSpace, classes: list[PictureClass], direction: int
 ) -> list[PictureClass]:
-    """Return the legend for one heading."""
     heading = f"heading {360 * direction / cells.directions:.4g}°"
     return [PictureClass(f"{one.label}, {heading}", one.color) for one in classes[:0:-1]]
 
@@ -177,7 +173,6 @@ _REACHING = """- **Above**: the number of headings that reach the goal, from eac
 
 
 def _text(plan: Plan, spec: Spec) -> str:
-    """Write the text of the recording."""
     look = _HOW_TO_LOOK if plan.actions.size else ""
     slider = "" if plan.found else _REACHING
     return f"""# From start to goal by bumps

@@ -155,7 +155,6 @@ Their number, from each cell.
 
 
 def _text(localized: AdaptivelyLocalized, drawn: int, spec: Spec) -> str:
-    """Write the text of the recording."""
     angles = ", ".join(degrees(one) for one in localized.bounces)
     end = localized.run.candidates.size
     where = "**one cell**" if end == 1 else f"one of **{end:,} cells**"

@@ -40,7 +40,6 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
 
 
 def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
-    """Log the first visitor of each visited square."""
     classes = [PictureClass("not visited", CLEAR)]
     for robot in range(min(team.starts.size, len(ROBOTS))):
         name, color = robot_color(robot)
@@ -55,7 +54,6 @@ def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
 
 
 def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> list[str]:
-    """Log each robot and the trail behind it."""
     robots, poses = range(team.starts.size), (team.robot_x, team.robot_y, team.robot_theta)
     for robot in robots:
         x, y, theta = (one[:, robot] for one in poses)
@@ -75,7 +73,6 @@ def _log_collisions(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "
 def _log_curves(
     stream: rr.RecordingStream, team: TeamTrajectory, times: Int[np.ndarray, "times"]
 ) -> rrb.Container:
-    """Log numbers along the trajectory as curves."""
     part = np.searchsorted(team.part_begin, team.time, side="right")
     collisions = np.append(0, np.cumsum(team.collisions))
     of, views = team.cells.positions, []
@@ -105,7 +102,6 @@ def _shade(robot: int) -> Color:
 
 
 def _text(team: TeamTrajectory, stride: int, spec: Spec) -> str:
-    """Write the text of the recording."""
     robots = range(team.starts.size)
     who = {"robot": robots, "colour": [robot_color(robot)[0] for robot in robots]}
     every = f" Every {stride:,}th step is shown." if stride > 1 else ""

@@ -140,7 +140,6 @@ def log_arrows(
     radius: float,
     order: float,
 ) -> None:
-    """Log arrows that begin at places."""
     arrows = rr.Arrows2D(origins=xy, vectors=vectors, colors=color, radii=radius, draw_order=order)
     stream.log(path, arrows, static=True)
 

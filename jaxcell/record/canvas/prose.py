@@ -19,7 +19,6 @@ Spec: TypeAlias = Mapping[str, Any]
 
 
 def describe(cells: CellSpace) -> str:
-    """Describe the map and its cells."""
     if cells.workspace is not None:
         place = cells.workspace.describe()
     else:
@@ -63,10 +62,6 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = 
 
 def numbers(result: Result, cells: CellSpace | None = None) -> str:
     """Write the single numbers and texts of a result as a table in Markdown.
-
-    **Arguments:**
-
-    - `cells`: the cells of its positions; by default the cells of the result.
 
     **Returns:** the table; an empty text if there is nothing to show.
     """

@@ -189,7 +189,6 @@ def _meaning(variable: xr.DataArray) -> str:
 def _text(
     dataset: xr.Dataset, all_axes: Sequence[Axis], shown: Sequence[str], failures: Sequence[str]
 ) -> str:
-    """Write the text of the recording."""
     status = dataset["status"]
     sizes = " x ".join(f"{status.sizes[name]:,} {name}" for name in status.dims)
     done, failed, undone = (int((status == state).sum()) for state in (1, 2, 0))

@@ -53,10 +53,7 @@ class AnywhereStudy(MapStudy):
             self.bounds()
 
     def bounds(self) -> "walls.Errors":
-        """Read the bounds of the errors.
-
-        **Raises:** `ValueError` that names the bound.
-        """
+        """Read the bounds of the errors."""
         bounds = {}
         for text in self.errors:
             name, _, value = text.partition("=")
@@ -110,34 +107,14 @@ class AnywhereStudy(MapStudy):
     def _known_headings(self, cells: Any) -> int | None:
         return cells.directions if self.heading == "known" else None
 
-    def localized_anywhere(
-        self, bounces: tuple[Degrees, ...], start: str | None, say: Say
-    ) -> "bounce.Anywhere":
-        """Localize robots that start anywhere."""
-        driven = self._driven(bounces, start, say)
-        return bounce.Anywhere(**driven)
-
-    def home_from_anywhere(
-        self,
-        bounces: tuple[Degrees, ...],
-        goal: tuple[float, float],
-        goal_radius: float,
-        start: str | None,
-        say: Say,
-    ) -> "bounce.HomeFromAnywhere":
-        """Bring robots that start anywhere to a goal."""
-        driven = self._driven(bounces, start, say, (goal, goal_radius))
-        planned = _planned(driven["cells"], driven["bounces"], driven["trial"], goal)
-        return bounce.HomeFromAnywhere(**driven, **planned)
-
-    def _driven(
+    def run_anywhere(
         self,
         bounces: tuple[Degrees, ...],
         start: str | None,
         say: Say,
         goal: tuple[tuple[float, float], float] | None = None,
-    ) -> dict[str, Any]:
-        """Drive the robots, to a goal and its radius if there is one."""
+    ) -> "bounce.Anywhere":
+        """Drive robots that start anywhere until they are localized, or to a goal with a radius."""
         import numpy as np
 
         cells = self.cells()
@@ -164,16 +141,16 @@ class AnywhereStudy(MapStudy):
             say=say,
         )
         radius = cells.cell / 2 if self.radius is None else self.radius
-        driven = {"cells": cells, "filter": filter, "headings": self._known_headings(cells)}
-        driven |= {"bounces": angles, "radius": radius, "trial": trial}
-        return driven if homing is None else driven | {"homing": homing}
+        driven: dict[str, Any] = {"cells": cells, "filter": filter, "bounces": angles}
+        driven |= {"radius": radius, "trial": trial, "headings": self._known_headings(cells)}
+        if homing is None:
+            return bounce.Anywhere(**driven)
+        planned = _planned(cells, angles, trial, homing.goal)
+        return bounce.HomeFromAnywhere(**driven, homing=homing, **planned)
 
 
 def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[float, float, float]:
-    """Read a pose in the free space of a room.
-
-    **Raises:** `ValueError` that names the parameter, for any other place.
-    """
+    """Read a pose in the free space of a room."""
     import shapely
 
     x, y, heading = numbers(parameter, text, 3, '"x,y,heading" in metres and degrees')

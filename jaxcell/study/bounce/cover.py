@@ -75,10 +75,7 @@ class Cover(MapStudy):
 
 
 def check_target(text: str) -> None:
-    """Refuse a target whose file does not exist.
-
-    **Raises:** `ValueError` that names the parameter.
-    """
+    """Refuse a target whose file does not exist."""
     file, _, _ = text.rpartition(":")
     if file.endswith(".nc") and not Path(file).is_file():
         raise ValueError(f"target {text}: there is no file {file}")

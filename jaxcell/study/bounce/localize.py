@@ -88,7 +88,7 @@ class Localize(AnywhereStudy):
 
         if self.anywhere:
             bounces = self.bounces if self.bounce is None else (self.bounce,)
-            return self.localized_anywhere(bounces, self.start, say)
+            return self.run_anywhere(bounces, self.start, say)
         cells = self.cells()
         if self.offsets:
             return self._at_any_offset(cells, say)

@@ -104,7 +104,7 @@ class Navigate(AnywhereStudy, Plans):
         with about(f"goal {self.goal!r}"):
             self.cells().index(x, y)
         radius = max(self.cells().cell, 0.5) if self.goal_radius is None else self.goal_radius
-        return self.home_from_anywhere(self.bounces, (x, y), radius, self.start, say)
+        return self.run_anywhere(self.bounces, self.start, say, ((x, y), radius))
 
     def write(self, result: Any, out: Path) -> None:
         if self.anywhere:

@@ -25,16 +25,7 @@ _PLANS, _MEANS, _MOST = 4, 4, 4000
 def slipped_plan(
     plan: Plan, error: float, bounces_deg: Sequence[float], step: float | None, say: Say
 ) -> SlippedPlan:
-    """Find the probability that a plan arrives despite slips, and a policy that surely arrives.
-
-    **Arguments:**
-
-    - `plan`: the plan.
-    - `error`: the parameter `slip`: the relative error of steps and turns.
-    - `bounces_deg`: the bouncing angles to choose from, in degrees.
-    - `step`: length of a step in metres, `None` for one cell.
-    - `say`: called with the work that begins.
-    """
+    """Find the probability that a plan arrives despite slips, and a policy that surely arrives."""
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
     slip = Slip.of(error, give=bumper_give(cells.cell))
     fine = FineCells.within(cells, slip)

@@ -26,8 +26,6 @@ def read_target(cells: CellSpace, text: str) -> Float[np.ndarray, "positions"]:
     - `cells`: the cell space.
     - `text`: `uniform`; the name of an image, whose bright parts are worth more; or
         `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
-
-    **Raises:** `ValueError` or `OSError` that names the parameter and the fault.
     """
     if text == "uniform":
         return coverage_target(cells)

@@ -102,10 +102,7 @@ class SweepStore:
             return differences(self.made, made)
 
     def read(self, number: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Read the states of the members of a chunk, and the variables.
-
-        **Raises:** `ValueError` if the record is damaged.
-        """
+        """Read the states of the members of a chunk, and the variables."""
         states, arrays = self.empty(self.spec.chunk(number).shape)
         if number in self.contents.chunks:
             with reading(self.folder):
@@ -159,7 +156,6 @@ class SweepStore:
         return number in self.contents.chunks and bool((self.read(number)[0] != TO_DO).all())
 
     def lost_files(self) -> list[str]:
-        """Find the files of the result that are missing."""
         names = self.contents.exported or {}
         return [name for name in names if not os.path.exists(self.zarr / name)]
 
@@ -172,10 +168,7 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the variables of the first result, which are recorded.
-
-        **Raises:** `ValueError` if the result has other variables.
-        """
+        """Check that a result has the variables of the first result, which are recorded."""
         if self.frame is None:
             variables = {
                 name: dataclasses.replace(one, values=one.values[:0])
@@ -218,7 +211,6 @@ class SweepStore:
         arrays: Mapping[str, np.ndarray],
         failed: Mapping[int, tuple[str, str]],
     ) -> None:
-        """Append the record of a chunk."""
         state = FAILED if (states == FAILED).any() else TO_DO
         state = DONE if (states == DONE).all() else state
         values = arrays if (states == DONE).any() else {}

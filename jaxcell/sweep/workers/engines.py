@@ -137,7 +137,6 @@ def scheduler_address(file: str | os.PathLike[str]) -> str:
 
 
 def local(take: Take) -> Outcomes:
-    """Compute in this process."""
     for job in iter(take, None):
         yield job, compute(job)
 
@@ -174,7 +173,9 @@ def _in_turn(
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     while True:
-        while jobs := _take_some(take, min(most() - len(pending), _TOGETHER)):
+        while room := max(0, min(most() - len(pending), _TOGETHER)):
+            if not (jobs := [*itertools.islice(iter(take, None), room)]):
+                break
             for job, future in zip(jobs, submit(jobs), strict=True):
                 pending[future] = job
                 future.add_done_callback(ended.put)
@@ -247,11 +248,6 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
             if timeout is not None:
                 with contextlib.suppress(OSError):
                     client.run(_close_team, run)
-
-
-def _take_some(take: Take, most: int) -> list[Job]:
-    """Take up to `most` jobs, as many as there are now."""
-    return [*itertools.islice(iter(take, None), max(most, 0))]
 
 
 def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:

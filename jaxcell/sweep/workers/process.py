@@ -56,7 +56,6 @@ class Worker:
             raise EOFError from error
 
     def end(self) -> None:
-        """Kill the process."""
         self._process.kill()
         self._process.wait()
 
