@@ -119,7 +119,7 @@ def _log_curves(stream: rr.RecordingStream, found: Anywhere) -> list[rrb.View]:
         ("nine_tenths", "median", "first"), extents, colors, strict=True
     ):
         log_curve(stream, f"extent/{name}", values, _TIMELINE, found.bump, color, shape="Linear")
-    share, title = found.trial.extent <= 2 * found.radius, "Share of robots that are known"
+    share, title = found.trial.extent <= 2 * found.radius, "Share of robots that are localized"
     if isinstance(found, HomeFromAnywhere):
         share = found.bumps_until_home[:, None] <= found.bump
         title = "Share of robots at the goal"
