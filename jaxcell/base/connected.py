@@ -15,7 +15,6 @@ def vertices_apart(
 
     **Arguments:**
 
-    - `vertices`: number of vertices.
     - `edges`: the two ends of each edge.
 
     **Returns:** the vertices of the smallest part, and the first vertex of the others; `None` if

@@ -110,7 +110,6 @@ def checked_number(
 
     **Arguments:**
 
-    - `field`, `value`: the name and the value of a field.
     - `expected`: a description of the accepted values, for the error.
     - `least`: the least number that is accepted.
     - `most`: the largest magnitude that is accepted.

@@ -117,54 +117,35 @@ def _filter(path: Path) -> dict[str, Any]:
 
 
 def _netcdf(path: Path) -> dict[str, Any]:
-    import netCDF4
-    from scipy.io import netcdf_file
+    from ..drift.currents.netcdf import open_netcdf
 
-    from ..drift.currents.netcdf import netcdf_engine
-
-    try:
-        if netcdf_engine(path) == "scipy":
-            # The other library searches without end if the header is damaged.
-            netcdf_file(path).close()
-        with netCDF4.Dataset(path) as file:
-            # Values are not read, because there may be very many.
-            every = {name: (one.dimensions, one.__dict__) for name, one in file.variables.items()}
-            attributes = [file.__dict__, *(about for _, about in every.values())]
-            named = " ".join(str(about.get("coordinates", "")) for about in attributes).split()
-            variables = {
-                name: one for name, one in every.items() if name not in {*file.dimensions, *named}
-            }
-            sizes = {name: len(size) for name, size in file.dimensions.items()}
-            return _contents(sizes, variables, file.__dict__)
-    except Exception as error:  # of a damaged file, undocumented
-        message = " ".join(str(error).split())[:500] or type(error).__name__
-        raise ValueError(f"{path}: not a NetCDF file that can be read: {message}") from None
+    with open_netcdf(path) as file:
+        return _contents(file.dataset)
 
 
 def _zarr(path: Path) -> dict[str, Any]:
     import xarray as xr
 
     with xr.open_zarr(path) as store:
-        variables = {name: (array.dims, array.attrs) for name, array in store.data_vars.items()}
-        return _contents(dict(store.sizes), variables, store.attrs)
+        return _contents(store)
 
 
-def _contents(
-    sizes: dict[Any, int],
-    variables: dict[Any, tuple[tuple[Any, ...], dict[str, Any]]],
-    attributes: dict[str, Any],
-) -> dict[str, Any]:
+def _contents(dataset: Any) -> dict[str, Any]:
+    attributes = dataset.attrs
+    every = [attributes, *(array.attrs for array in dataset.data_vars.values())]
+    labels = " ".join(str(about.get("coordinates", "")) for about in every).split()
     ours = "jaxcell_version" in attributes
     shown = {}
-    for name, (dimensions, about) in variables.items():
-        units = f", {about['units']}" if "units" in about else ""
-        meaning = f": {about['long_name']}" if "long_name" in about else ""
-        shown[name] = f"({', '.join(dimensions)}){units}{meaning}"
+    for name, array in dataset.data_vars.items():
+        if name not in labels:
+            units = f", {array.attrs['units']}" if "units" in array.attrs else ""
+            meaning = f": {array.attrs['long_name']}" if "long_name" in array.attrs else ""
+            shown[name] = f"({', '.join(array.dims)}){units}{meaning}"
     title = attributes.get("title", "without a title")
     what = f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}"
     hidden = {"title", "coordinates"} if ours else {*attributes}
     more = {name: str(value) for name, value in attributes.items() if name not in hidden}
-    return {"what": what, "dimensions": sizes, "variables": shown, **more}
+    return {"what": what, "dimensions": dict(dataset.sizes), "variables": shown, **more}
 
 
 def _recording(path: Path) -> dict[str, Any]:

@@ -84,16 +84,9 @@ def merge_sweep(
     Two shards of two angles:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = (
-        ...     'task = "groups"', "chunk = 1", "[grid]", "bounce = [45, 135]",
-        ...     "[fixed]", f'map = "{lab}"',
-        ... )
+        >>> from jaxcell import examples, sweep
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     spec = sweep.Spec.load(path)
+        ...     out, spec = pathlib.Path(folder, "out"), examples.angles(chunk=1)
         ...     for text in ("1/2", "2/2"):
         ...         shard = sweep.Shard.read(text)
         ...         chunks = shard.chunks(spec.chunk_count)

@@ -76,8 +76,6 @@ def curve_view(
     - `last`: the last time; `None` while the recording grows.
     - `most`: the largest number, for an axis from 0 to this number. For counts it is an `int`, and
         the axis is long enough for the viewer to place ticks at whole numbers only.
-    - `legend`: `True` to name the curves.
-    - `first`: the first time.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

@@ -83,8 +83,6 @@ def described(
     - `results`: one result, with a row per element along the dimension of the quantities; or
         several results of one class, with a row per result.
     - `names`: the quantities; a quantity that no result has is left out.
-    - `first`: columns before the quantities, by their heads.
-    - `most`: the largest number of rows.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])

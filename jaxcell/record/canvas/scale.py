@@ -106,7 +106,6 @@ class Scale:
 
         **Arguments:**
 
-        - `values`: the numbers.
         - `special`: masks of the special classes, by their meanings; later ones win.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")

@@ -161,15 +161,7 @@ def _in_turn(
     submit: Callable[[list[Job]], Iterable[Any]],
     results: Callable[[list[Any]], Iterable[Computed | Failed]],
 ) -> Outcomes:
-    """Submit jobs, and give their outcomes in the order in which they end.
-
-    **Arguments:**
-
-    - `take`: gives the next job.
-    - `most`: gives the number of jobs that may be submitted and not have ended.
-    - `submit`: submits jobs, and gives their futures.
-    - `results`: gives the outcomes of futures that have ended.
-    """
+    """Keep up to `most()` jobs submitted, and give their outcomes in the order in which they end."""
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     while True:
