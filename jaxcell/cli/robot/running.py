@@ -59,7 +59,11 @@ def run_robot(options: RobotRun) -> int:
             "expected another folder"
         )
     task = load_task(options.file, options.robot)
-    before = _before(options, task)
+    before = None
+    if options.resume is not None:
+        if options.simulate is not None and options.start is None:
+            raise ValueError("--resume: expected --start too, the place of the emulated robot")
+        before = run_before(options.resume, task)
     emulation = None
     if options.simulate is not None:
         emulation = emulate(options.simulate, task, options, np.random.default_rng(options.seed))
@@ -81,9 +85,17 @@ class _Run:
         calibration = self._calibration()
         header, follow = runner_of(task, options, emulation, self.direction, before)
         pose = None if emulation is None else emulation.pose
-        if before is not None:
+        resumed = None
+        if before is not None and options.resume is not None:
+            resumed = {
+                "log": str(options.resume.absolute()),
+                "sha256": digest(options.resume),
+                "observations": len(before.observations),
+            }
             pose = before.header.get("pose")
-            self._ask_for_place(before)
+            note(f"The robot must stand {place_in_words(self._place(before))}")
+            if options.simulate is None and not options.json and sys.stdin.isatty():
+                input("Press Enter when it stands there: ")
         # Before the connection to the robot, because the imports take seconds.
         viewer = None if options.live is None else kept.enter_context(shown_live(options.live))
         place = options.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
@@ -95,7 +107,7 @@ class _Run:
             )
         header |= {
             "pose": pose,
-            "resumed": None if before is None else self._resumed(before),
+            "resumed": resumed,
             "calibration": None if calibration is None else dataclasses.asdict(calibration),
         }
         code = None
@@ -153,21 +165,6 @@ class _Run:
                 f"No recording is written without Rerun. Elsewhere: jaxcell robot replay "
                 f"{options.out / _LOG} --file {options.file.name} --out {options.out}"
             )
-
-    def _resumed(self, before: LoggedRun) -> dict[str, Any]:
-        """Describe the run before this one, for the log."""
-        assert self.options.resume is not None
-        return {
-            "log": str(self.options.resume.absolute()),
-            "sha256": digest(self.options.resume),
-            "observations": len(before.observations),
-        }
-
-    def _ask_for_place(self, before: LoggedRun) -> None:
-        """Print the place where the robot must stand, and wait for Enter on a terminal."""
-        note(f"The robot must stand {place_in_words(self._place(before))}")
-        if self.options.simulate is None and not self.options.json and sys.stdin.isatty():
-            input("Press Enter when it stands there: ")
 
     def _place(self, run: LoggedRun | None) -> Place:
         """Compute the place of the robot after a logged run; without a run it is the start."""
@@ -227,14 +224,6 @@ class _Run:
             tolerance=self.options.tolerance,
             turn_tolerance=math.radians(self.options.turn_tolerance),
         )
-
-
-def _before(options: RobotRun, task: AnyTask) -> LoggedRun | None:
-    if options.resume is None:
-        return None
-    if options.simulate is not None and options.start is None:
-        raise ValueError("--resume: expected --start too, the place of the emulated robot")
-    return run_before(options.resume, task)
 
 
 def _direction(

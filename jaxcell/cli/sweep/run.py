@@ -62,7 +62,6 @@ class Sweep(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-
         check(self)
         engine = self.engine
         if self.scheduler_file is not None:
@@ -75,7 +74,10 @@ class Sweep(Printing):
         doing = f"sweep of {spec.task}"
         began = time.perf_counter()
         try:
-            with _terminated_like_interrupted(), stdout_on_stderr(), shown(doing) as show:
+            with contextlib.ExitStack() as stack, stdout_on_stderr(), shown(doing) as show:
+                # SIGTERM does what Ctrl-C does.
+                handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
+                stack.callback(signal.signal, signal.SIGTERM, handler)
                 found = sweep.run_sweep(
                     spec,
                     out,
@@ -156,7 +158,6 @@ class SweepMerge(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-
         with stdout_on_stderr(), shown(f"merging the shards of {self.folder}") as show:
             found = sweep.merge_sweep(self.folder, progress=show)
         show_status(self.folder, found, self.json)
@@ -220,12 +221,3 @@ def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
             say(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
 
         yield show
-
-
-@contextlib.contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    kept = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, kept)

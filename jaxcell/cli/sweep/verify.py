@@ -32,7 +32,6 @@ class SweepVerify(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-
         with stdout_on_stderr(), status(f"reading {self.folder}"):
             found = sweep.verify_sweep(self.folder, engine=self.engine, workers=self.workers)
         counts = {"chunks": found.chunks, "recomputed": found.recomputed, "done": found.status.done}

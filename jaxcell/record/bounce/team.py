@@ -29,8 +29,17 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
     stride = max(1, -(-team.steps // _MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))
     map = CellMap(stream, team.cells)
-    shown = [_log_visited(map, team), "collisions", *_log_robots(map, team, times)]
-    _log_collisions(map, team, times)
+    robots = range(team.starts.size)
+    for robot in robots:
+        poses = team.robot_x[:, robot], team.robot_y[:, robot], team.robot_theta[:, robot]
+        path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
+        log_robot(stream, path, poses, map.arrow, _shade(robot), trail, times)
+    move, collided = np.nonzero(team.collided)
+    # A move is seen at its end.
+    marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
+    map.frames("collisions", team.cell[move, collided], _MARK, times, marks, order=40.0)
+    shown = [_log_visited(map, team), "collisions"]
+    shown += [f"{kind}_{robot}" for kind in ("trail", "robot") for robot in robots]
     seen = map.view("The robots, and the positions that they have visited", shown)
     views = rrb.Vertical(seen, _log_curves(stream, team, times), row_shares=[7, 3])
     tab = log_tab(
@@ -51,23 +60,6 @@ def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
     seen = (team.first_visit >= 0) & (team.first_visit <= changes[:, None])
     kind = np.where(seen, 1 + team.first_visitor % len(ROBOTS), 0)
     return map.picture("visited", classes, kind, "step", changes)
-
-
-def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> list[str]:
-    robots, poses = range(team.starts.size), (team.robot_x, team.robot_y, team.robot_theta)
-    for robot in robots:
-        x, y, theta = (one[:, robot] for one in poses)
-        path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
-        log_robot(map.stream, path, (x, y, theta), map.arrow, _shade(robot), trail, times)
-    return [f"{kind}_{robot}" for kind in ("trail", "robot") for robot in robots]
-
-
-def _log_collisions(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> None:
-    """Mark the robots that collided since the time before."""
-    move, robot = np.nonzero(team.collided)
-    # A move is seen at its end.
-    marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
-    map.frames("collisions", team.cell[move, robot], _MARK, times, marks, order=40.0)
 
 
 def _log_curves(

@@ -161,7 +161,7 @@ def _in_turn(
     submit: Callable[[list[Job]], Iterable[Any]],
     results: Callable[[list[Any]], Iterable[Computed | Failed]],
 ) -> Outcomes:
-    """Keep up to `most()` jobs submitted, and give their outcomes in the order in which they end."""
+    """Keep up to `most()` jobs submitted, and give outcomes in the order in which jobs end."""
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     while True:
