@@ -10,6 +10,7 @@ from typing import TypeAlias
 from ...robot.create.motion import Moved
 from ...robot.run_log import LoggedRun, read_log
 from ...robot.tasks.files import AnyTask
+from ..output import option_words
 from ..terminal import own_command
 from .outcome import replayed
 from .run import RobotRun
@@ -65,22 +66,9 @@ def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
     resumed = dataclasses.replace(
         options, heading=None, start=start, resume=log, out=_new_directory(options.out, log.name)
     )
-    words = [own_command("jaxcell"), "robot", "run", str(options.file)]
-    for field in dataclasses.fields(resumed):
-        value = getattr(resumed, field.name)
-        if field.name != "file" and value != field.default:
-            words += _option(field.name, value)
-    return shlex.join(words)
-
-
-def _option(name: str, value: object) -> list[str]:
-    option = f"--{name.replace('_', '-')}"
-    if value is True:
-        return [option]
-    if isinstance(value, tuple):
-        return [option, *map(str, value)]
-    # A value that begins with a minus would be read as an option.
-    return [f"{option}={value}"] if str(value).startswith("-") else [option, str(value)]
+    names = {field.name for field in dataclasses.fields(resumed)} - {"file"}
+    command = own_command("jaxcell"), "robot", "run", str(options.file)
+    return shlex.join([*command, *option_words(resumed, names)])
 
 
 def _new_directory(out: Path, log: str) -> Path:

@@ -15,12 +15,13 @@ from ... import sweep
 from ...base.paths import replacing
 from ...study.parameters import Only, check
 from ...sweep.storage.damage import reading
-from ..output import Printing
+from ..output import Printing, option_words
 from ..startup import prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 
 
 _MAX_FAILURES = 10
+_OF_RUN = "engine", "scheduler_file", "workers", "timeout", "shard", "max_failures"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -92,7 +93,7 @@ class Sweep(Printing):
                 )
         except KeyboardInterrupt:
             again = ["jaxcell", "sweep", str(self.spec), "--out", str(whole), "--resume"]
-            again += self._options()
+            again += option_words(self, _OF_RUN)
             note(f"Stopped. Finished chunks are kept in {out}; to continue: {shlex.join(again)}")
             return 130
         seconds = time.perf_counter() - began
@@ -114,17 +115,6 @@ class Sweep(Printing):
         if not found.complete:
             note("To compute the rest: the same command with --resume")
         return 0 if found.complete else 1
-
-    def _options(self) -> list[str]:
-        """Return the options of the computation, without the parameters of the result."""
-        names = ("engine", "scheduler_file", "workers", "timeout", "shard", "max_failures")
-        fields = [field for field in dataclasses.fields(self) if field.name in names]
-        return [
-            word
-            for field in fields
-            if (value := getattr(self, field.name)) != field.default
-            for word in (f"--{field.name.replace('_', '-')}", str(value))
-        ]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

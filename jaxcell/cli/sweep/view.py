@@ -8,9 +8,11 @@ import tyro
 
 from ... import record, sweep
 from ...base.process import has_display
+from ...study import Study
 from ...sweep.storage.damage import reading
+from ...sweep.tasks import TASKS
 from ..startup import prepare_tasks
-from ..terminal import note, own_command, status, table
+from ..terminal import note, own_command, progress, show, status, table
 from ..view import View
 from .indices import show_indices
 from .run import in_a_line
@@ -65,7 +67,6 @@ class SweepView:
 
     def _member(self, spec: "sweep.Spec", failures: "Sequence[sweep.Failure]") -> int:
         from ...sweep.workers.work import with_files_found, with_task_found
-        from .member import detailed_study, member_detail
 
         prepare_tasks()
         spec = with_task_found(spec)
@@ -85,6 +86,39 @@ class SweepView:
         _show(name, member)
         member_detail(study, parameters(with_files_found(spec), places), spec.seed, out)
         return _open(out)
+
+
+def detailed_study(task: str) -> type[Study]:
+    """Return the study of a task, which must not be a function."""
+    from ...sweep.workers.work import study_of
+
+    if (study := study_of(task)) is None:
+        raise ValueError(
+            f"--select: the task {task!r} has no detail to show; expected a study of yours, or "
+            f"one of {', '.join(sorted(TASKS))}"
+        )
+    return study
+
+
+def member_detail(
+    study: type[Study], parameters: Mapping[str, Any], seed: int, out: Path
+) -> dict[str, Any]:
+    """Run the study of a member again, print its tables, and write its recording.
+
+    **Returns:** the summary that the command prints as JSON.
+    """
+    from ...base.runtime import configure_jax
+    from ...sweep.study_task import studies
+
+    configure_jax()
+    (question,) = studies(study, {}, parameters, seed)
+    with progress(study.command or study.name) as say:
+        result = question.run(say)
+    spec = question.spec(result)
+    show(result, question.headline(spec))
+    with status(f"writing {out}"):
+        record.save_recording(result, out, spec=spec)
+    return {**spec, **record.summary(result)}
 
 
 def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:

@@ -73,7 +73,7 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
     log_pictures(stream, "box/basins", _classes(branches.attractors), pictures, line, times)
     for number, share in enumerate(branches.fraction.T):
         curve = f"fractions/attractor_{number}"
-        log_curve(stream, curve, share, line, times, category(number), shape="Linear")
+        log_curve(stream, curve, share, line, times, color=category(number), shape="Linear")
     log_axes(stream, branches.members[0].box, branches.members[0].names, _PICTURES)
     style = {**LABEL, "positions": [[SIDE / 2, -0.6]]}
     send_changing(
