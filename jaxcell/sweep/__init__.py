@@ -31,6 +31,7 @@ dimension for each parameter, and a `status` that is 1 for members that are done
 returns the progress of a sweep, also while it runs. One run at a time writes to a store. The jobs
 of an array write to a store each (`Shard`), and `merge_sweep` merges these. `sobol_indices`
 estimates the shares of the variance that come from the parameters of the design `saltelli`.
+`verify_sweep` finds what is damaged, and computes it again.
 
 The page on sweeps of the documentation has their guarantees: for kills, damage, full disks, members
 that fail, and other versions.

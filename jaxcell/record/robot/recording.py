@@ -258,37 +258,28 @@ class RobotRecording:
 
     def _log_styles(self) -> None:
         """Log the styles of marks and curves, which do not change."""
-        styles: dict[str, rr.AsComponents] = {"odometry": rr.Transform3D(scale=[1, -1, 1])}
+        self._stream.log("odometry", rr.Transform3D(scale=[1, -1, 1]), static=True)
+        styles: list[tuple[str, Any, Color, float, float]] = []
         if self._of_filter is not None:
             log_belief_style(self._stream, self._of_filter)
             log_shades(self._stream)
-            frame = rr.Boxes2D.from_fields(colors=KNOWN, radii=points(2.5), draw_order=30)
-            styles["map/candidates"] = frame
+            styles.append(("map/candidates", rr.Boxes2D, KNOWN, points(2.5), 30))
         for robot in self._robots:
-            name, estimate = robot.about.name, f"{self._frame(robot)}/estimates/{robot.about.name}"
-            trail = TRAIL if len(self._robots) == 1 else robot.color
-            styles |= {
-                f"map/robots/{name}": rr.Arrows2D.from_fields(
-                    colors=robot.color, radii=self._length / 7, draw_order=18
-                ),
-                estimate: rr.Points2D.from_fields(
-                    colors=_ESTIMATE, radii=points(5.0), draw_order=28
-                ),
-                f"map/trails/{name}": _line(trail, 15.0),
-                f"{estimate}/trail": _line(_ESTIMATE, 14.0),
-            }
-            if robot.about.radius:
-                styles[f"map/robots/{name}/body"] = rr.Points2D.from_fields(
-                    colors=mix(robot.color, (255, 255, 255), 0.6),
-                    radii=robot.about.radius,
-                    draw_order=17,
-                )
-            if robot.about.touches is not None:
-                styles[f"map/robots/{name}/touch"] = rr.Points2D.from_fields(
-                    colors=_TOUCH, radii=points(6.0), draw_order=29
-                )
-            log_curve_style(self._stream, f"robot/{name}/bumped", robot.color)
-        for path, style in styles.items():
+            name, color, radius = robot.about.name, robot.color, robot.about.radius
+            estimate, line = f"{self._frame(robot)}/estimates/{name}", rr.LineStrips2D
+            trail = TRAIL if len(self._robots) == 1 else color
+            body, wide = mix(color, (255, 255, 255), 0.6), points(1.5)
+            styles += [
+                (f"map/robots/{name}", rr.Arrows2D, color, self._length / 7, 18),
+                (f"map/robots/{name}/body", rr.Points2D, body, radius, 17),
+                (f"map/robots/{name}/touch", rr.Points2D, _TOUCH, points(6.0), 29),
+                (f"map/trails/{name}", line, trail, wide, 15),
+                (estimate, rr.Points2D, _ESTIMATE, points(5.0), 28),
+                (f"{estimate}/trail", line, _ESTIMATE, wide, 14),
+            ]
+            log_curve_style(self._stream, f"robot/{name}/bumped", color)
+        for path, kind, color, radius, order in styles:
+            style = kind.from_fields(colors=color, radii=radius, draw_order=order)
             self._stream.log(path, style, static=True)
         curves = {"filter/uncertainty": BELIEF, "filter/color": KNOWN}
         curves |= {"belief/credible": BELIEF, "belief/nowhere": _ESTIMATE}
@@ -370,7 +361,3 @@ class RobotRecording:
         counts = "The timeline `observation` counts its observations."
         parts = ["# A run of a robot", listed, counts, made_with(self._spec, self._cells)]
         return "\n\n".join(filter(None, parts))
-
-
-def _line(color: Color, order: float) -> rr.AsComponents:
-    return rr.LineStrips2D.from_fields(colors=color, radii=points(1.5), draw_order=order)
