@@ -67,8 +67,6 @@ class Limit:
         - `parameter`: its name, with which the error begins.
         - `value`: the number, or `None`, which is never refused.
         - `after`: words that the error has after the bounds, such as a unit.
-
-        **Raises:** `ValueError`.
         """
         if value is None:
             return
@@ -189,10 +187,7 @@ def _limits(options: Any) -> dict[str, tuple[Limit, str]]:
 
 
 def check(options: Any) -> None:
-    """Refuse parameters beyond their limits, without an effect, or missing.
-
-    **Raises:** `ValueError` that begins with the name of the parameter.
-    """
+    """Refuse parameters beyond their limits, without an effect, or missing."""
     kind: Any = type(options)
     for name, (limit, unit) in _limits(kind).items():
         value = getattr(options, name)

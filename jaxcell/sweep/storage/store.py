@@ -41,8 +41,6 @@ class SweepStore:
 
         - `append`: whether to write. All records are read then; a chunk whose record is damaged is
             to do, and an incomplete record at the end is removed.
-
-        **Raises:** `ValueError` if the folder has no sweep, or a damaged one.
         """
         path = folder / JOURNAL
         if not path.is_file():
@@ -181,10 +179,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, parts: Parts) -> list[Failure]:
-        """Write the outcomes of the members of a chunk that were missing.
-
-        **Returns:** the members that failed.
-        """
+        """Write the outcomes of the missing members of a chunk; return those that failed."""
         chunk, own = parts.chunk, self.spec.places(parts.chunk)
         states, arrays = self.read(chunk.number)
         missing = states != DONE
@@ -217,10 +212,7 @@ class SweepStore:
         self._put(chunk.number, state, Members.of(states, values, failed))
 
     def copy(self, other: "SweepStore", number: int) -> list[Failure]:
-        """Copy a chunk from another store of the same sweep.
-
-        **Returns:** the members that failed.
-        """
+        """Copy a chunk from another store of the same sweep; return the members that failed."""
         with reading(other.folder):
             members = other._members(number)
         self._put(number, other.contents.chunks[number].state, members)
