@@ -29,8 +29,8 @@ class Study:
     a [`Result`][jaxcell.base.quantities.Result]. The annotation of a parameter bounds it
     ([`Limit`][jaxcell.study.Limit]) and names the parameters that it depends on
     ([`Only`][jaxcell.study.Only], [`Needed`][jaxcell.study.Needed]). A subclass checks everything
-    else in `__post_init__`, by `ValueError`s that begin with the name of a parameter. A parameter of
-    several values, such as `tuple[float, ...]`, accepts a single one.
+    else in `__post_init__`, by `ValueError`s that begin with the name of a parameter. A parameter
+    of several values, such as `tuple[float, ...]`, accepts a single one.
     """
 
     name: ClassVar[str] = "result"

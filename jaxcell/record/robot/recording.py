@@ -271,12 +271,15 @@ class RobotRecording:
             body, wide = mix(color, (255, 255, 255), 0.6), points(1.5)
             styles += [
                 (f"map/robots/{name}", rr.Arrows2D, color, self._length / 7, 18),
-                (f"map/robots/{name}/body", rr.Points2D, body, radius, 17),
-                (f"map/robots/{name}/touch", rr.Points2D, _TOUCH, points(6.0), 29),
                 (f"map/trails/{name}", line, trail, wide, 15),
                 (estimate, rr.Points2D, _ESTIMATE, points(5.0), 28),
                 (f"{estimate}/trail", line, _ESTIMATE, wide, 14),
             ]
+            if radius:
+                styles.append((f"map/robots/{name}/body", rr.Points2D, body, radius, 17))
+            if robot.about.touches is not None:
+                touch = f"map/robots/{name}/touch"
+                styles.append((touch, rr.Points2D, _TOUCH, points(6.0), 29))
             log_curve_style(self._stream, f"robot/{name}/bumped", color)
         for path, kind, color, radius, order in styles:
             style = kind.from_fields(colors=color, radii=radius, draw_order=order)
