@@ -27,8 +27,8 @@ from .terminal import (
 )
 
 
-# Bytes of memory above which the estimate is printed.
-_MUCH = 1e9
+MUCH = 1e9
+"""Bytes of memory above which the estimate is printed."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ class StudyCommand(Printing):
         try:
             with status(f"reading for {self.command}"):
                 needed = question.memory(written=self.out is not None)
-                if needed > _MUCH:
+                if needed > MUCH:
                     note(f"{self.command} needs about {gigabytes(needed)} of memory")
             with starting():
                 from .. import record  # noqa: F401
