@@ -136,11 +136,11 @@ class OffsetLocalized(LocalizationFilter):
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
-    @derived("", "starts anywhere in the cells that are refuted", kind="share")
+    @derived("", "off-centre starts that the filter loses", kind="share")
     def lost_share(self) -> float:
         return self.shares.lost
 
-    @derived("", "starts anywhere in the cells that are placed wrongly", kind="share")
+    @derived("", "off-centre starts that are localized wrongly", kind="share")
     def wrong_share(self) -> float:
         return self.shares.wrong
 
