@@ -30,6 +30,12 @@ def room(tmp_path):
     return path
 
 
+def test_a_belief_has_at_most_the_given_number_of_fine_cells(capsys, room):
+    args = ("localize", room, "--bounce", 90, "--slip", 0.02)
+    counts = [run(capsys, *args, "--max-fine-cells", most)[1]["fine_cells"] for most in (500, 1500)]
+    assert 100 < counts[0] <= 500 < counts[1] <= 1500
+
+
 def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     out, again = tmp_path / "out", tmp_path / "run"
     args = ("localize", room, "--bounces", 90, 135, "--slip", 0.02, "--start", 3)

@@ -291,9 +291,9 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
     return np.asarray(normal / normal.std(axis=0))
 
 
-def needed(cells: int = MAX_CELLS, angles: int = 1) -> int:
+def needed(cells: int | None = None, angles: int = 1) -> int:
     """Estimate the bytes of the map of a robot that slips."""
-    return _BYTES * (1 + angles) * cells
+    return _BYTES * (1 + angles) * (MAX_CELLS if cells is None else cells)
 
 
 @functools.partial(jax.jit, static_argnames="slip")

@@ -61,6 +61,9 @@ class Localize(AnywhereStudy):
     bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
     """Distance that the wheels skid at a head-on bump, in metres, by which the robot then drives
     back too far; at an incidence i it is cos(i)² times as much."""
+    max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
+    """Largest number of finer cells of a belief, by default 400,000. More of them make its credible
+    sets smaller on large maps, and take longer."""
 
     @property
     def choice(self) -> dict[str, Any]:
@@ -72,7 +75,7 @@ class Localize(AnywhereStudy):
         if self.slip is not None:
             from ...bounce.slip.fine_cells import needed
 
-            return needed(angles=max(1, len(self.bounces)))
+            return needed(self.max_fine_cells, angles=max(1, len(self.bounces)))
         if self.bounces:
             return space.estimates.choice(extent, self.motion)
         return space.estimates.localization(extent, self.motion)
@@ -159,7 +162,7 @@ class Localize(AnywhereStudy):
             bump_turn=math.radians(self.bump_turn),
             bump_skid=self.bump_skid,
         )
-        fine = bouncing.FineCells.within(cells, slip)
+        fine = bouncing.FineCells.within(cells, slip, self.max_fine_cells)
         say(f"mapping {fine.size:,} fine cells")
         hidden = bouncing.slip_map(fine, bounces.tolist(), slip, step=self.step)
         say("driving the robot")
