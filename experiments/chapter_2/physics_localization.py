@@ -23,8 +23,8 @@ probability that makes up the 95 %. For a belief that is right this is 95 % what
 `±` is the standard error. `at the end` is the same for the last observation of each run.
 
 The turn and the skid by a bump are those of measurements 3 and 1 of `physics_protocol.csv`, at
-0.2 m/s, and the slip is the drift of the heading on a metre, rounded up: all three were fixed before
-these runs. `belief, calibrated, fine` has four times as many fine cells.
+0.2 m/s, and the slip is the drift of the heading on a metre, rounded up: all three were fixed
+before these runs. `belief, calibrated, fine` has four times as many fine cells.
 
 `runs.csv` has each run as it ends. A script that was cut off goes on from there.
 """
