@@ -23,8 +23,8 @@ SAMPLES = 128
 """Configurations and errors that are tried in each cell, a power of two."""
 # Squares that are sampled at once.
 _CHUNK = 2048
-MAX_CELLS = 400_000
-"The largest number of fine cells by default."
+MAX_CELLS = 100_000
+"The largest number of fine cells by default, of a robot with errors of 2 % or more."
 # Standard deviations of the drift of a heading in a number of steps, radians of the turn after a
 # bump, and cells along one heading.
 _DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 1.5
@@ -93,10 +93,11 @@ class FineCells:
 
         - `cells`: the cell space of a map.
         - `slip`: the sizes of the errors, which determine the drift of the heading.
-        - `most`: the largest number of cells, by default `MAX_CELLS`; there is at least one fine
-            cell per cell of the map.
+        - `most`: the largest number of cells, by default four times `MAX_CELLS`, and fewer for
+            errors of 0.5 % or more; there is at least one fine cell per cell of the map.
         """
         assert cells.workspace is not None
+        most = most_cells(slip.step) if most is None else most
         pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
         legs = np.repeat(stride_legs(cells.directions, cells.cell, cells.cell), cells.positions, 0)
         walls, exact = felt_walls(cells.workspace, slip.give), np.zeros((cells.size, ERRORS))
@@ -112,7 +113,7 @@ class FineCells:
                 reach = min(max(1, math.ceil(drift / bin_ - 0.5)), number // 2)
                 size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
                 blur = 1 / squares**2 + (_WAY * max(bin_, _TURN * slip.turn / 2)) ** 2
-                if size <= (MAX_CELLS if most is None else most) and blur < least:
+                if size <= most and blur < least:
                     best, least = (squares, directions, reach), blur
         return cls.of(cells, squares=best[0], directions=best[1], reach=best[2])
 
@@ -291,9 +292,14 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
     return np.asarray(normal / normal.std(axis=0))
 
 
-def needed(cells: int | None = None, angles: int = 1) -> int:
+def most_cells(error: float) -> int:
+    """Choose the largest number of fine cells: more for small errors, which coarse cells blur."""
+    return int(MAX_CELLS * min(max(1.0, 0.02 / max(error, 1e-9)), 4.0))
+
+
+def needed(cells: int, angles: int = 1) -> int:
     """Estimate the bytes of the map of a robot that slips."""
-    return _BYTES * (1 + angles) * (MAX_CELLS if cells is None else cells)
+    return _BYTES * (1 + angles) * cells
 
 
 @functools.partial(jax.jit, static_argnames="slip")

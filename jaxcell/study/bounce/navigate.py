@@ -82,9 +82,10 @@ class Navigate(AnywhereStudy, Plans):
     def needed(self, extent: "space.Extent") -> float | int:
         if self.slip is None:
             return super().needed(extent)
-        from ...bounce.slip.fine_cells import needed
+        from ...bounce.slip.fine_cells import most_cells, needed
 
-        return super().needed(extent) + needed(angles=len(self.bounces))
+        cells = most_cells(self.slip)
+        return super().needed(extent) + needed(cells, angles=len(self.bounces))
 
     def run(self, say: Say = silent) -> Result:
         if self.anywhere:
