@@ -140,7 +140,7 @@ def _dobss(
     C: Float[np.ndarray, "types strategies targets"],
     time_limit: float,
 ) -> _Solved:
-    """Solve one program for the weights `x`, the value `a` and answer `q` per type, and `z = x q`."""
+    """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
     C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
