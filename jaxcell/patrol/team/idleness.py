@@ -138,7 +138,7 @@ def simulate_idleness(
     """Simulate the times between visits to vertices, for given walks and for three other patrols.
 
     The other patrols are baselines of patrolling_sim (Portugal and Rocha): robots at equal
-    distances on a short closed tour through all vertices (*tour*); robots that go to a uniformly
+    intervals on a short closed tour through all vertices (*tour*); robots that go to a uniformly
     random neighbour (*random*); and robots that go to the neighbour whose last visit, by any robot,
     is longest ago (*reactive*, "conscientious reactive" of Machado et al. 2003). The matrices
     define the *walk*. All robots start on the tour.
