@@ -1,15 +1,15 @@
 """Optimisation of weights that are not negative and sum to 1.
 
-Each problem is a convex or a mixed-integer program with a bound from its dual. Except for greedy
-covers and tours, a result comes with a bound, mostly as a
-[`jaxcell.base.certificate.Certificate`][], on its distance from the optimum.
+Each problem is a convex or a mixed-integer program. Except for greedy covers and tours, the dual
+program bounds the distance of a result from the optimum, mostly in a
+[`jaxcell.base.certificate.Certificate`][].
 
 **Mixture** (Alam 2018, Eq. 3.7 and 3.8). The mixture of distributions `a_1, ..., a_k`, the columns
 of `A`, that is nearest to a target `b` is a point of their convex hull:
 
     minimise |A x - b|^2     over x >= 0, sum x = 1.
 
-An active-set method finds it exactly. `mixture`.
+`mixture` finds it exactly, by an active-set method.
 
 **Minimum commute** (Eq. 4.2 to 4.5). On a graph with edge weights `w` a walk takes edge `e` out of
 a vertex with probability `w_e` over the sum of the weights there. With `b_e = e_i - e_j` for an
@@ -17,37 +17,37 @@ edge between `i` and `j`, and `0 = l_1 < l_2 <= ... <= l_n` the eigenvalues of t
 
     L = sum_e w_e b_e b_e',     the mean commute time is C = 4 / (n - 1) sum_{i>=2} 1 / l_i,
 
-over pairs of different vertices; Eq. 4.3 is half of it, the mean hitting time. `C` is convex in
-`w`. The weights with the least `C` are an A-optimal design, computed by an interior-point method in
-`O(edges^3)` per step; with an *emphasis* the weights on the shortest closed tour through given
-vertices sum to at least a share `h`. `minimum_commute`, `shortest_tour`.
+over pairs of different vertices; Eq. 4.3 is half of `C`, the mean hitting time. `C` is convex in
+`w`. The weights with the least `C` are an A-optimal design. `minimum_commute` computes the weights
+by an interior-point method in `O(edges^3)` per step; with an *emphasis*, the weights on the closed
+tour through given vertices, `shortest_tour`, sum to at least a share `h`.
 
-**Fastest mixing.** Among the symmetric matrices `I - L` on a graph, the one whose eigenvalues are
-nearest to 0, except for the eigenvalue 1 of the uniform distribution:
+**Fastest mixing.** Find the symmetric matrix `I - L` on a graph whose eigenvalues are nearest to 0,
+except for the eigenvalue 1 of the uniform distribution:
 
     minimise max(|1 - l_2|, |1 - l_n|)     over w >= 0 with rows that are distributions,
 
 or, for averaging, over weights of any sign. Both are semidefinite programs (Boyd, Diaconis and Xiao
-2004; Xiao and Boyd 2004). `fastest_mixing` (also for a given stationary distribution),
-`fastest_averaging`.
+2004; Xiao and Boyd 2004), solved by `fastest_mixing`, also for a given stationary distribution, and
+by `fastest_averaging`.
 
-**Cover** (Eq. 4.8, 4.9, Alg. 4.3). A set cover: sets whose union holds every element. The greedy
-method takes the set that gains most, each time, and at most `1 + 1/2 + ... + 1/d` times as many
-sets as needed, with `d` the size of the largest set; a mixed-integer program finds the fewest sets,
-in time that can grow exponentially. `greedy_cover`, `minimum_cover`.
+**Cover** (Eq. 4.8, 4.9, Alg. 4.3). A set cover: sets whose union contains every element. Each step
+of `greedy_cover` takes the set that adds most elements; it needs at most `1 + 1/2 + ... + 1/d`
+times the least number of sets, with `d` the size of the largest set. `minimum_cover` finds the
+fewest sets by a mixed-integer program, in time that can grow exponentially.
 
-**Stackelberg** (Eq. 4.6, 4.7, Alg. 4.2). A leader commits to a mixture `x` of strategies; a
-follower that knows `x` chooses the target `j` that pays it most, and among equals the best for the
-leader:
+**Stackelberg** (Eq. 4.6, 4.7, Alg. 4.2). A leader commits to a mixture `x` of strategies. A
+follower that knows `x` chooses the target `j` with its largest payoff, and among equal targets the
+best for the leader:
 
     maximise sum_i x_i P_ij     over x >= 0, sum x = 1 and j in argmax_k sum_i x_i Q_ik,
 
-averaged over the types of the follower. For one type it is one linear program per target; for more
-types one mixed-integer program. `payoffs` gives `P` and `Q` of patrol strategies from the `Stakes`
-at each vertex, and `stackelberg` solves for the commitment.
+averaged over the types of the follower. With one type, the problem is one linear program per
+target; with more types, one mixed-integer program. `payoffs` computes `P` and `Q` of patrol
+strategies from the `Stakes` at each vertex, and `stackelberg` solves for the commitment.
 
-All use `Graph`. The results are `MinimumCommute`, `FastestMixing`, `FastestAveraging`, `Cover`,
-`MinimumCover`, `Mixture` and `Commitment`.
+Problems on graphs use `Graph`. The results are `MinimumCommute`, `FastestMixing`,
+`FastestAveraging`, `Cover`, `MinimumCover`, `Mixture` and `Commitment`.
 """
 
 from ..base.hosted import attach

@@ -1,4 +1,4 @@
-"""Checks of numbers that users give; each error names the wrong number."""
+"""Checks of numbers in arguments; each error names the wrong number."""
 
 import numbers
 from typing import Any
@@ -38,9 +38,9 @@ def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
 def one_each(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
-    """Return one positive number per item, or with `zero` one of at least 0.
+    """Return an array of one positive number per item; with `zero`, numbers may be 0.
 
-    **Raises:** `ValueError` for another shape, and for a number that is not finite or too small.
+    **Raises:** `ValueError` for another shape, or for a number that is not finite or too small.
     """
     array = np.array(values, np.float64)
     if array.shape != (count,):
@@ -54,7 +54,7 @@ def one_each(
 
 
 def shares_of_time(stationary: Any, vertices: int) -> Float[np.ndarray, "vertices"]:
-    """Return a stationary distribution of a chain that visits all vertices.
+    """Return a stationary distribution with a positive share at each vertex.
 
     **Raises:** as [`one_each`][]; `ValueError` unless the sum is 1.
     """

@@ -18,20 +18,20 @@ from .resistance import Emphasis, Laplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
-# Gap that the first-order method closes on larger graphs, and its largest number of inversions.
+# Tolerance of the gap of the first-order method, on large graphs, and its most inversions.
 _COARSE, _INVERSIONS = 1e-2, 300
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MinimumCommute:
-    """The weights of the edges with the least commute time."""
+    """The weights of edges with the least mean commute time."""
 
     weights: Float[np.ndarray, "edges"]
     "The weight of each edge; they are not negative and sum to 1."
     commute_time: float
-    "The expected time from a vertex to another and back, mean over pairs, in steps or as given."
+    "The mean commute time over pairs of vertices, in steps or in the unit of the durations."
     tour: Int[np.ndarray, "steps"] | None
-    "The closed walk whose edges are emphasised, in order, or `None`."
+    "The vertices of the closed walk whose edges are emphasised, in order, or `None`."
     certificate: Certificate
     prices: Float[np.ndarray, "constraints"] | None = None
     "Shadow price of each linear constraint: the decrease of the time per unit of relaxation."
@@ -51,27 +51,27 @@ def minimum_commute(
     4.5).
 
     The weights `w` define a random walk that takes an edge with a probability in proportion to its
-    weight. With `X` the pseudo-inverse of the weighted Laplacian, the commute times, averaged over
-    pairs of different vertices, are `C = 4 / (n - 1) tr X`: twice the expression of Eq. 4.3, which
-    is the average hitting time. `C` is convex in the weights.
+    weight. With `X` the pseudo-inverse of the weighted Laplacian, the mean commute time over pairs
+    of different vertices is `C = 4 / (n - 1) tr X`: twice the expression of Eq. 4.3, which is the
+    average hitting time. `C` is convex in the weights.
 
-    An interior-point method computes them, with one Cholesky factorisation of the edges by edges
-    Hessian per step. That is dense linear algebra on arrays of hundreds, which LAPACK does on the
-    host without compilation; neither JAX nor its 64-bit numbers are needed.
+    An interior-point method computes the weights, with one Cholesky factorisation of the edges by
+    edges Hessian per step. This is dense linear algebra on arrays of hundreds, which LAPACK does on
+    the CPU without compilation; neither JAX nor its 64-bit numbers are needed.
 
-    On more than 2,000 vertices that Hessian is too large: first-order steps are taken, with one
-    inverse of the vertices by vertices Laplacian each.
+    On more than 2,000 vertices the Hessian is too large. A first-order method then computes the
+    weights, with one inverse of the vertices by vertices Laplacian per step.
 
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `emphasis`: two or more vertices to visit more often. The shortest closed tour through them is
-        that of [`jaxcell.optimize.shortest_tour`][].
-    - `share`: the least sum of the weights on the edges of that tour, 0 to 1.
-    - `durations`: array `[edges]`, the travel time of each edge, positive; by default 1. The
-        commute time is then in their unit, and `share` a share of the time. With `t_e` these
-        durations, a walk takes `sum_e w_e t_e` times as long as its number of steps, so that `w_e
-        t_e` are the weights of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
+    - `emphasis`: two or more vertices to visit more often. The closed tour through these vertices
+        is [`jaxcell.optimize.shortest_tour`][].
+    - `share`: the least sum of the weights on the edges of the tour, 0 to 1.
+    - `durations`: array `[edges]`, the travel time of each edge, positive; by default 1. With
+        durations, the commute time is in their unit, and `share` is a share of the time. With `t_e`
+        the durations, the mean time of a step is `sum_e w_e t_e`, so that `w_e t_e` are the weights
+        of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
     - `constraints`: linear constraints; or, on up to 60 vertices, a function that returns any
         constraints of cvxpy that are convex in the weights and in the shares of time at the
         vertices, such as `lambda weights, visits: [cvxpy.norm(weights) <= 0.3]`. Not with
@@ -84,15 +84,15 @@ def minimum_commute(
     no weights have an average commute time below `(1 - residual) commute_time`. The problem is an
     A-optimal design, in which for any weights `u`, `C(u) >= C(w) tr X / sum_e u_e |X b_e|^2` with
     `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008). With constraints the
-    bound holds for all `u` that meet them; it follows from the shadow prices of linear constraints,
-    or from a program of cvxpy.
+    bound is valid for all `u` that meet the constraints; it follows from the shadow prices of
+    linear constraints, or from a program of cvxpy.
 
-    **Raises:** `ValueError` for wrong arguments, and for a share that leaves only rounding to
-    vertices that are not on the tour; `RuntimeError` if the gap stays above the tolerance, and if
-    no weights meet the constraints (the message names constraints that contradict each other).
+    **Raises:** `ValueError` for wrong arguments, or for a share so near 1 that the rest for other
+    edges is lost in rounding; `RuntimeError` if the gap stays above the tolerance, or if no weights
+    meet the constraints (the message names constraints that contradict each other).
 
     On a line of three vertices both edges have the same weight. The commute time is 4 steps for two
-    pairs of vertices, and 8 for the third:
+    pairs of vertices, and 8 steps for the third pair:
 
         >>> from jaxcell import optimize
         >>> graph = optimize.Graph([[0, 1], [1, 2]])
@@ -122,7 +122,7 @@ def minimum_commute(
         met = _constrained(graph, tour, emphasised, share, constraints, tolerance)
         met.certificate.check("minimum_commute", throw)
         return met
-    # Edges without weight are left out, and so is a bound that always holds.
+    # Edges that must have weight 0 are left out, and so is a bound that is always met.
     allowed = emphasised if share == 1 else np.ones_like(emphasised)
     if share == 1 and tour is not None:
         left_out = np.setdiff1d(np.arange(graph.vertices), tour)
@@ -168,7 +168,7 @@ def _constrained(
     constraints: Sequence[Linear] | Rules,
     tolerance: float,
 ) -> MinimumCommute:
-    """Find the best weights that meet constraints, with the emphasis as one of them."""
+    """Find the best weights that meet constraints; the emphasis is a further constraint."""
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
     if callable(constraints):
         best = conic.least_resistance(graph, emphasis, constraints)

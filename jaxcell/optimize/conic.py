@@ -14,17 +14,17 @@ from .laplacian import resistance_gains
 
 
 MAX_VERTICES = 60
-"""Number of vertices up to which a cone program under any rules, with a number for each pair of a
-vertex and an edge, takes some seconds."""
+"""Largest number of vertices of a cone program, which has a variable for each pair of a vertex and
+an edge; up to this number it takes some seconds."""
 
 TOLERANCE = 1e-4
-"Tolerance of the relative gap of such a program."
+"Tolerance of the relative gap of a cone program."
 
 _ACCURATE = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-12)
 
 Rules: TypeAlias = Callable[[Any, Any], Sequence[Any]]
-"""A function of the weights of edges and the shares of time at vertices that returns constraints
-of cvxpy."""
+"""A function that returns constraints of cvxpy on its arguments, the weights of edges and the
+shares of time at vertices."""
 
 
 class ConicWeights(NamedTuple):
@@ -49,12 +49,12 @@ def least_resistance(
 ) -> ConicWeights:
     """Find the weights with the least sum of resistances between all vertices, by Clarabel.
 
-    That sum is the least energy of currents `F` that lead from each vertex to all others evenly,
-    `sum_e |F_e|^2 / w_e` over edges with conductances `w`. With durations `t`, `w` are shares of
-    time and the energy is `sum_e t_e |F_e|^2 / w_e`.
+    The sum is the least energy `sum_e |F_e|^2 / w_e` of currents `F` that lead from each vertex
+    evenly to all other vertices, through edges with conductances `w`. With durations `t`, `w` are
+    shares of time and the energy is `sum_e t_e |F_e|^2 / w_e`.
 
-    **Raises:** `ValueError` for rules that are not convex, and for any rules on a graph that is too
-    large; `RuntimeError` if no weights meet them.
+    **Raises:** `ValueError` for rules that are not convex, or for rules on a graph that is too
+    large; `RuntimeError` if no weights meet the constraints and rules.
     """
     import cvxpy
 
@@ -99,10 +99,10 @@ def _incidence(graph: Graph, other: float) -> scipy.sparse.csr_array:
 
 
 def _solve(problem: Any, constraints: Sequence[Any]) -> float:
-    """Solve a problem of cvxpy; the caller's gap decides whether that is accurate enough.
+    """Solve a problem of cvxpy; the caller decides by a gap whether the result is accurate enough.
 
-    **Raises:** `RuntimeError` if no variables meet the constraints, with those of the given ones
-    that cannot be met together.
+    **Raises:** `RuntimeError` if no variables meet the constraints; the message names those of the
+    given constraints that contradict each other.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -117,7 +117,7 @@ def _solve(problem: Any, constraints: Sequence[Any]) -> float:
 
 
 def _contradicting(problem: Any, constraints: Sequence[Any]) -> list[Any]:
-    """Find constraints without any one of which the others could be met, together with the rest."""
+    """Find a minimal set of constraints that contradict each other, given the other constraints."""
     import cvxpy
 
     named = {id(constraint) for constraint in constraints}

@@ -13,11 +13,11 @@ from jaxtyping import Bool, Float, Int
 from .graph import Graph
 
 
-# Less room, relative to the coefficients, counts as none.
+# Less room than this number, relative to the coefficients, counts as no room.
 _NO_ROOM = 1e-7
-# Pivots of rows that other rows imply are smaller.
+# Rows with a smaller pivot count as linearly dependent.
 _DEPENDENT = 1e-9
-# Prices of constraints without effect are smaller.
+# Constraints with a smaller price count as constraints without effect.
 _NO_PRICE = 1e-9
 
 
@@ -51,10 +51,10 @@ class Linear:
 
         - `label`: the name.
         - `coefficients`: array `[edges]`.
-        - `lower`, `upper`: the bounds; if they are equal, the function has that value.
+        - `lower`, `upper`: the bounds; equal bounds fix the value of the function.
 
-        **Raises:** `ValueError` for coefficients that are not finite or all 0, and for empty
-        bounds.
+        **Raises:** `ValueError` for coefficients that are not finite or all 0, or for bounds that
+        no value can meet.
         """
         row = np.array(coefficients, np.float64)
         if row.ndim != 1 or not np.isfinite(row).all() or not row.any():
@@ -79,8 +79,8 @@ class Linear:
     ) -> "Linear":
         """Bound a linear function of the shares of time at the vertices, array `[vertices]`.
 
-        A walk with weights that sum to 1 is at a vertex for half the sum of the weights of its
-        edges.
+        In a walk with weights that sum to 1, the share of time at a vertex is half the sum of the
+        weights of its edges.
         """
         given = np.asarray(coefficients, np.float64)
         return cls(label, given[graph.edges].mean(axis=1), lower, upper)
@@ -90,7 +90,7 @@ class Linear:
 class Room:
     """The set of weights that constraints allow: `sums' x = totals` and `x > 0`.
 
-    `x` has first the weights of the edges that may have any, then the slack of the inequalities.
+    `x` are the weights of the edges that may have weight, followed by the slack of inequalities.
     Constraints without slack are equalities here, and constraints that others imply are omitted.
     """
 
@@ -98,13 +98,13 @@ class Room:
     "The edges that may have weight."
     sums: Float[np.ndarray, "numbers prices"]
     totals: Float[np.ndarray, "prices"]
-    "The sum of all weights first, then equalities, then inequalities."
+    "The right-hand sides: the sum of all weights, then equalities, then inequalities."
     signs: Int[np.ndarray, "prices"]
-    "1 for a lower bound, -1 for an upper one, 0 for an equality."
+    "1 for a lower bound, -1 for an upper bound, 0 for an equality."
     owner: Int[np.ndarray, "prices"]
-    "The number of the constraint of each; -1 for the sum of all weights."
+    "The index of the constraint of each price; -1 for the sum of all weights."
     units: Float[np.ndarray, "prices"]
-    "The largest coefficient of that constraint, which divides it."
+    "The largest coefficient of the constraint, by which the constraint is divided."
     inside: Float[np.ndarray, "numbers"]
     "A point that satisfies all constraints."
 
@@ -129,8 +129,8 @@ class Room:
     def most(self, gain: Float[np.ndarray, "used"], prices: Any) -> float:
         """Return a bound on `gain @ weights` over all allowed weights.
 
-        It holds for any prices, because prices of the wrong sign are ignored, and is tight for
-        those of the linear program.
+        The bound is valid for any prices, because prices of the wrong sign are ignored, and tight
+        for the prices of the linear program.
         """
         prices = np.where(self.signs * prices > 0, 0.0, prices)
         left = gain - self.sums[: self.edges] @ prices
@@ -140,11 +140,11 @@ class Room:
 def room(edges: int, constraints: Sequence[Linear]) -> Room:
     """Find the set of weights that constraints allow.
 
-    One linear program finds which numbers can be positive: scaled by a large enough `t`, they can
-    be 1 or more. A second program finds a point far from 0.
+    One linear program finds which numbers can be positive: multiplied by a large enough `t`, these
+    numbers can be 1 or more. A second program finds a point far from all bounds.
 
-    **Raises:** `RuntimeError` with constraints that contradict each other; `ValueError` for a
-    constraint on another number of edges.
+    **Raises:** `RuntimeError` for constraints that contradict each other, which the message names;
+    `ValueError` for a constraint on another number of edges.
     """
     for rule in constraints:
         if rule.coefficients.size != edges:
@@ -173,7 +173,7 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
     order = np.append(fixed, unequal[has_room[edges:]])
     sums, bounds, signs = sums[has_room][:, order], bounds[order], signs[order]
     signs[: fixed.size] = 0
-    # Far from all bounds: x = y + r, with the largest possible number r.
+    # A point far from all bounds: x = y + r, with y >= 0 and the largest possible number r.
     count = len(sums)
     inside = scipy.optimize.linprog(
         -np.append(np.zeros(count), 1.0),
@@ -187,7 +187,7 @@ def room(edges: int, constraints: Sequence[Linear]) -> Room:
 
 
 class _Sides(NamedTuple):
-    """The sum of all weights and the bounds of constraints, as rows with coefficients up to 1."""
+    """The sum of all weights and the bounds of constraints, as rows with entries of at most 1."""
 
     rows: Float[np.ndarray, "sides edges"]
     bounds: Float[np.ndarray, "sides"]
@@ -208,7 +208,7 @@ def _sides(edges: int, constraints: Sequence[Linear]) -> _Sides:
 
 
 def _independent(rows: Float[np.ndarray, "rows edges"]) -> Int[np.ndarray, "independent"]:
-    """Choose rows that are linearly independent, the first row among them."""
+    """Choose linearly independent rows, including the first row."""
     first = rows[0] / np.linalg.norm(rows[0])
     rest = (rows - np.outer(rows @ first, first))[1:]
     if not len(rest):
@@ -238,7 +238,7 @@ def _contradiction(edges: int, constraints: Sequence[Linear]) -> str:
 def _give_way(
     edges: int, constraints: Sequence[Linear]
 ) -> tuple[float, Float[np.ndarray, "constraints"]]:
-    """Compute the least sum of violations of bounds, and the price of each constraint."""
+    """Compute the least sum of violations of bounds, and the shadow price of each constraint."""
     total, *_ = sides = _sides(edges, constraints)
     both = np.concatenate([np.flatnonzero(sides.signs >= 0), np.flatnonzero(sides.signs <= 0)])
     both = both[sides.owner[both] >= 0]

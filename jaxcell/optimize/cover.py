@@ -9,55 +9,55 @@ from ..base.certificate import Certificate
 from ..base.process import no_output
 
 
-# Tolerance of the number of sets, which HiGHS bounds to about 1e-6.
+# Tolerance of the bound on the number of sets, which HiGHS computes to about 1e-6.
 _ROUNDING = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cover:
-    """A set cover: sets whose union holds every element that any set holds."""
+    """A set cover: chosen sets whose union contains every element of every set."""
 
     chosen: Int[np.ndarray, "steps"]
     "The sets, in the order in which they were chosen."
     gained: Int[np.ndarray, "steps"]
     "The number of elements that each chosen set adds."
     uncovered: Int[np.ndarray, "missing"]
-    "The elements that no set holds."
+    "The elements that no set contains."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MinimumCover:
-    """A smallest set cover: the fewest sets whose union holds every element that any set holds."""
+    """A smallest set cover: the fewest sets whose union contains every element of every set."""
 
     chosen: Int[np.ndarray, "chosen"]
     "The sets, in order of their numbers."
     uncovered: Int[np.ndarray, "missing"]
-    "The elements that no set holds."
+    "The elements that no set contains."
     bound: int
     "A lower bound on the number of sets."
     certificate: Certificate
 
 
 def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Cover:
-    """Cover all elements, one set after the other (Alam 2018, Alg. 4.3; Chvatal 1979).
+    """Choose sets that cover all elements, one by one (Alam 2018, Alg. 4.3; Chvatal 1979).
 
-    Each step ranks the sets by the number of elements that they would add, the first of equals
-    first, and takes the best one, or with `choice` k the one k places after it. If fewer sets add
-    anything, it takes the last of those: the source leaves this case open, and a set that adds
-    nothing would be chosen forever.
+    Each step ranks the sets by the number of elements that they would add; equal sets stay in their
+    order. The step takes the best set, or with `choice` k the set k places below it. If too few
+    sets add elements, it takes the last set that does: the source leaves this case open, and a set
+    that adds no element would be chosen forever.
 
-    With `choice` 0 there are at most `1 + 1/2 + ... + 1/d` times as many sets as needed, where `d`
-    is the size of the largest set.
+    With `choice` 0, the cover has at most `1 + 1/2 + ... + 1/d` times the least number of sets,
+    where `d` is the size of the largest set.
 
     **Arguments:**
 
     - `sets`: the mask of the elements of each set.
-    - `choice`: the place in the ranking, from 0; robot `i` of several takes choice `i`, so that
-        their covers differ.
+    - `choice`: the place in the ranking, from 0; robot `i` of a team takes choice `i`, so that the
+        covers of robots differ.
 
     **Returns:** [`Cover`][].
 
-    The first two of three sets hold all elements:
+    The first two of three sets contain all elements:
 
         >>> import numpy as np
         >>> from jaxcell import optimize
@@ -77,7 +77,7 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
         gained.append(int(gain[best]))
         new = words[:, best] & left
         left ^= new
-        # Only words that lose elements are counted again: cells in view of a cell are in few words.
+        # Only words that lose elements are counted again; cells in view of a cell are in few words.
         changed = np.flatnonzero(new)
         lost = np.bitwise_count(words[changed] & new[changed, None])
         gain -= lost.sum(axis=0, dtype=np.int32)
@@ -94,23 +94,23 @@ def minimum_cover(
     time_limit: float | None = None,
     throw: bool = True,
 ) -> MinimumCover:
-    """Cover all elements with the fewest sets, by a mixed-integer program.
+    """Choose the fewest sets that cover all elements, by a mixed-integer program.
 
-    It is a yardstick for [`greedy_cover`][]: in bad cases the time grows exponentially with the
-    number of sets. It is a fraction of a second for 200 cells of a room.
+    The result is a yardstick for [`greedy_cover`][]. In bad cases the computing time grows
+    exponentially with the number of sets; it is a fraction of a second for 200 cells of a room.
 
     **Arguments:**
 
     - `sets`: the mask of the elements of each set.
     - `time_limit`: seconds after which the best cover so far is returned; by default no limit.
-    - `throw`: whether to raise when the cover may not be the smallest.
+    - `throw`: whether to raise `RuntimeError` if the cover may not be the smallest.
 
     **Returns:** [`MinimumCover`][]. The residual of its certificate is the largest number of sets
     that a smaller cover might save. Iterations are the nodes of the branch and bound.
 
     **Raises:** `RuntimeError` if time runs out, or if the solver fails.
 
-    The greedy cover starts with the largest set, and then needs two more:
+    The greedy cover starts with the largest set, and then needs two more sets:
 
         >>> import numpy as np
         >>> from jaxcell import optimize
@@ -137,7 +137,7 @@ def minimum_cover(
     chosen = np.sort(greedy.chosen)
     if program.x is not None and np.count_nonzero(program.x > 0.5) < chosen.size:
         chosen = np.flatnonzero(program.x > 0.5).astype(np.int32)
-    # Without a bound from the solver, at least one set is needed.
+    # If the solver returns no bound, the bound is one set.
     below = 1.0 if program.mip_dual_bound is None else program.mip_dual_bound
     bound = max(1, int(np.ceil(below - _ROUNDING)))
     certificate = Certificate(int(program.mip_node_count or 0), float(chosen.size - bound), 0.0)
@@ -146,14 +146,14 @@ def minimum_cover(
 
 
 def _packed(sets: Bool[np.ndarray, "sets elements"]) -> UInt64[np.ndarray, "words sets"]:
-    """Pack the elements of each set as bits, with the sets along the rows that a step reads."""
+    """Pack the elements of each set as bits, one column per set, so that a step reads few rows."""
     octets = np.packbits(sets, axis=1)
     whole = np.pad(octets, ((0, 0), (0, -octets.shape[1] % 8)))
     return np.ascontiguousarray(whole.view(np.uint64).T)
 
 
 def _ranked(gain: Int[np.ndarray, "sets"], choice: int) -> int:
-    """Return the set at a place of the ranking, or the last set that adds anything."""
+    """Return the set at a place of the ranking, or the last set that adds elements."""
     choice = min(choice, int(np.count_nonzero(gain)) - 1)
     value = np.partition(gain, -1 - choice)[-1 - choice]
     return int(np.flatnonzero(gain == value)[choice - np.count_nonzero(gain > value)])

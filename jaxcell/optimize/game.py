@@ -14,7 +14,7 @@ from ..base.process import no_output
 from .checked import finite
 
 
-# Relative to the range of payoffs. HiGHS meets constraints of mixed-integer programs to 1e-6.
+# Tolerance relative to the range of payoffs: HiGHS meets constraints of integer programs to 1e-6.
 _TOLERANCE = 1e-6
 # The smallest tolerances of a linear program that HiGHS allows.
 _LP_OPTIONS = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
@@ -23,7 +23,7 @@ _MAX_PROFILES = 10_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Commitment:
-    """The best mixture of strategies of a leader, and the answer of the follower."""
+    """The best mixture of the leader's strategies, and the answer of the follower."""
 
     weights: Float[Array, "strategies"]
     "The weight of each strategy of the leader; they are not negative and sum to 1."
@@ -45,16 +45,16 @@ def stackelberg(
     time_limit: float = 60.0,
     throw: bool = True,
 ) -> Commitment:
-    """Find the best commitment of a leader whose follower knows the commitment and answers.
+    """Find the best commitment of a leader to whose mixture a follower answers.
 
-    The leader mixes its strategies; each type of the follower then chooses the target that pays it
-    most, and among equals the best for the leader (a strong Stackelberg equilibrium; Alam 2018,
-    section 4.4.2). The leader knows only the probability of each type.
+    The leader mixes its strategies. Each type of the follower knows the mixture and chooses the
+    target with its largest payoff, and among equal targets the best for the leader (a strong
+    Stackelberg equilibrium; Alam 2018, section 4.4.2). The leader knows only the probability of
+    each type.
 
     Two methods find the same value. `"dobss"` is one mixed-integer program for all types (Paruchuri
     et al. 2008). `"multiple-lp"` solves one linear program per combination of answers of the types
-    (Conitzer and Sandholm 2006). For one type there are as many as targets; the number grows
-    exponentially with the types.
+    (Conitzer and Sandholm 2006): one per target for a single type, exponentially many for more.
 
     **Arguments:**
 
@@ -63,9 +63,9 @@ def stackelberg(
     - `follower`: the payoff of the follower, in an array of the same kind.
     - `prior`: array `[types]`, the probability of each type; by default all are equal.
     - `method`: `"dobss"` or `"multiple-lp"`; by default the second for one type, else the first,
-        then the second if the first is not good enough and there are at most 10,000 combinations.
-    - `time_limit`: time limit of the mixed-integer program, in seconds. After it, the best
-        commitment so far is not good enough, and its residual bounds the error.
+        then the second if the residual is too large and there are at most 10,000 combinations.
+    - `time_limit`: time limit of the mixed-integer program, in seconds. When it is over, the result
+        is the best commitment so far, whose residual bounds its error.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: the
@@ -75,10 +75,10 @@ def stackelberg(
     count as 0. Iterations are the nodes of the branch and bound, or the linear programs.
 
     **Raises:** `ValueError` for wrong arguments, or more than 10,000 combinations for
-    `"multiple-lp"`; `RuntimeError` if the solver finds no solution or one that is not good enough,
-    or where JAX is set to 32 bits.
+    `"multiple-lp"`; `RuntimeError` if the solver finds no solution, if the residual exceeds the
+    tolerance, or if JAX is set to 32 bits.
 
-    The leader gains by mixing: its first strategy alone would pay 2 (Conitzer and Sandholm 2006):
+    The leader gains by mixing; its first strategy alone would pay 2 (Conitzer and Sandholm 2006):
 
         >>> from jaxcell import optimize
         >>> best = optimize.stackelberg([[2, 4], [1, 3]], [[1, 0], [0, 1]])
@@ -103,7 +103,7 @@ def stackelberg(
     if not time_limit > 0:
         raise ValueError(f"time_limit: expected more than 0 s, got {time_limit}")
 
-    # The answer of a type depends neither on the scale nor on payments that every answer earns.
+    # The answer of a type depends neither on the scale nor on payoffs shared by all targets.
     unit_R = _unit(R - R.min())
     unit_C = np.stack([_unit(payoff - payoff.min(axis=1, keepdims=True)) for payoff in C])
     paid = probability[:, None, None] * unit_R
@@ -145,7 +145,7 @@ def _dobss(
     eye, ones = scipy.sparse.eye_array, np.ones
     C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
     a_of_type = scipy.sparse.kron(eye(types), ones((targets, 1)))
-    # The largest loss of a type by a target, relative to its best answer.
+    # The largest loss of a type that answers with a target, relative to its best answer.
     most = (C.max(axis=2, keepdims=True) - C).max(axis=1).ravel()
     sum_over_targets = scipy.sparse.kron(eye(types * strategies), ones((1, targets)))
     sum_over_strategies = scipy.sparse.kron(
@@ -229,11 +229,11 @@ def _commit(
 ) -> tuple[Float[np.ndarray, "strategies"], float, float] | None:
     """Find the best weights for which given targets are the best answers of the types, or `None`.
 
-    **Returns:** the weights, their value, and an upper bound on the value of other such weights.
+    **Returns:** the weights, their value, and an upper bound on the value of all such weights.
     """
     each = np.arange(len(C))
     paid = R[each, :, answer].sum(axis=0)
-    # The gain of each type from each target, relative to its answer.
+    # The gain of each type from each target, relative to the given answer.
     gain = (C - C[each, :, answer][..., None]).transpose(0, 2, 1).reshape(-1, C.shape[1])
     # HiGHS can fail if payoffs nearly tie; its default tolerances then suffice.
     for options in (_LP_OPTIONS, {}):
@@ -253,19 +253,19 @@ def _commit(
     else:
         raise RuntimeError(f"stackelberg: HiGHS found no solution: {program.message}")
     weights = _on_simplex(program.x)
-    # Any nonnegative prices give a bound.
+    # Any nonnegative prices of the constraints give a bound.
     price = np.maximum(0.0, -program.ineqlin.marginals)
     return weights, float(weights @ paid), float((paid - price @ gain).max())
 
 
 def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
-    """Remove the rounding of a solver: weights are not negative and sum to 1."""
+    """Correct the rounding of a solver, so that weights are not negative and sum to 1."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 
 
 def _unit(payoffs: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Scale nonnegative numbers to at most 1."""
+    """Scale nonnegative numbers so that the largest number is 1, unless all are 0."""
     most = payoffs.max()
     return payoffs / most if most > 0 else payoffs
 

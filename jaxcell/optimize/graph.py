@@ -28,7 +28,7 @@ class Graph:
     xy: Float[np.ndarray, "vertices 2"] | None
     "The position of each vertex, in metres, or `None`."
     ways: Float[np.ndarray, "edges"] | None
-    "The length of each edge, in metres, or `None` if it is the distance of its ends."
+    "The length of each edge, in metres, or `None` if it is the distance between its ends."
 
     def __init__(
         self, edges: Any, vertices: int | None = None, xy: Any = None, ways: Any = None
@@ -39,7 +39,7 @@ class Graph:
         - `vertices`: number of vertices; by default the number of rows of `xy`, or without `xy` one
             more than the largest end of an edge.
         - `xy`: array `[vertices, 2]`, the positions, in metres.
-        - `ways`: array `[edges]`, the lengths of the edges, in metres; by default the distances.
+        - `ways`: array `[edges]`, the lengths of the edges, in metres; by default straight.
         """
         ends = np.asarray(edges)
         if ends.ndim != 2 or ends.shape[1] != 2 or ends.shape[0] == 0:
@@ -67,7 +67,7 @@ class Graph:
 
     @property
     def lengths(self) -> Float[np.ndarray, "edges"]:
-        """The length of each edge, in metres: from `ways`, or the distance of its ends, or 1."""
+        """The length of each edge: `ways`, or the distance between its ends, in metres, or 1."""
         if self.ways is not None:
             return self.ways
         if self.xy is None:

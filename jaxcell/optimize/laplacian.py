@@ -5,33 +5,33 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 
-# Number of edges whose differences of rows of the inverse are in memory at once.
+# Number of edges that are processed at once, which limits the memory.
 _ROWS = 256
 
 
 def pseudo_inverse(
     vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`; `b_e` is the difference of the ends of
-    `e`.
+    """Compute the pseudo-inverse of `sum_e w_e b_e b_e'`, where `b_e` is the difference of the ends
+    of `e`.
 
-    **Raises:** `numpy.linalg.LinAlgError` if weights leave separate parts, up to rounding.
+    **Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices, up to rounding.
     """
     tail, head = edges.T
     laplacian = np.zeros((vertices, vertices))
     laplacian[tail, head] = laplacian[head, tail] = -weights
     degree = -laplacian.sum(axis=0)
     laplacian.flat[:: vertices + 1] = degree
-    # A constant moves the eigenvalue 0 into the range of the other eigenvalues.
+    # Adding a constant moves the eigenvalue 0 into the range of the other eigenvalues.
     shift = degree.mean()
     laplacian += shift / vertices
-    # LAPACK overwrites the order of the transpose, which is the same matrix.
+    # LAPACK overwrites arrays in Fortran order: the transpose, which is the same matrix.
     factor, info = scipy.linalg.lapack.dpotrf(laplacian.T, lower=1, overwrite_a=1)
     if info == 0:
         factor, info = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
     if info:
         raise np.linalg.LinAlgError("the Laplacian is singular to rounding")
-    # LAPACK leaves the zeros above the diagonal.
+    # LAPACK does not fill the entries above the diagonal, which are 0.
     inverse = factor + factor.T
     inverse.flat[:: vertices + 1] /= 2
     inverse -= 1 / (shift * vertices)
@@ -41,7 +41,7 @@ def pseudo_inverse(
 def resistance_gains(
     vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
 ) -> tuple[float, Float[np.ndarray, "edges"]]:
-    """Compute the sum of the reciprocal eigenvalues, and its decrease per unit of each weight."""
+    """Compute the trace of the pseudo-inverse, and its decrease per unit of each weight."""
     inverse = pseudo_inverse(vertices, edges, weights)
     tail, head = edges.T
     gain = np.empty(len(edges))

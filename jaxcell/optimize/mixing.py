@@ -19,9 +19,9 @@ class FastestMixing:
     """The reversible chain on a graph that converges fastest to its stationary distribution."""
 
     weights: Float[np.ndarray, "edges"]
-    "The probability, in the long run, of a step along each edge one way: `pi_i p_ij = pi_j p_ji`."
+    "The long-run share of steps along each edge in one direction: `pi_i p_ij = pi_j p_ji`."
     holding: Float[np.ndarray, "vertices"]
-    "The probability, in the long run, of a step that stays at each vertex: `pi_i p_ii`."
+    "The long-run share of steps that stay at each vertex: `pi_i p_ii`."
     transition: Float[np.ndarray, "vertices vertices"]
     "The probability `p_ij` of a step from the first vertex to the second."
     rate: float
@@ -36,12 +36,12 @@ class FastestMixing:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FastestAveraging:
-    """The weights with which neighbours that average their numbers reach agreement fastest."""
+    """The weights with which averaging between neighbours converges fastest."""
 
     weights: Float[np.ndarray, "edges"]
     "The weight of each edge, of either sign."
     matrix: Float[np.ndarray, "vertices vertices"]
-    "The matrix of a round of averaging: 1 minus the weighted Laplacian."
+    "The matrix of a round of averaging: the identity minus the weighted Laplacian."
     rate: float
     "The factor by which a round shrinks the distance from the average, in the worst case."
     certificate: Certificate
@@ -53,8 +53,8 @@ def fastest_mixing(
     """Find the fastest mixing Markov chain on a graph, FMMC (Boyd, Diaconis and Xiao 2004).
 
     Among the reversible chains that step along edges or stay, and that have a given stationary
-    distribution, it has the least second largest eigenvalue modulus. That is a semidefinite
-    program, which an interior-point method solves.
+    distribution, this chain has the least second largest eigenvalue modulus. An interior-point
+    method solves the semidefinite program.
 
     **Arguments:**
 
@@ -64,16 +64,16 @@ def fastest_mixing(
     - `tolerance`: tolerance of the relative gap.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
-    **Returns:** [`FastestMixing`][]. The residual of its certificate is how far the spectral gap,
-    `1 - rate`, can be below the largest, as a part of itself. It comes from a dual solution: no
+    **Returns:** [`FastestMixing`][]. The residual of its certificate bounds by how much the largest
+    spectral gap can exceed `1 - rate`, relative to `1 - rate`. It comes from a dual solution: no
     chain has a rate below `tr Y - sqrt(pi)' Y sqrt(pi) - pi' z`, for a symmetric `Y` whose
     eigenvalues have moduli with sum 1, and `z >= 0` with `z_i + z_j >= s' Y s` for each edge, where
     `s = e_i / sqrt(pi_i) - e_j / sqrt(pi_j)`.
 
-    **Raises:** `ValueError` for a graph that is not connected, and for a wrong `stationary`;
-    `RuntimeError` if the gap does not close.
+    **Raises:** `ValueError` for a graph that is not connected, or for a wrong `stationary`;
+    `RuntimeError` if the residual stays above the tolerance.
 
-    A line of three vertices; at its ends the chain stays half the time:
+    A line of three vertices; at its ends the chain stays half of the time:
 
         >>> from jaxcell import optimize
         >>> graph = optimize.Graph([[0, 1], [1, 2]])
@@ -105,10 +105,10 @@ def fastest_averaging(
 ) -> FastestAveraging:
     """Find the fastest distributed linear averaging on a graph, FDLA (Xiao and Boyd 2004).
 
-    Each vertex holds a number and replaces it, round by round, by `x_i + sum_j w_ij (x_j - x_i)`,
-    the sum over its neighbours. In the end all numbers agree on the average, and with these weights
-    they do so fastest. The problem is that of [`fastest_mixing`][], except that a weight may be
-    negative, and then there is no chain.
+    In each round, each vertex replaces its number by `x_i + sum_j w_ij (x_j - x_i)`, with the sum
+    over its neighbours. The numbers converge to their average, and with these weights they converge
+    fastest. The problem is the same as for [`fastest_mixing`][], but weights may be negative, so
+    that they define no chain.
 
     **Arguments:**
 
@@ -119,7 +119,7 @@ def fastest_averaging(
     **Returns:** [`FastestAveraging`][]. The residual of its certificate bounds the relative
     distance of `1 - rate` from its maximum.
 
-    **Raises:** `ValueError` for a graph that is not connected; `RuntimeError` if the gap stays.
+    **Raises:** `ValueError` for a graph that is not connected; `RuntimeError` for a large residual.
 
     A line of three vertices:
 
@@ -147,7 +147,7 @@ def _fastest(
     limits: Float[np.ndarray, "bounds"],
     tolerance: float,
 ) -> tuple[Float[np.ndarray, "edges"], float, Certificate]:
-    """Solve from a start where each vertex stays at least half the time, which no bound touches."""
+    """Solve from a start inside the bounds, with steps that stay in at least half of the time."""
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
     check_connected(graph.vertices, graph.edges)

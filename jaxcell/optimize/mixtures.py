@@ -10,7 +10,7 @@ from ..base.precision import require_x64
 from .checked import finite
 
 
-# Relative to the largest squared distance of a column from the target.
+# Tolerance relative to the largest squared distance of a column from the target.
 _TOLERANCE = 1e-12
 
 
@@ -30,9 +30,9 @@ class Mixture:
 def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     """Minimise `|A x - b|^2` over the `x >= 0` that sum to 1 (Alam 2018, Eq. 3.8).
 
-    It is the point of least norm in the convex hull of the columns of `A - b`. Wolfe's active-set
-    method finds it exactly, in one step per added or dropped column. If columns are affinely
-    dependent, several weights give the same nearest mixture, and one of them is returned.
+    `A x - b` is the point of least norm in the convex hull of the columns of `A - b`. Wolfe's
+    active-set method finds this point exactly, in one step per added or dropped column. If columns
+    are affinely dependent, several weights give the nearest mixture; any of them may be returned.
 
     **Arguments:**
 
@@ -44,10 +44,10 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     of `|A x - b|^2` over the optimum, relative to the largest squared distance of a column from the
     target.
 
-    **Raises:** `ValueError` for arrays that do not match; `RuntimeError` if the gap does not close,
-    or where JAX is set to 32 bits.
+    **Raises:** `ValueError` for arrays that do not match; `RuntimeError` if the residual exceeds
+    the tolerance, or if JAX is set to 32 bits.
 
-    The point nearest to (1, 0.5) between two columns:
+    The point between two columns that is nearest to (1, 0.5):
 
         >>> import numpy as np
         >>> from jaxcell import optimize
@@ -60,7 +60,7 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     A, b = _checked("A", A, 2), _checked("b", b, 1)
     if A.shape[0] != b.size:
         raise ValueError(f"b: expected {A.shape[0]} numbers, one per row of A, got {b.size}")
-    # A rotation into as few coordinates as columns preserves all products.
+    # A rotation reduces rows to the number of columns, and preserves all scalar products.
     points: np.ndarray = np.linalg.qr(A - b[:, None], mode="r")  # type: ignore[assignment]
     weights, gap, steps = _nearest_to_origin(points)
     certificate = Certificate(steps, gap, _TOLERANCE)
@@ -83,7 +83,7 @@ def _checked(name: str, values: Any, dimensions: int) -> Float[np.ndarray, "..."
 def _nearest_to_origin(
     points: Float[np.ndarray, "coordinates columns"],
 ) -> tuple[Float[np.ndarray, "columns"], float, int]:
-    """Compute the weights of the point of the convex hull of the columns nearest to the origin.
+    """Compute the weights of the point nearest to the origin in the convex hull of the columns.
 
     **Returns:** the weights, the relative duality gap, and the number of active sets.
     """
@@ -101,8 +101,8 @@ def _nearest_to_origin(
         if gap <= _TOLERANCE / 10 or weights[best] > 0:
             break
         trial = _minimise_on(points, weights, np.append(np.flatnonzero(weights), best))
-        # Every active set is nearer than the sets before it, so none occurs twice; if it is not,
-        # rounding prevents further progress.
+        # Every active set leads nearer to the origin than the sets before, so none occurs twice;
+        # if it does not lead nearer, rounding prevents further progress.
         if np.linalg.norm(points @ trial) >= np.linalg.norm(nearest):
             break
         weights = trial
@@ -116,12 +116,12 @@ def _minimise_on(
 ) -> Float[np.ndarray, "columns"]:
     """Move to the nearest point of the affine hull of the active columns.
 
-    If that point is outside their convex hull, drop the column whose weight first becomes 0 and
-    continue with the others.
+    If that point is outside the convex hull of these columns, drop the column whose weight first
+    becomes 0 and continue with the other columns.
     """
     here = weights[active]
     while True:
-        # Affine combinations are the last column and multiples of the differences from it.
+        # Affine combinations are the last column plus multiples of differences from this column.
         last = points[:, active[-1]]
         differences = points[:, active[:-1]] - last[:, None]
         others = np.linalg.lstsq(differences, -last, rcond=None)[0]

@@ -1,4 +1,4 @@
-"""Walk with the least commute time on graphs too large for a Hessian of edges by edges."""
+"""The weights with the least commute time, on graphs too large for an edges by edges Hessian."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +8,7 @@ from .laplacian import resistance_gains
 from .resistance import Emphasis, Iterate, Laplacian
 
 
-# The least weight, so that it has a logarithm.
+# The least weight, which is positive so that its logarithm is finite.
 _LEAST = 1e-100
 
 
@@ -18,11 +18,11 @@ def least_resistance(
 ) -> tuple[Iterate, int]:
     """Find weights of edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
-    With `g_e = |X b_e|^2 / t_e`, the decrease of the sum per unit of weight, `sum_e g_e w_e^2 /
-    u_e` bounds the sum at other weights `u` and equals it at `u = w`. The bound is least at weights
-    in proportion to `w_e sqrt(g_e)`, scaled on the tour and elsewhere if the tour lacks its share.
-    Each such step lowers the sum; two of them are extrapolated (Varadhan and Roland 2008), as far
-    as the sum decreases.
+    Let `g_e = |X b_e|^2 / t_e` be the decrease of the sum per unit of weight. Then `sum_e g_e w_e^2
+    / u_e` bounds the sum at other weights `u` and equals the sum at `u = w`. The bound is least at
+    weights in proportion to `w_e sqrt(g_e)`, scaled on and off the tour if the tour has less than
+    its share. Each step to these weights lowers the sum. Two steps are extrapolated (Varadhan and
+    Roland 2008), as far as the sum decreases.
 
     **Arguments:**
 

@@ -15,8 +15,8 @@ pressure is not negative, and 0 at each positive number. Mehrotra's predictor-co
 approach it from the interior, with one Cholesky factor of the Hessian each.
 
 **The bound.** `R` is convex and homogeneous of degree -1, so its reciprocal is concave, and the
-tangent at `w` bounds it everywhere: no weights have a sum below `R(w)^2 / most`, with `most` the
-largest `gain @ u` over all weights `u`. This is the certificate, and ends the steps.
+tangent at `w` bounds the reciprocal everywhere: no weights have a sum below `R(w)^2 / most`, with
+`most` the largest `gain @ u` over all weights `u`. This is the certificate, which ends the steps.
 """
 
 import contextlib
@@ -34,13 +34,13 @@ from .laplacian import pseudo_inverse
 
 
 _STEPS = 100
-# Number of rows of the Hessian that are computed at once, within the cache.
+# Number of rows of the Hessian that are computed at once, so that they fit in the cache.
 _ROWS = 64
-# Below this, the distance from the central path is rounding.
+# A smaller duality measure is due to rounding.
 _ROUNDING = 1e-16
-# Share of the distance to the nearest bound that a step takes, so that numbers stay positive.
+# Share of the way to the nearest bound that a step goes, so that numbers stay positive.
 _SHORT_OF_THE_BOUND = 0.99
-# Share of the weights beyond the emphasis that the tour has in addition at the start.
+# At the start, the tour has its share and this part of the remaining weight.
 _SPARE = 0.1
 
 
@@ -48,12 +48,12 @@ class Emphasis(NamedTuple):
     """The set of weights with at least a share on the edges of a tour.
 
     The excess of the tour over its share is one more number, so that steps find whether the bound
-    is tight. The two sums are the sum of all weights, and the sum of the weights elsewhere and the
-    excess: the sum on the tour would lose the small rest that a share of almost 1 leaves.
+    is tight. There are two equations: for the sum of all weights, and for the weights off the tour
+    plus the excess. With a share of almost 1, the sum on the tour would lose the rest in rounding.
     """
 
     on_tour: Bool[np.ndarray, "edges"]
-    "The emphasised edges; all edges, with share 0, for no emphasis."
+    "The emphasised edges; without an emphasis all edges, with share 0."
     share: float
 
     @property
@@ -72,13 +72,13 @@ class Emphasis(NamedTuple):
         return np.array([on_tour, 1.4 * gain.max() - on_tour])
 
     def most(self, gain: Float[np.ndarray, "edges"], prices: Any = None) -> float:
-        """Return the largest `gain @ weights`, on the edges that gain most; prices are ignored."""
+        """Return the largest `gain @ weights`, for weights on two edges; prices are ignored."""
         return float(self.share * gain[self.on_tour].max() + (1 - self.share) * gain.max())
 
     def scaled(
         self, weights: Float[np.ndarray, "edges"], spare: float = 0.0
     ) -> Float[np.ndarray, "edges"]:
-        """Scale weights to sum 1, with at least the share, and some to spare, on the tour."""
+        """Scale weights to sum 1, with at least the share plus `spare` of the rest on the tour."""
         weights = weights / weights.sum()
         there, elsewhere = weights[self.on_tour].sum(), weights[~self.on_tour].sum()
         most = (1 - spare) * (1 - self.share)
@@ -88,9 +88,9 @@ class Emphasis(NamedTuple):
     def start(
         self, design: "Callable[[Float[np.ndarray, 'edges']], Design]"
     ) -> Float[np.ndarray, "numbers"]:
-        """Return even weights, moved twice in proportion to the root of the gain.
+        """Return equal weights, multiplied twice by the square root of the gain.
 
-        In trees without an emphasis, these are optimal.
+        In trees without an emphasis, these weights are optimal.
         """
         weights = self.scaled(np.ones(self.on_tour.size), _SPARE)
         for _ in range(2):
@@ -105,15 +105,15 @@ class Design(NamedTuple):
     gain: Float[np.ndarray, "edges"]
     "The decrease of the sum per unit of each weight."
     columns: Float[np.ndarray, "edges vertices"]
-    "The `c_e`."
+    "The vectors `c_e`, one per edge."
 
 
 class Iterate(NamedTuple):
-    """Numbers, with their prices, sum of resistances and gap."""
+    """The numbers `x` of a step, with their prices, sum of resistances and gap."""
 
     numbers: Float[np.ndarray, "numbers"]
     prices: Float[np.ndarray, "prices"] | None
-    "The prices of the sums, or `None` if a method has none."
+    "The prices of the equations, or `None` for a method without prices."
     resistance: float
     gap: float
     "A bound on the relative excess of the sum of resistances over the least sum."
@@ -130,7 +130,7 @@ class Laplacian:
     "Above this number of edges, steps are computed in 32 bits and on all cores."
 
     def design(self, numbers: Float[np.ndarray, "numbers"]) -> Design:
-        """**Raises:** `numpy.linalg.LinAlgError` for separate parts, up to rounding."""
+        """**Raises:** `numpy.linalg.LinAlgError` if edges with weight 0 separate vertices."""
         tail, head = self.edges.T
         weights = numbers[: tail.size] / self.durations
         inverse = pseudo_inverse(self.vertices, self.edges, weights)
@@ -143,8 +143,8 @@ class Laplacian:
     ) -> Callable[[Float[np.ndarray, "numbers *sides"]], Float[np.ndarray, "numbers *sides"]]:
         """Return a function that divides by the Hessian of the edges plus a diagonal.
 
-        A large Hessian is factorised in 32 bits, in half the time and memory: a step with an error
-        of one in a thousand is as good, because the next step starts from residuals in 64 bits.
+        A large Hessian is factorised in 32 bits, in half the time and memory. A relative error of
+        0.001 in a step does no harm, because the next step starts from residuals in 64 bits.
 
         **Raises:** `numpy.linalg.LinAlgError` if the matrix is singular up to rounding.
         """
@@ -154,7 +154,7 @@ class Laplacian:
             potrf, potrs = scipy.linalg.get_lapack_funcs(("potrf", "potrs"), dtype=kind)
             matrix = self._hessian(design.columns.astype(kind), kind(2 / unit))
             matrix.flat[:: edges + 1] += diagonal[:edges].astype(kind)
-            # LAPACK overwrites the order of the transpose, which is the same matrix.
+            # LAPACK overwrites arrays in Fortran order: the transpose, which is the same matrix.
             factor, info = potrf(matrix.T, lower=1, clean=0, overwrite_a=1)
             if info == 0:
                 break
@@ -171,7 +171,7 @@ class Laplacian:
     def _hessian(
         self, columns: Float[np.ndarray, "edges vertices"], factor: np.floating
     ) -> Float[np.ndarray, "edges edges"]:
-        """Compute the entries above the diagonal, and blocks on it; LAPACK reads no more."""
+        """Compute the entries above the diagonal, and blocks on it; LAPACK reads no others."""
         edges = len(self.edges)
         tail, head = self.edges.T
         scaled = columns * (factor / np.sqrt(self.durations)).astype(columns.dtype)[:, None]
@@ -188,12 +188,12 @@ class Laplacian:
 def interior_point(
     laplacian: Laplacian, problem: Emphasis | Room, tolerance: float
 ) -> tuple[Iterate, int]:
-    """Follow the central path until the relative gap is within half of a tolerance.
+    """Follow the central path until the relative gap is at most half of a tolerance.
 
-    **Returns:** the iterate with the smallest gap, and the number of steps. Rounding of factors may
-    end the steps sooner.
+    **Returns:** the iterate with the smallest gap, and the number of steps. A factorisation that
+    fails by rounding ends the steps sooner.
 
-    **Raises:** `numpy.linalg.LinAlgError` if rounding prevents the first factor.
+    **Raises:** `numpy.linalg.LinAlgError` if rounding makes the Laplacian of the start singular.
     """
     many = len(laplacian.edges) > laplacian.many
     with contextlib.nullcontext() if many else one_blas_thread():
@@ -250,7 +250,7 @@ def _predictor_corrector(
     totals: Float[np.ndarray, "prices"],
     point: tuple[Any, Any, Any],
 ) -> tuple[Any, Any, Any]:
-    """Take one step after which numbers and pressures are still positive.
+    """Take one step that keeps numbers and pressures positive.
 
     **Arguments:**
 
@@ -289,7 +289,7 @@ def _predictor_corrector(
 
 
 def _on_the_bound(laplacian: Laplacian, problem: Emphasis, best: Iterate) -> Iterate:
-    """Reduce the tour to its share if a larger one costs; steps end just within the bound."""
+    """Reduce the weight of the tour to exactly its share, if the bound is tight."""
     on_tour, weights, beyond = problem.on_tour, best.numbers[:-1], best.numbers[-1]
     if best.prices is None or beyond > best.prices[1] / best.resistance:
         return best

@@ -11,9 +11,9 @@ from jaxtyping import Float, Int
 _STEPS = 100
 # Signs of the edges in `level I - M` and in `level I + M`.
 _SIGNS = np.array([1.0, -1.0])[:, None, None]
-# Ridge that makes a Hessian of size 1 positive definite in spite of rounding.
+# Ridge that makes a Hessian with unit diagonal positive definite in spite of rounding.
 _RIDGE = 1e-12
-# Share of the distance to the nearest bound that a step takes, so that no matrix becomes singular.
+# Share of the way to the nearest bound that a step goes, so that no matrix becomes singular.
 _SHORT_OF_THE_BOUND = 0.95
 
 
@@ -22,8 +22,8 @@ class SpectralProblem:
     """The least spectral norm of `M(w) = I - r r' - sum_e w_e s_e s_e'` over `limits >= bounds w`.
 
     For an edge `e` between `i` and `j`, `s_e = e_i / r_i - e_j / r_j`, so that all `s_e` are
-    orthogonal to `r`, whose norm is 1. With `L(w)` the sum over the edges, `M` is similar to a
-    transition matrix without its eigenvalue 1.
+    orthogonal to `r`, a vector of norm 1. With `L(w)` the sum over the edges, `M` has the
+    eigenvalues of a transition matrix, with 0 in place of its eigenvalue 1.
     """
 
     edges: Int[np.ndarray, "edges 2"]
@@ -50,7 +50,7 @@ class SpectralProblem:
     def laplacian(
         self, weights: Float[np.ndarray, "edges"]
     ) -> Float[np.ndarray, "vertices vertices"]:
-        """Compute the sum `L(w)` of the `w_e s_e s_e'`."""
+        """Compute `L(w)`, the sum of `w_e s_e s_e'` over the edges."""
         tail, head = self.edges.T
         matrix = np.zeros((self.root.size, self.root.size))
         matrix[tail, head] = matrix[head, tail] = -weights
@@ -78,8 +78,8 @@ class SpectralProblem:
 class _Point:
     """Weights, a level above the norm, and forces that keep them within their bounds.
 
-    The class also describes changes of such a point. The force on a matrix that stays positive
-    definite is a matrix, and the force on a number that stays positive is a number.
+    The class also describes a change of a point. A force on a matrix keeps the matrix positive
+    definite and is itself a matrix; a force on a number keeps the number positive.
     """
 
     weights: Float[np.ndarray, "edges"]
@@ -103,10 +103,10 @@ def least_norm(
 ) -> tuple[Float[np.ndarray, "edges"], float, float, int]:
     """Follow the central path of the semidefinite program by predictor-corrector steps.
 
-    The direction is that of Helmberg, Rendl, Vanderbei and Wolkowicz (1996). Because each edge
+    Steps have the direction of Helmberg, Rendl, Vanderbei and Wolkowicz (1996). Because each edge
     changes the matrices by a matrix of rank 1, the Hessian is an entrywise product of matrices. A
-    general solver cannot exploit that: Clarabel, through cvxpy, is 7 times as slow for 30 vertices
-    and 60 edges, and 40 times as slow for 50 vertices and 150 edges.
+    general solver cannot exploit this structure: Clarabel, through cvxpy, is 7 times as slow for 30
+    vertices and 60 edges, and 40 times as slow for 50 vertices and 150 edges.
 
     **Arguments:**
 
@@ -142,21 +142,21 @@ def _bound(problem: SpectralProblem, point: _Point) -> float:
     For a symmetric `Y` whose eigenvalues have moduli with sum 1 or less, the norm of `M(w)` is at
     least `tr Y M(w) = tr Y C - sum_e w_e s_e' Y s_e`, with `C = I - r r'`. If `z >= 0` and `s_e' Y
     s_e = (bounds' z)_e` for all edges, the subtracted sum is `z' bounds w`, at most `z' limits`. A
-    `Y` that nearly satisfies this is corrected along the `s_e s_e'`, which are independent because
-    no two have an off-diagonal entry in common.
+    `Y` that nearly satisfies these equations is corrected by multiples of the matrices `s_e s_e'`,
+    which are independent because no two have a common off-diagonal entry.
     """
     centred = problem.centred
     Y = centred @ (point.forces[0] - point.forces[1]) @ centred
     excess = problem.along(Y) - problem.bounds.T @ point.pressure
     inner = problem.between(np.eye(problem.root.size)) ** 2
     Y -= problem.laplacian(np.linalg.solve(inner, excess))
-    # If the least norm is 0, Y is only rounding, and the trace of the forces is larger.
+    # If the least norm is 0, Y is due to rounding, and the trace of the forces is larger.
     size = max(np.abs(np.linalg.eigvalsh(Y)).sum(), np.trace(point.forces.sum(axis=0)))
     return max(0.0, float((np.trace(Y) - problem.limits @ point.pressure) / size))
 
 
 def _step(problem: SpectralProblem, point: _Point) -> _Point:
-    """Take one step towards forces that add up to 0 along every edge and do no work.
+    """Take one step towards an optimum: forces that balance along every edge and do no work.
 
     **Raises:** `numpy.linalg.LinAlgError` if a matrix is singular up to rounding.
     """
@@ -164,7 +164,7 @@ def _step(problem: SpectralProblem, point: _Point) -> _Point:
     shifted = problem.shifted(point.weights, point.level)
     root = np.linalg.inv(np.linalg.cholesky(shifted))
     forces_root = np.linalg.inv(np.linalg.cholesky(point.forces))
-    # Unless it is symmetric to the last digit, the gap closes only to 1e-6.
+    # The inverse must be symmetric to the last digit, or the gap would only fall to 1e-6.
     inverse = root.transpose(0, 2, 1) @ root
     solve = _hessian_solve(problem, point, inverse, slack)
 
@@ -198,7 +198,7 @@ def _balance(
     forces: Float[np.ndarray, "2 vertices vertices"],
     pressure: Float[np.ndarray, "bounds"],
 ) -> Float[np.ndarray, "unknowns"]:
-    """Sum the forces along each edge and, last, on the level, which balance at 0 and at 1."""
+    """Sum the forces along each edge, which balance if 0, and last on the level, balanced if 1."""
     along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
     return np.append(along, np.trace(forces[0] + forces[1]))
 
@@ -223,7 +223,7 @@ def _hessian_solve(
     try:
         factor = scipy.linalg.cho_factor(hessian)
     except np.linalg.LinAlgError:
-        # Near the end it may be singular up to rounding, when many weights are equally good.
+        # If many weights are equally good, the Hessian may become singular up to rounding.
         factor = scipy.linalg.cho_factor(hessian + _RIDGE * np.eye(len(hessian)))
 
     def solve(total):  # type: ignore[no-untyped-def]

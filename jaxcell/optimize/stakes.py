@@ -10,13 +10,13 @@ class Stakes:
     """The gains and losses of patroller and adversary at each vertex (Alam 2018, section 4.3.2)."""
 
     values: Float[np.ndarray, "vertices"] | None = None
-    "The value of the goods to the patroller, `d_pat`; by default `1 / n` each."
+    "The value of the goods to the patroller, `d_pat`; by default `1 / n` at each of `n` vertices."
     adversary_values: Float[np.ndarray, "vertices"] | None = None
-    "The value of the goods to the adversary, `d_adv`; by default as to the patroller."
+    "The value of the goods to the adversary, `d_adv`; by default equal to `values`."
     rewards: Float[np.ndarray, "vertices"] | None = None
     "The gain of the patroller from a capture, `c_pat`; by default as in Alg. 4.2."
     costs: Float[np.ndarray, "vertices"] | None = None
-    "The penalty of a captured adversary, `c_adv`; by default its gain is as in Alg. 4.2."
+    "The penalty of a captured adversary, `c_adv`; by default a gain as in Alg. 4.2."
 
 
 def payoffs(
@@ -25,9 +25,9 @@ def payoffs(
     """Compute the payoffs of a patroller and of an adversary that attacks a vertex (Alg. 4.2).
 
     A strategy of the patroller captures the adversary at its `k`-th closest of `n` vertices with
-    probability `1 / 2**(k - 1)`, as in Table 4.2 of Alam 2018. The patroller then gains the reward,
-    by default `n - k + 1`, and the adversary pays the cost, by default `-k`, which is a gain as
-    printed. Otherwise each gains the value of the goods to it.
+    probability `1 / 2**(k - 1)`, as in Table 4.2 of Alam 2018. After a capture the patroller gains
+    the reward, by default `n - k + 1`, and the adversary pays the cost, by default `-k`, which is a
+    gain as printed. Otherwise both gain their values of the goods.
 
     **Arguments:**
 
@@ -36,7 +36,7 @@ def payoffs(
 
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
-    Two strategies on two vertices, each nearest to another:
+    Two strategies, each of which is closest to another of two vertices:
 
         >>> import numpy as np
         >>> from jaxcell import optimize

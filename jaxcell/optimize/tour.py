@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from .graph import Graph
 
 
-# Number of vertices up to which the order is the best one.
+# Largest number of vertices for which the order is optimal.
 _EXACT = 12
 # Relative decrease of the length of an edge that is already part of the tour.
 _AGAIN = 1e-9
@@ -16,18 +16,18 @@ _AGAIN = 1e-9
 def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "steps"]:
     """Find a short closed walk through given vertices, along shortest paths between them.
 
-    The order is optimal for up to 12 vertices (Held and Karp 1962). For more, each vertex, the
-    farthest first, is inserted where it lengthens the tour least, and then parts of the tour are
-    reversed while that makes it shorter; the result may be longer than the shortest tour. Among
-    equally short paths, those along edges of the tour are preferred, so that it has few edges.
+    The order is optimal for up to 12 vertices (Held and Karp 1962). For more vertices, farthest
+    insertion inserts each vertex where it lengthens the tour least, and then parts of the tour are
+    reversed as long as this shortens the tour; the result may be longer than the shortest tour. Of
+    equally short paths, the tour prefers paths along its own edges, so that it has few edges.
 
     **Arguments:**
 
     - `graph`: the graph. The length of a path is the sum of [`Graph.lengths`][].
     - `through`: two or more vertices.
 
-    **Returns:** the vertices of the walk in order, from the first of `through`, which is not
-    repeated at the end. A walk may pass a vertex or an edge more than once.
+    **Returns:** the vertices of the walk in order, from the first of `through`. The first vertex is
+    not repeated at the end. A walk may pass a vertex or an edge more than once.
 
     A square; opposite corners are not joined by an edge:
 
@@ -47,7 +47,7 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
     names, counts = np.unique(stops, return_counts=True)
     if (counts > 1).any():
         raise ValueError(f"vertex {names[counts > 1][0]} comes twice among those of the tour")
-    # scipy ignores edges of length 0, which join vertices at one place.
+    # scipy ignores edges of length 0, between vertices at one position.
     lengths = np.maximum(graph.lengths, np.finfo(np.float64).tiny)
     between = scipy.sparse.csgraph.dijkstra(graph.matrix(lengths), indices=stops)[:, stops]
     far = stops[np.isinf(between[0])]
@@ -57,7 +57,7 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
     legs: list[list[int]] = []
     used = np.zeros(len(graph.edges), bool)
     for here, there in zip(stops[order], stops[np.roll(order, -1)], strict=True):
-        # The predecessors in a search from the next stop lead to that stop.
+        # In a search from the next stop, the predecessors lead to this stop.
         _, before = scipy.sparse.csgraph.dijkstra(
             graph.matrix(lengths * (1 - _AGAIN * used)), indices=there, return_predecessors=True
         )
@@ -86,7 +86,7 @@ def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
     """Find the order of the shortest tour, by dynamic programming over sets of stops."""
     last = between.shape[0] - 1
     step = between[1:, 1:]
-    # `cost[s, j]`: the length from stop 0 through the stops in the bit set s, with j in s the last.
+    # `cost[s, j]`: the least length from stop 0 through the stops in the bit set s, ending at j.
     cost = np.full((1 << last, last), np.inf)
     came = np.zeros((1 << last, last), np.int64)
     bit = 1 << np.arange(last)
@@ -108,7 +108,7 @@ def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
 
 
 def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
-    """Find an order by farthest insertion, improved until reversing any part lengthens the tour."""
+    """Find an order by farthest insertion, then reverse parts while this shortens the tour."""
     tour = [0]
     nearest = between[0].copy()
     while len(tour) < between.shape[0]:
@@ -123,7 +123,7 @@ def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
     while True:
         here, there = order, np.roll(order, -1)
         now = between[here, there]
-        # Reversing the part between edges i and j joins their first ends, and their second ends.
+        # Reversing the part between edges i and j joins both first ends, and both second ends.
         saved = (
             now[:, None]
             + now[None, :]

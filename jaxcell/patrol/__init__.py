@@ -2,24 +2,24 @@
 
 A *patroller* walks on an undirected graph whose vertices are places to guard. Its *strategy* is a
 Markov chain, often given by *weights* `w` of the edges: from a vertex it takes an edge with a
-probability in proportion to the weight. Robots need not talk, start together, or know each other.
+probability in proportion to the weight. Robots need not communicate or start together.
 A time is a number of steps, unless edges have travel times.
 
-The main names are here, and all names in the packages below, each with its definitions:
+The main names are in this package; the packages below contain all names, and define the terms:
 
 - `patrol.files`: a `Graph`, `load_graph`, `save_graph`, and values of vertices.
 - `patrol.walks`: walks on a graph, such as the `random_walk` with given weights and the walk
     `toward` a vertex; walks that optimise a measure, such as `maximin_capture`; the
     `strategy_game` against an adversary; and `GraphPatrol`, the result for datasets and recordings.
 - `patrol.team`: parts of a graph, travel times, idleness, news at a base, and charging.
-- `patrol.map`: robots that see only so far on the cells of a map. `cell_graph` joins the cells,
-    `distributed_policies` and `capture_policies` walk on them, `capture_probabilities` are exact,
+- `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells,
+    `distributed_policies` and `capture_policies` are walks, `capture_probabilities` are exact,
     `vulnerability` adds a simulation and the fit of its law, and `PatrolledMap` is the result.
 - `patrol.law`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
 - `patrol.perimeter`: the baselines BMP, DCP and DNCP on a cycle.
 
-The probability of capturing an attack that takes `t` steps follows from the survival of each robot
-`r`, the probability `S_r(t)` that it has not come by then:
+The probability of capturing an attack that takes `t` steps follows from the probability `S_r(t)`
+that robot `r` does not visit the attacked place in these steps:
 
     p_d = 1 - prod_r S_r(t).
 

@@ -1,9 +1,9 @@
 """Graphs of places to guard, and their files.
 
 Vertices of a `Graph` are numbered from 0, distances are in metres. `load_graph` reads JSON and the
-formats of networkx and of patrolling_sim, `save_graph` writes JSON; `has_weights` tells whether a
-file has weights, which are not read. `load_values` reads one number per vertex, and `load_stakes`
-the stakes of a game.
+formats of networkx and of patrolling_sim, `save_graph` writes JSON, GraphML and edge lists.
+`has_weights` checks whether a file has weights, which are not read. `load_values` reads one number
+per vertex, and `load_stakes` the stakes of a game.
 """
 
 from ...base.hosted import attach

@@ -1,21 +1,21 @@
 """Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
 
 Every vertex has a name, and either all vertices have a position or none has. Every edge joins two
-different vertices, once, and can be walked both ways. Edges may have a `length` in metres, if all
-edges have one; otherwise they are straight. Other attributes in a file are ignored.
+different vertices in both directions, without parallel edges. Either all edges have a `length` in
+metres, or all edges are straight. Other attributes in a file are ignored.
 
 **Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
 and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
 A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. An **adjacency list**
-(`.adjlist`) has one line per vertex, its name and its neighbours' names. An **edge list**
+(`.adjlist`) has one line per vertex, with its name and its neighbours' names. An **edge list**
 (`.edges`, `.txt`) is text; `#` begins a comment:
 
 ```
-# A line of three is a vertex and its position in metres.
+# A line of three words is a vertex and its position in metres.
 hall 0 0
 yard 3.5 1
-# A line of two is an edge.
+# A line of two words is an edge.
 hall yard
 ```
 """
@@ -54,7 +54,7 @@ _DIRECTED = (
 
 
 class Vertex(NamedTuple):
-    """A vertex of a file, not yet checked."""
+    """A vertex of a file before any check."""
 
     field: str
     name: object
@@ -62,7 +62,7 @@ class Vertex(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """An edge of a file, not yet checked."""
+    """An edge of a file before any check."""
 
     field: str
     tail: object
@@ -118,7 +118,7 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
         raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
     if document.get("directed"):
         raise ValueError(f"directed: {_DIRECTED}")
-    # Until version 3.4, and in D3, the edges are "links".
+    # networkx until version 3.4, and D3, call the edges "links".
     key = "edges" if "edges" in document else "links"
     fields = Fields(document)
     return (
@@ -149,7 +149,7 @@ def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
         raise ValueError(f"not valid XML, or cut short: {error}") from None
     try:
         with warnings.catch_warnings():
-            # Warnings about ports and types do not matter here.
+            # Warnings about ports and types are ignored.
             warnings.simplefilter("ignore")
             graph = nx.parse_graphml(text, force_multigraph=True)
     except (
@@ -165,7 +165,7 @@ def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
-    """Read GML or an adjacency list by networkx."""
+    """Read GML or an adjacency list with networkx."""
     import networkx as nx
 
     lines = text.splitlines()
@@ -191,10 +191,10 @@ def _of_networkx(graph: Any, directed: str) -> tuple[list[Vertex], list[Edge]]:
 def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
     """Parse a graph of patrolling_sim, the ROS simulator of patrols (Portugal and Rocha).
 
-    The head is the number of vertices, the width and height of the picture, metres per pixel, and
-    the offset of its origin. Each vertex has a number, two coordinates in pixels, the number of its
-    neighbours, and for each neighbour its number, a direction (N, SE, ...) and the length of the
-    path in pixels.
+    The file begins with the number of vertices, the width and height of the picture, metres per
+    pixel, and the offset of the origin. Each vertex has a number, two coordinates in pixels, the
+    count of its neighbours, and for each neighbour its number, a direction (N, SE, ...) and the
+    length of the path in pixels.
     """
     words = text.split()
     at = 0
@@ -265,7 +265,7 @@ def has_weights(path: str | os.PathLike[str]) -> bool:
 
     **Returns:** `True` if the file mentions a weight; always `False` for lists.
 
-    The graph of section 4.5.2 of Alam 2018 has none:
+    The graph of section 4.5.2 of Alam 2018 has no weights:
 
         >>> from jaxcell import bundled, patrol
         >>> patrol.files.has_weights(bundled("graphs/eight.json"))
@@ -305,7 +305,7 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
-    """Make a graph from the parts of a file; errors name the wrong part."""
+    """Make a graph from the parts of a file, and check them; errors name the wrong part."""
     numbers: dict[str, int] = {}
     xy = []
     for field, name, attributes in vertices:

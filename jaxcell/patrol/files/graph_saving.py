@@ -11,7 +11,7 @@ from .graph_files import LIST_SUFFIXES, SUFFIXES, Edge, Vertex, checked_graph
 def save_graph(
     graph: Graph, path: str | os.PathLike[str], names: Sequence[str] | None = None
 ) -> None:
-    """Write a graph file, completely or not at all; reading it gives the same numbers.
+    """Write a graph file, completely or not at all; numbers are written without rounding.
 
     **Arguments:**
 
@@ -46,7 +46,7 @@ def save_graph(
             raise ValueError(f"names: expected {graph.vertices}, one per vertex, got {len(names)}")
         places = graph.xy.tolist()
         pairs = graph.edges.tolist()
-        # A graph that could not be read is not written.
+        # The check raises an error for a graph that could not be read from its file.
         checked_graph(
             [Vertex(f"names[{v}]", names[v], {"x": x, "y": y}) for v, (x, y) in enumerate(places)],
             [Edge(f"edges[{e}]", *(names[end] for end in ends)) for e, ends in enumerate(pairs)],

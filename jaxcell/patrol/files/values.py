@@ -25,7 +25,7 @@ def load_values(
 
     **Raises:** `ValueError` with the file and the line; `FileNotFoundError`.
 
-    Attacks on two vertices:
+    Durations of attacks on two vertices:
 
         >>> import pathlib, tempfile
         >>> from jaxcell import patrol
@@ -43,7 +43,7 @@ def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
 
     **Arguments:**
 
-    - `path`: a file of lines with a name and one, two or four numbers, equally many in all lines:
+    - `path`: a file whose lines have a name and one, two or four numbers, equally many per line:
         the value of the goods to the patroller, their value to the adversary if it differs, the
         gain of the patroller from a capture, and the penalty of the adversary. `#` starts a
         comment.
@@ -75,7 +75,7 @@ def _load(
         if not words:
             continue
         at = f"{path}: line {number}"
-        # A name may have several words, and the last ones may be numbers.
+        # A name may have several words, and its last words may be numbers.
         splits = [(" ".join(words[:-length]), words[-length:]) for length in lengths]
         name, rest = next((split for split in splits if split[0] in names), splits[0])
         if name not in names:

@@ -7,12 +7,12 @@ from jaxtyping import Float
 from scipy.special import expit
 
 
-# exp(-FAR) is near the smallest normal number. Probabilities below it count as 0.
+# exp(-FAR) is near the smallest normal number; smaller probabilities count as 0.
 FAR = 690.0
 # Log-odds of the table of the quantile function: 0.16 apart in the middle, 32 at the ends.
 _NODES = FAR * np.sinh(np.linspace(-6, 6, 257)) / math.sinh(6)
 _MAX_STEPS = 100
-# Steps in the log-odds end at this size, because the error is of the order of its square.
+# The last step in the log-odds has at most this size; the error is of the order of its square.
 _STEP = 1e-8
 _ROUNDING = 4e-16
 
@@ -23,15 +23,15 @@ _Parameter: TypeAlias = Float[np.ndarray, "*#laws"] | float | int
 class Gld:
     """A generalized lambda distribution in the parameters of Freimer, Mudholkar, Kollia and Lin.
 
-    It is defined by its quantile function (Alam 2018, Eq. 4.10)
+    The distribution is defined by its quantile function (Alam 2018, Eq. 4.10)
 
     `Q(u) = l1 + ((u**l3 - 1) / l3 - ((1 - u)**l4 - 1) / l4) / l2`.
 
     A shape of 0 stands for the limit, `log(u)` or `log(1 - u)`. With shapes 0 and 0 it is the
-    logistic distribution, with 1 and 1 a uniform one. Arrays `[laws, 1]` in place of the four
-    numbers stand for several laws, whose functions return arrays `[laws, values]`.
+    logistic distribution, with 1 and 1 a uniform distribution. If the four parameters are arrays
+    `[laws, 1]`, they are several distributions, and functions return arrays `[laws, values]`.
 
-    Its other functions invert `Q` by Newton's method in a bracket, in the log-odds `log(u / (1 -
+    The other functions invert `Q` by Newton's method in a bracket, in the log-odds `log(u / (1 -
     u))`, so that neither tail loses digits.
 
     The logistic distribution:
@@ -52,7 +52,7 @@ class Gld:
     "Shape of the upper tail."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for plain numbers that do not make a distribution."""
+        """**Raises:** `ValueError` for numbers that do not define a distribution."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(value, int):
@@ -64,7 +64,7 @@ class Gld:
 
     @property
     def support(self) -> tuple[float, float]:
-        """The ends of the interval that holds all values; infinite for shapes up to 0."""
+        """The ends of the interval of all values; infinite for shapes of at most 0."""
         low, high = self.quantile([0.0, 1.0]).tolist()
         return low, high
 
@@ -81,7 +81,7 @@ class Gld:
     ) -> Float[np.ndarray, "*values"]:
         """Compute the logarithm of `cdf(x) / (1 - cdf(x))`; infinite outside of the support.
 
-        Log-odds `near` the answer, if any, spare the search for a bracket.
+        With approximate log-odds `near` the result, no bracket is searched for.
         """
         z = np.asarray((np.asarray(x, np.float64) - self.l1) * self.l2)
         log_odds = _invert(np.atleast_1d(z), self.l3, self.l4, near)
@@ -97,8 +97,8 @@ class Gld:
 
     @np.errstate(all="ignore")
     def log_density(self, log_odds: Any) -> Float[np.ndarray, "*values"]:
-        """Compute the logarithm of the probability density at log-odds; -inf if these are
-        infinite."""
+        """Compute the logarithm of the probability density at log-odds; -inf at infinite
+        log-odds."""
         log_u, log_v = _logs(log_odds)
         log_slope = np.logaddexp(self.l3 * log_u + log_v, self.l4 * log_v + log_u)
         density = np.log(self.l2) + log_u + log_v - log_slope
@@ -110,7 +110,7 @@ def log_probability(lower: Any, upper: Any) -> Float[np.ndarray, "*values"]:
     """Compute the logarithm of the probability of an interval from the log-odds at its ends.
 
     With `u` and `v` the distribution function at the ends, `v - u = v (1 - u) (1 - exp(lower -
-    upper))`, which cancels in neither tail.
+    upper))`, in which neither tail cancels.
     """
     logarithm = _logs(upper)[0] + _logs(lower)[1] + np.log(-np.expm1(np.subtract(lower, upper)))
     return np.where(np.greater_equal(lower, upper), -np.inf, logarithm)
@@ -118,7 +118,7 @@ def log_probability(lower: Any, upper: Any) -> Float[np.ndarray, "*values"]:
 
 @np.errstate(all="ignore")
 def standard_quantile(log_odds: Any, l3: _Parameter, l4: _Parameter) -> Any:
-    """Compute the quantile function of the law with location 0 and scale 1 at log-odds."""
+    """Compute the quantile at log-odds, for location 0 and scale 1."""
     log_u, log_v = _logs(log_odds)
     return _power(log_u, l3) - _power(log_v, l4)
 
@@ -142,13 +142,13 @@ def _invert(
 ) -> Float[np.ndarray, "*laws_and_values"]:
     """Find the log-odds at which the standard quantile function is `z`.
 
-    A table of that function brackets each solution. A step of Newton's method that would leave the
-    bracket is replaced by its middle. Beyond the table, the log-odds are infinite.
+    A table of the function brackets each solution. The middle of the bracket replaces a Newton step
+    that would leave the bracket. Beyond the table, the log-odds are infinite.
     """
     nodes = _NODES if near is None else _NODES[[0, -1]]
     table = standard_quantile(nodes, l3, l4)
     inside = (z > table[..., :1]) & (z < table[..., -1:])
-    # Values outside of the table aim at 0, which has a solution, or the steps would not end.
+    # Values outside of the table are replaced by 0, which has a solution, so that the steps end.
     aim = np.where(inside, z, 0.0)
     rows = zip(
         table.reshape(-1, nodes.size), aim.reshape(table.size // nodes.size, -1), strict=True
@@ -164,7 +164,7 @@ def _invert(
         change = -excess / (np.exp(l3 * log_u + log_v) + np.exp(l4 * log_v + log_u))
         moved = y + change
         last = np.abs(change) <= _STEP * np.maximum(1.0, np.abs(y))
-        # Where the function is flat, rounding makes steps that never become small.
+        # Where the function is flat, rounding causes steps that never become small.
         settled = np.abs(excess) <= -_ROUNDING * (lower + upper)
         safe = np.where((moved >= low) & (moved <= high), moved, (low + high) / 2)
         y = np.where(last, moved, np.where(settled, y, safe))

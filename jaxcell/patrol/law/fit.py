@@ -17,21 +17,21 @@ _MIN_SAMPLES = 8
 _MIN_VALUES = 5
 # The accuracy of the log-likelihood of all samples.
 _TOLERANCE = 1e-4
-# The grid of the package gld of R, which Alam 2018 uses, with two more for narrow peaks.
+# The grid of the R package gld, which Alam 2018 uses, with two more shapes for narrow peaks.
 _SHAPES = (-0.9, -0.5, -0.1, 0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.5, 3.0, 10.0)
-# The number of values that rank laws, and the number of laws that are then improved.
+# The number of values with which laws are ranked, and the number of laws that are then improved.
 _RANKED = 400
 _POLISHED = 3
-# Bounds between three kinds of shapes: with a tail, with an edge, with a peak at an edge.
+# Bounds between three kinds of shapes, which have a tail, an edge, or a peak at an edge.
 _KINDS = (0.5, 2.0)
 _MAX_SHAPE = 50.0
-# The support ends where the distribution function of the least of n samples is exp(-_BEYOND) / n,
-# or farther away: an end nearer to the sample gains less than n times that in log-likelihood.
+# The support ends so far from the least of n samples that the distribution function at the sample
+# is at least exp(-_BEYOND) / n: a nearer end gains less than exp(-_BEYOND) in log-likelihood.
 _BEYOND = 5.0
 _MAX_HALVINGS = 20
 # The largest change of a parameter in a step.
 _MAX_CHANGE = 2.0
-# Curvatures below this are rounding.
+# Curvatures below this number are due to rounding.
 _FLATTEST = 1e-9
 
 
@@ -41,10 +41,10 @@ class GldFit(Result):
 
     law: Gld
     log_likelihood: Annotated[float, quantity("", "log-likelihood of the samples")]
-    "The sum over all samples: of log-probabilities if censored, else of log-densities."
+    "The sum over all samples of log-probabilities if censored, else of log-densities."
     distance: Annotated[float, quantity("", "largest difference of distribution functions", "1")]
     """Kolmogorov-Smirnov statistic: the largest difference of the distribution functions of the law
-    and of the samples; if censored, taken at whole numbers plus a half."""
+    and of the samples; only at whole numbers plus a half if censored."""
     censored: bool
     "`True` if samples stand for intervals of length 1."
     certificate: Certificate
@@ -75,28 +75,28 @@ def fit_gld(
 ) -> GldFit:
     """Fit a generalized lambda distribution by maximum likelihood (Alam 2018, section 4.4.6).
 
-    Times counted in steps are whole numbers, and for those the likelihood of a density grows
-    without bound as the law concentrates around one number. If `censored`, a sample `t` therefore
-    stands for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of that interval.
+    Times counted in steps are whole numbers, for which the likelihood of a density grows without
+    bound as the law concentrates around one number. If `censored`, a sample `t` therefore stands
+    for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of this interval.
 
-    The best few of a grid of shapes are improved by Newton's method. Laws that give a sample no
-    chance are not searched, so the likelihood is smooth. The result is the best of several local
-    maxima, with shapes from -50 to 50. A density of huge shapes that peaks at one sample may be
-    likelier, and is of no use.
+    Newton's method improves the best few of a grid of shapes. Laws under which a sample has
+    probability 0 are excluded, so the likelihood is smooth. The result is the best of several local
+    maxima, with shapes from -50 to 50. A law with larger shapes and a peak at one sample may have a
+    larger likelihood, but is useless.
 
     **Arguments:**
 
     - `samples`: array `[samples]`, in any order and unit.
     - `censored`: whether the samples are whole numbers that stand for intervals. The default is
-        `True` if all are whole and two are equal.
+        `True` if all samples are whole numbers and two are equal.
     - `steps`: largest number of steps of a search.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
-    **Returns:** [`GldFit`][]. The residual of its certificate is the predicted gain in
-    log-likelihood of another step.
+    **Returns:** [`GldFit`][]. The residual of its certificate is the gain in log-likelihood that
+    another step is predicted to bring.
 
     **Raises:** `ValueError` for samples that cannot be fitted; `RuntimeError` if the search does
-    not settle.
+    not converge.
 
     Four parameters need more than four samples:
 
@@ -121,7 +121,7 @@ def fit_gld(
             f"samples: expected at least {_MIN_SAMPLES}, with {_MIN_VALUES} different "
             f"values, got {given.size} with {value.size}"
         )
-    # Values are relative to the least one, so that samples far from 0 lose no digits.
+    # Values are relative to the least value, so that samples far from 0 lose no digits.
     origin = value[0]
     problem = _Problem.of(value - origin, count, censored, steps)
     ranking = dataclasses.replace(problem, data=problem.few)
@@ -139,19 +139,19 @@ def fit_gld(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """Samples, and the points whose log-odds determine their laws."""
+    """Samples, and the points at which log-odds determine a law."""
 
     data: Likelihood
     few: Likelihood
-    "A subset of at most `_RANKED` values, enough to rank laws and to begin the search."
+    "The likelihood of at most `_RANKED` values, enough to rank laws and to begin the search."
     inner: Float[np.ndarray, "2"]
     "Points near the quartiles."
     log_odds: Float[np.ndarray, "2"]
     "The log-odds of the samples at `inner`."
     outer: Float[np.ndarray, "2"]
-    "The interval that the support must hold: both ends of all samples."
+    "The interval that the support must contain: both ends of all samples."
     narrow: Float[np.ndarray, "2"]
-    "The interval that it must hold if all samples are to have a chance."
+    "The interval that the support must contain so that all samples have positive probability."
     size: int
     "The number of samples."
     steps: int
@@ -189,9 +189,9 @@ class _Problem:
 
 
 def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.ndarray, "2"]]]:
-    """Return the best laws of a grid, each of another kind.
+    """Return the best laws of a grid, one per kind of shapes.
 
-    The laws have the quartiles of the samples; a bounded support is widened to hold all samples.
+    The laws have the quartiles of the samples; a bounded support is widened to contain all samples.
     """
     farthest = math.log(2 * problem.size)
     shapes = np.array(list(itertools.product(_SHAPES, repeat=2)))
@@ -217,9 +217,9 @@ class _Maximum:
     point: Float[np.ndarray, "2"]
     loss: float
     gain: float
-    "The predicted gain in log-likelihood of another step."
+    "The gain in log-likelihood that another step is predicted to bring."
     edge: Bool[np.ndarray, "2"]
-    "`True` where the support ends at the point."
+    "`True` if the support ends at the point."
     steps: int
 
 
@@ -229,8 +229,8 @@ def _maximum(
     """Find the maximum to which a start leads.
 
     The likelihood of a censored sample has a kink where the support ends at the outer end of its
-    interval, and the maximum often lies there. So the search first requires supports that hold the
-    whole interval, and then admits those that end within the interval if they are better.
+    interval, and the maximum often lies there. So the search first requires supports that contain
+    the whole interval, and then admits supports that end within the interval if they are better.
     """
     wide = _maximise(problem, numbers, point)
     narrowed = wide.edge & (problem.narrow != problem.outer)
@@ -257,9 +257,9 @@ def _maximise(
     three times the evaluations and stops with 0.003 to gain in log-likelihood, and L-BFGS-B stops
     with more than 1 to gain.
 
-    A law is given by its log-odds at two points and its shapes. On a side where its support is
-    bounded, the point is the outer one, at which no change of the other parameters excludes a
-    sample; otherwise it is the inner one, which hardly depends on the shape.
+    A law is given by its log-odds at two points and its shapes. On a side with a bounded support,
+    the outer point is used, with which no change of the other parameters excludes a sample;
+    otherwise the inner point is used, at which log-odds hardly depend on the shape.
     """
     farthest = math.log(problem.size) + _BEYOND
     bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])
@@ -298,7 +298,7 @@ def _maximise(
 def _distance(
     law: Gld, value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
 ) -> float:
-    """Compute the largest difference of the distribution functions, which is beside a value."""
+    """Compute the largest difference of the distribution functions, which is next to a value."""
     half = 0.5 if censored else 0.0
     upto = np.cumsum(count)
     below = law.cdf(value - half) - (upto - count) / upto[-1]

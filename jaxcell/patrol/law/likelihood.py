@@ -14,15 +14,15 @@ from jaxtyping import Float, Int
 from .distribution import Gld, log_probability, standard_quantile
 
 
-# The step of difference quotients. Their error is of the order of its square, and that of rounding
-# divided by its square.
+# The step of difference quotients. Their error is of the order of the square of the step, plus
+# rounding divided by this square.
 _STEP = 3e-4
-# The steps to the laws of a difference quotient: both ways along each axis and each pair of axes.
+# The steps to the laws of a difference quotient: in both directions of each axis and each diagonal.
 _AXES = np.eye(4)
 _PAIRS = list(itertools.combinations(range(4), 2))
 _DIAGONALS = np.array([_AXES[i] + _AXES[j] for i, j in _PAIRS])
 _STENCIL = _STEP * np.concatenate([_AXES, -_AXES, _DIAGONALS, -_DIAGONALS])
-# With more values than this, fewer laws are in memory at once.
+# With more values than this number, fewer laws are in memory at once.
 _VALUES = 20_000
 
 
@@ -49,7 +49,7 @@ class Likelihood:
     def of(
         value: Float[np.ndarray, "samples"], count: Int[np.ndarray, "samples"], censored: bool
     ) -> "Likelihood":
-        """Return the likelihood of distinct samples, of intervals of length 1 if censored."""
+        """Return the likelihood of distinct samples, or of intervals of length 1 if censored."""
         weight = count / count.sum()
         if not censored:
             return Likelihood(value, weight, None)
@@ -60,7 +60,7 @@ class Likelihood:
     def loss(
         self, numbers: Float[np.ndarray, "*laws 4"], point: Float[np.ndarray, "*#laws 2"]
     ) -> Float[np.ndarray, "*laws"]:
-        """Compute the negative mean log-likelihood by law, infinite if a sample has no chance."""
+        """Compute the negative mean log-likelihood of each law, infinite for impossible samples."""
         law = law_through(numbers, point)
         return self._loss(law, law.log_odds(self.x))
 
@@ -70,9 +70,9 @@ class Likelihood:
         point: Float[np.ndarray, "2"],
         below: float = math.inf,
     ) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
-        """Compute the loss and its two derivatives, NaN unless the loss is below `below`.
+        """Compute the loss, its gradient and its Hessian, NaN unless the loss is below `below`.
 
-        The derivatives are difference quotients between laws nearby, in one batch for few values.
+        The derivatives are difference quotients between nearby laws, in one batch for few values.
         """
         law = law_through(numbers, point)
         log_odds = law.log_odds(self.x)

@@ -15,9 +15,9 @@ _STARTS = ("stationary", "uniform", "worst")
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Attack:
-    """Attacks on cells of a map: their numbers of steps, and the places of robots at the start.
+    """Attacks on cells of a map: their durations, and the places of robots at the start.
 
-    Two attack times, for robots that have been walking for long:
+    Two attack times, for robots that have been patrolling for a long time:
 
         >>> from jaxcell import patrol
         >>> attack = patrol.Attack([20, 50])
@@ -26,12 +26,12 @@ class Attack:
     """
 
     times: Int[np.ndarray, "times"]
-    "Number of steps that an attack takes."
+    "Numbers of steps that an attack may take."
     start: str
-    """Distribution of each robot, when an attack begins, over its cells out of view of the target.
-    `stationary`: its share of time in the long run. `uniform`: equal probabilities, as at the first
-    attack. `worst`: the cell from which the robot is least likely to arrive in time, for an
-    adversary who sees the robots."""
+    """The distribution of each robot, when an attack begins, over its cells out of view of the
+    target. `stationary`: the shares of time in the long run. `uniform`: equal probabilities, as at
+    the first attack. `worst`: the cell from which the robot is least likely to arrive in time, for
+    an adversary who sees the robots."""
 
     def __init__(self, times: Any, start: str = "stationary") -> None:
         """**Arguments:**
@@ -51,11 +51,11 @@ class Attack:
 
     @property
     def first(self) -> "Attack":
-        """The attack that takes the first of the times."""
+        """The attack with the first of the times alone."""
         return Attack(self.times[:1], self.start)
 
     def at(self, start: str) -> "Attack":
-        """Return the attack with robots at another start."""
+        """Return the attack with another distribution of robots at the start."""
         return Attack(self.times, start)
 
     def begins(
@@ -63,7 +63,7 @@ class Attack:
     ) -> list[Float[np.ndarray, "*targets cells"]]:
         """Compute the distribution of each robot over its cells out of view.
 
-        For the start `worst`, these are the cells to choose from, with equal probabilities.
+        For the start `worst`, all cells to choose from have equal probabilities.
         """
         begins = []
         for policy, hidden in zip(policies, outside(policies, view), strict=True):
@@ -85,7 +85,7 @@ def boundary(
 
     **Returns:** the cells in view that are next to a cell out of view.
 
-    In a corridor of five cells, cell 0 is seen from cells 0 and 1; robots enter by cell 1:
+    In a corridor of five cells, cell 0 is seen from cells 0 and 1; robots enter the view at cell 1:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -128,8 +128,8 @@ def contested(
 ) -> Int[np.ndarray, "targets"]:
     """Return the cells where an attack may succeed or fail.
 
-    Cells that a base station has in view are excluded, because it always watches them, and so are
-    cells that no robot can see from its walk, where an attack always succeeds.
+    Cells in view of a base station are excluded, because attacks on them always fail. Cells that no
+    robot can see on its walk are excluded, because attacks on them always succeed.
 
     **Arguments:**
 

@@ -52,11 +52,11 @@ class Vulnerability(Result):
         Float[np.ndarray, "steps"],
         quantity("step", "probability that the first robot is in view then", "1", kind="share"),
     ]
-    "An entry for each of `0, 1, ...` steps, up to the longest attack time."
+    "An entry for each number of steps, from 0 to the longest attack time."
     arrivals: Arrivals
     "The simulated runs."
     fit: GldFit | None
-    "The law that is fitted to the runs, or `None` if the fit failed."
+    "The distribution fitted to the runs, or `None` if the fit failed."
     failure: Annotated[str | None, quantity("", "reason why no law is fitted")]
 
     @derived("attack_time", "fitted less exact", "1")
@@ -102,21 +102,20 @@ def vulnerability(
     """Compute how vulnerable one cell is (Alam 2018, section 4.4.6, Tables 4.6 and 4.7).
 
     The source simulates the time until the first robot sees the target, fits a generalized lambda
-    distribution to it, and takes the probabilities from the fit. The result has both these and
-    the exact probabilities, which shows the error of the fit.
+    distribution to the times, and takes the probabilities from the fit. The result contains these
+    and the exact probabilities, which shows the error of the fit.
 
     **Arguments:**
 
     - `key`: random key of `jax.random` for the simulation.
     - `graph`, `visible`, `policies`: as in [`jaxcell.patrol.capture_probabilities`][].
     - `target`: the cell that is attacked.
-    - `attack`: the attack; the start `worst` is that for its first time.
+    - `attack`: the attack; the start `worst` is computed for its first time.
     - `runs`: number of simulated runs.
 
     **Returns:** [`Vulnerability`][].
 
-    One robot in a corridor of five cells, against attacks on cell 0; five runs are too few for a
-    fit:
+    One robot in a corridor of five cells, with attacks on cell 0; five runs are too few for a fit:
 
         >>> import jax
         >>> from jaxcell import examples, patrol
@@ -172,7 +171,7 @@ def _begin(
     view: Bool[np.ndarray, "cells"],
     attack: Attack,
 ) -> list[Float[np.ndarray, "cells"]]:
-    """Compute the distribution of each robot as an attack on one target begins."""
+    """Compute the distribution of each robot when an attack on the target begins."""
     begins = attack.begins(graph, policies, view)
     if attack.start != "worst":
         return begins

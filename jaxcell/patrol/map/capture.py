@@ -16,9 +16,9 @@ from .policies import Policy
 from .regions import Regions
 
 
-# Probabilities of capture that differ by less are equal.
+# Probabilities of capture that differ by less count as equal.
 _ALIKE = 1e-9
-# The number of targets computed at once: their arrays, one number per cell and target, stay small.
+# Number of targets computed at once, which limits the arrays of one number per cell and target.
 _TARGETS = 512
 
 
@@ -26,7 +26,7 @@ _TARGETS = 512
 class Capture(Result):
     """The probability of capturing an adversary, by attack time and attacked cell.
 
-    One robot in a corridor of five cells, against attacks of one and of six steps:
+    One robot in a corridor of five cells, with attacks of one and of six steps:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -45,7 +45,7 @@ class Capture(Result):
         quantity("attack_time position", "probability of capture", "1", kind="share"),
     ]
     at_first: Float[np.ndarray, "times cells"]
-    "The probability if robots begin in all cells with equal probability, as at the first attack."
+    "The probability if robots start in all cells with equal probability, as at the first attack."
     contested: Int[np.ndarray, "targets"]
     "The cells among which an adversary chooses, [`jaxcell.patrol.map.contested`][]."
 
@@ -76,7 +76,7 @@ class Capture(Result):
 
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:
-        """The contested cell with the least probability; among equals up to rounding, the first."""
+        """The contested cell with the least probability; the first of equals, up to rounding."""
         chosen = self.probability[:, self.contested]
         alike = chosen <= chosen.min(axis=1, keepdims=True) + _ALIKE
         return self.contested[alike.argmax(axis=1)]
@@ -108,23 +108,23 @@ def capture_probabilities(
     """Compute the probability of capturing an adversary that attacks a cell, for every cell.
 
     The attack begins with each robot in a cell from which the target is not seen, and fails if a
-    robot sees the target within the attack time (Alam 2018, section 4.4.6). The law of that time is
-    exact, a product over the independent robots. A robot that sees the target from all of its cells
-    has arrived at once.
+    robot sees the target within the attack time (Alam 2018, section 4.4.6). The result is exact,
+    by a product over the independent robots. A robot that sees the target from all of its cells
+    captures every attack.
 
     **Arguments:**
 
     - `graph`: the cells and the edges between them.
     - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`, as
-        [`jaxcell.space.visible_cells`][] gives it. The dissertation tests whether the whole cell of
-        the robot is seen from the target, which is the transpose.
+        [`jaxcell.space.visible_cells`][] returns it. The dissertation tests whether the whole cell
+        of the robot is seen from the target, which is the transpose.
     - `policies`: the policy of each robot.
-    - `attack`: the attack times, and the places of robots as an attack begins.
+    - `attack`: the attack times, and the places of robots when an attack begins.
 
-    **Returns:** one row per attack time. The smallest number of a row is at the cell that an
-    adversary chooses who knows the policies.
+    **Returns:** one row per attack time, one column per attacked cell. An adversary who knows the
+    policies attacks the cell with the smallest number of a row.
 
-    One robot in a corridor of five cells, against attacks of one and of six steps:
+    One robot in a corridor of five cells, with attacks of one and of six steps:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -148,7 +148,7 @@ def _captures(
     times = attacks[0].times
     cells = graph.vertices
     chunk = min(_TARGETS, cells)
-    # Robots that move alike share their chain.
+    # Robots with the same walk share their chain.
     chains = {id(policy.chain): policy.chain for policy in policies}
     caught = np.empty((len(attacks), times.size, cells))
     for first in range(0, cells, chunk):

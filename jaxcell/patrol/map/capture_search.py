@@ -26,13 +26,13 @@ from .tours import capture_by_tours
 
 STEPS = 300
 """Number of gradient steps for each start."""
-# An even walk that captures less than this share of what tours capture is no start.
+# An even walk is no start if its capture is less than this share of the capture by tours.
 _HOPELESS = 0.1
-# Hardness of the soft minimum of the logarithms of capture, at first and at the end.
+# Hardness of the soft minimum of the logarithms of capture, at the start and at the end.
 _HARDNESS = 10.0, 100.0
 # Tolerance of the relative gain by the last quarter of the steps.
 _TOLERANCE = 0.02
-# Spread of the logits at the first two starts and at the others; without it robots stay equal.
+# Random spread of logits at the first two starts, and at the others: equal robots stay equal.
 _SPREAD = 0.1, 0.5
 
 Say = Callable[[str, int, int], None]
@@ -48,7 +48,7 @@ class CaptureSearch(Result):
     policies: tuple[Policy, ...]
     attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
     randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
-    "The least share of steps that go to any neighbour with equal probability."
+    "The least share of every step that is divided equally among the neighbours."
     start: Annotated[str, quantity("", "robots at the start of the attack")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
@@ -112,28 +112,28 @@ def capture_policies(
     """Find walks of robots that maximise the least probability of capture over the cells.
 
     Adam follows the gradient of a soft minimum of [`jaxcell.patrol.capture_probabilities`][] in the
-    logits of the steps of all robots together. It starts from tours through covers and from even
-    walks, which are perturbed at random. By default robots have been walking for a long time as the
-    attack begins. Their shares of time depend on all steps, and so does the gradient: a sparse
-    factorisation gives both at each step.
+    logits of the steps of all robots together. The starts are tours through covers and even walks,
+    both perturbed at random. By default robots have been walking for a long time when the attack
+    begins. Their shares of time depend on all steps, and so does the gradient: a sparse
+    factorisation computes both at each step.
 
     Each walk is a circulation, a mixture of two flows that enter and leave each cell equally often:
-    the trained walk, and excursions to all cells, which are rare and drift back. An average cell
-    gets a share of time of at least 1e-5 from them, so that no cell is never visited, and commute
-    times are bounded. The problem is not convex: the result is a local optimum, the best of several
+    the trained walk, and rare excursions to all cells, which drift back. Excursions spend a share
+    of time of at least 1e-5 in an average cell, so that every cell is visited, and commute times
+    are bounded. The problem is not convex: the result is a local optimum, the best of several
     starts.
 
     **Arguments:**
 
     - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][]; the graph is connected.
     - `robots`: number of robots.
-    - `attack`: the attack; the first of its times counts.
-    - `randomness`: the least share of its steps in which a robot goes to any neighbour with equal
-        probability, 0 or more and less than 1. With 0 a patrol is nearly a tour, and predictable.
+    - `attack`: the attack; only its first time counts.
+    - `randomness`: the least share of steps in which a robot chooses its neighbour uniformly, 0 or
+        more and less than 1. With 0, a patrol is nearly a tour, and predictable.
     - `starts`: number of starts: tours first, then even walks. On a large map even walks may
-        capture so little that they are no starts.
+        capture too little to be used as starts.
     - `seed`: seed of the starts.
-    - `say`: is called with the work, the steps done, and their number.
+    - `say`: called with a description of the work, the number of steps done, and their total.
 
     **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
     the last quarter of the steps added: if it is large, more steps would improve the result.
@@ -171,11 +171,11 @@ def capture_frontier(
 
     **Arguments:**
 
-    - `floors`: the values of `randomness`, in any order.
+    - `floors`: the values of `randomness` to compare, in any order.
     - other arguments as in [`capture_policies`][].
 
-    **Returns:** [`Frontier`][], with its floors in increasing order. Each search has two starts, a
-    new one and the patrol of the next higher floor, so that capture never rises with the floor.
+    **Returns:** [`Frontier`][], with floors in increasing order. Each search has two starts, a new
+    start and the patrol of the next higher floor, so that capture never rises with the floor.
 
     A robot in a corridor of five cells captures less if its steps must be unpredictable:
 
@@ -200,7 +200,7 @@ def capture_frontier(
         above = floor
         entropy = float(np.mean([entropy_rate(graph, policy) for policy in best.policies]))
         point = floor, best.value, entropy
-        # A patrol of a higher floor keeps this one too.
+        # A patrol for a higher floor also meets this floor.
         points.append(max(point, (floor, *points[-1][1:]), key=lambda p: p[1]) if points else point)
     return Frontier(*np.array(points[::-1]).T)
 
@@ -220,7 +220,7 @@ def _check_randomness(randomness: float) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """The problem of a search: steps on a graph, and targets that may be captured or not."""
+    """The problem of a search: steps on a graph, and targets with an uncertain capture."""
 
     graph: Graph
     visible: Bool[np.ndarray, "cells cells"]
@@ -250,10 +250,10 @@ class _Problem:
         return cls(graph, visible, robots, attack.first, Steps.of(graph), unseen)
 
     def begins(self, count: int, seed: int) -> list[Logits]:
-        """Return logits from which to search, perturbed at random.
+        """Return the logits of the starts of a search, perturbed at random.
 
-        Those of tours come first, then those of even walks, unless these capture so little that no
-        gradient leads away from them.
+        Tours come first, then even walks, unless even walks capture so little that no gradient
+        leads away from them.
         """
         random = np.random.default_rng(seed)
         shape = (self.robots, *self.steps.image.shape)
@@ -274,8 +274,8 @@ class _Problem:
     def tours(self) -> tuple[Logits | None, float | None]:
         """The logits of walks along tours through the covers, and the least capture by the tours.
 
-        A walk does not remember where it comes from: where a tour passes a cell more than once, it
-        goes on in any of its directions.
+        A walk has no memory: in a cell that a tour passes more than once, the walk chooses among
+        all its directions.
         """
         covers = [greedy_cover(self.visible, robot).chosen for robot in range(self.robots)]
         least = capture_by_tours(self.graph, self.visible, covers, self.attack)

@@ -18,14 +18,14 @@ from ..walks.optimal.ascent import active_targets, log_missed_from_worst, soft_l
 from ..walks.steps import Steps
 
 
-# The share of time in an average cell that excursions guarantee, and their largest share in total.
+# The share of time of excursions in an average cell, and their largest share of time in total.
 _VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
-# The conductance of the farthest cell on excursions, relative to cells that are often visited.
+# The conductance of excursions in the farthest cell, relative to cells that are often visited.
 _FARTHEST = 0.2
 # Number of steps between evaluations of targets, and the number of targets of an evaluation.
 _BLOCK, _EVALUATED = 10, 400
-# Learning rate of the logits, and the least scale of Adam, which is so large that noise does not
-# move the logits of cells that are hardly visited.
+# Learning rate of the logits, and the epsilon of Adam, which is so large that noise does not change
+# the logits of cells that are hardly visited.
 _RATE, _SCALE = 0.1, 1e-7
 # Least probability whose logarithm is taken.
 _TINY = 1e-9
@@ -37,10 +37,10 @@ Logits = Float[np.ndarray, "robots branches cells"]
 class Circulation:
     """The walk of one robot as a mixture of two flows that enter and leave each cell equally often.
 
-    The first flow is that of a walk with trained steps, the second that of a reversible walk, the
-    *excursions*. In the mixture, no commute time is more than that of the excursions divided by
-    their share, because more flow never makes commute times longer (Rayleigh's principle, which
-    holds for the symmetric part of any walk).
+    The first flow is the flow of a walk with trained steps, the second the flow of a reversible
+    walk, the *excursions*. No commute time in the mixture exceeds the commute time of the
+    excursions divided by their share, because more flow never makes commute times longer
+    (Rayleigh's principle, which holds for the symmetric part of any walk).
     """
 
     chance: Float[np.ndarray, "branches cells"]
@@ -59,7 +59,7 @@ class Trained(Circulation):
 
     @classmethod
     def of(cls, image: Int[np.ndarray, "branches cells"], chance: Any, pivot: int) -> "Trained":
-        """Compute the shares of time relative to a cell that is often visited, `pivot`."""
+        """Compute the shares of time, relative to a cell `pivot` that is often visited."""
         branches, cells = image.shape
         here = np.tile(np.arange(cells), branches)
         walk = scipy.sparse.csr_array((chance.ravel(), (here, image.ravel())), (cells, cells))
@@ -75,7 +75,7 @@ class Trained(Circulation):
         return cls(chance, share / share.sum(), pivot, rest, solver)
 
     def gradient(self, of_share: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Compute how a value changes per visit that is moved to each cell, by its gradient."""
+        """Compute the derivative of a value by added visits to each cell, from `of_share`."""
         by = of_share - self.share @ of_share
         worth = np.zeros(self.share.size)
         worth[self.rest] = self.solver.solve(by[self.rest])
@@ -84,7 +84,7 @@ class Trained(Circulation):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CirculationAscent:
-    """The ascent of the least probability of capture over the targets."""
+    """The gradient ascent of the least probability of capture over the targets."""
 
     graph: Graph
     steps: Steps
@@ -92,11 +92,11 @@ class CirculationAscent:
     "1 where a robot does not see a target, else 0."
     attack_time: int
     start: str
-    "The places of robots as the attack begins: `uniform`, `stationary` or `worst`."
+    "The places of robots when the attack begins: `uniform`, `stationary` or `worst`."
     floor: float
-    "The least share of a trained step that goes to any neighbour with equal probability."
+    "The share of every trained step that is divided equally among the neighbours."
     hardness: tuple[float, float]
-    "Hardness of the soft minimum of the logarithms of capture, at first and at the end."
+    "Hardness of the soft minimum of the logarithms of capture, at the start and at the end."
 
     def climb(
         self,
@@ -110,12 +110,12 @@ class CirculationAscent:
         **Arguments:**
 
         - `logits`: the logits of the trained steps at the start.
-        - `progress`: the progress of each step, 0 to 1; the steps get shorter and the minimum
-            harder.
-        - `work`, `say`: the work, and a function that is called with it, the steps done, and their
-            number.
+        - `progress`: the progress of each step, 0 to 1, with which the learning rate falls and the
+            hardness rises.
+        - `work`, `say`: a description of the work, and a function that is called with the
+            description, the number of steps done, and their total.
 
-        **Returns:** the last logits, the walks, and the least capture over the targets by block.
+        **Returns:** the last logits, the walks, and the least capture before each block.
         """
         image, robots = np.asarray(self.steps.image), len(logits)
         active = active_targets(self.unseen, self.attack_time, robots)
@@ -164,7 +164,7 @@ class CirculationAscent:
         return logits, walks, course
 
     def least(self, logits: Logits) -> float:
-        """Compute the least capture over the targets."""
+        """Compute the least capture over the targets by walks with given logits."""
         _, walks, _ = self.climb(logits, np.zeros(0))
         chance, share = _stacked(walks)
         missed = _log_missed(
@@ -200,10 +200,10 @@ class CirculationAscent:
     def _excursions(
         self, share: Float[np.ndarray, "cells"] | None
     ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "branches cells"]]:
-        """Make the excursions: their share of time in each cell, and the steps of their walk.
+        """Return the share of time of excursions in each cell, and the probability of each step.
 
         Conductances fall with the distance from the cells that are often visited, so that a robot
-        drifts back to these.
+        drifts back to these cells.
         """
         image, conductance = np.asarray(self.steps.image), (self._even > 0).astype(float)
         if share is not None:
@@ -212,7 +212,7 @@ class CirculationAscent:
                 self._near, directed=False, indices=often, unweighted=True, min_only=True
             )
             fall = np.log(_FARTHEST) / max(1.0, float(far.max()))
-            # No step may be less probable than the floor demands.
+            # No step may be less probable than the floor allows.
             fall = max(fall, np.log(max(self.floor, 1e-9)) if self.floor else fall)
             conductance *= np.exp(fall * (far + far[image]) / 2)
         total = conductance.sum(axis=0)
@@ -220,7 +220,7 @@ class CirculationAscent:
 
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
-    """Choose the weakest targets: most of them of all, and the weakest of each part of the map."""
+    """Choose the weakest target of each part of the map, and the weakest of all other targets."""
     targets = np.arange(missed.size)
     if count >= missed.size:
         return targets
@@ -274,7 +274,7 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))
 def _gradient(chance, share, *rest, attack_time, start):  # type: ignore[no-untyped-def]
-    """Differentiate the soft minimum of capture in the trained steps and their shares of time."""
+    """Differentiate the soft minimum of capture by the trained steps and the shares of time."""
     hardness = rest[-1]
 
     def loss(chance, share):  # type: ignore[no-untyped-def]

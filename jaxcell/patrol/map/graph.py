@@ -7,20 +7,20 @@ from ...space import CellSpace, Motion, free_steps
 
 
 def cell_graph(cells: CellSpace) -> Graph:
-    """Make the graph of the free cells, with an edge where a robot can go straight to a neighbour.
+    """Make the graph of the free cells, with edges to neighbours that a robot reaches straight.
 
     The vertices are the positions of the cell space (Alam 2018, section 4.3.2), at their centres.
-    The eight neighbours are joined if the segment between their centres stays in the closed free
-    space: it may graze the corner of an obstacle, but not slip between two obstacles that meet at a
-    point.
+    An edge joins a cell to one of its eight neighbours if the segment between the centres stays in
+    the closed free space: the segment may touch the corner of an obstacle, but not pass between two
+    obstacles that meet at a point.
 
     **Arguments:**
 
-    - `cells`: the cell space of a map; its directions do not matter.
+    - `cells`: the cell space of a map; its number of directions does not matter.
 
     **Returns:** [`jaxcell.optimize.Graph`][], which need not be connected.
 
-    **Raises:** `ValueError` for a space that was made from a grid, and if no two cells are joined.
+    **Raises:** `ValueError` for a space that was made from a grid, or if no two cells are joined.
 
     A room of 2 x 2 cells; robots may also go diagonally:
 
@@ -31,7 +31,7 @@ def cell_graph(cells: CellSpace) -> Graph:
         6
     """
     plane = CellSpace(cells.workspace, cells.cell, 8, cells.origin, cells.free)
-    # Each edge is listed at one of its ends: to the East and North, then North East and North West.
+    # Each edge is listed at one end: edges to the East, North, North East and North West.
     diagonal = Motion(math.sqrt(2) * plane.cell)
     there = np.concatenate([free_steps(plane)[[0, 2]], free_steps(plane, diagonal)[[1, 3]]])
     here = np.broadcast_to(np.arange(cells.positions), there.shape)

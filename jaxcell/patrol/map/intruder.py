@@ -10,12 +10,12 @@ from ...markov import sample_walks
 from .patrolled import PatrolledMap
 
 
-# The approximate number of attacks, if the limits of steps allow it.
+# The approximate number of attacks, if the limits of steps allow this number.
 _ATTACKS = 30
 _MIN_STEPS, _MAX_STEPS = 600, 1500
-# Steps times robots.
+# Largest number of steps times robots.
 _MAX_PLACES = 12_000
-# Steps after an attack, and the longest wait for the next.
+# Steps after an attack, and the longest wait before the next attack.
 _PAUSE, _WAIT = 8, 40
 
 
@@ -45,10 +45,10 @@ class Attacks:
 
 
 def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
-    """Move robots at random while an adversary attacks the target at times when it is out of view.
+    """Simulate patrolling robots, and an adversary that attacks the target when it is out of view.
 
-    Robots have been walking for long. An attack takes the first attack time, and fails if a robot
-    has the target in view within it.
+    Robots start as in the long run. An attack takes the first attack time, and fails if a robot
+    sees the target within this time.
 
     **Arguments:**
 
@@ -79,7 +79,7 @@ def simulate_attacks(patrol: PatrolledMap, seed: int) -> Attacks:
         elif now is not AttackState.WAITING:
             now, count, wait = AttackState.WAITING, 0, int(random.integers(_WAIT))
         elif seen[time]:
-            # An attack as soon as a robot has left would find it near.
+            # If an attack began as soon as a robot had left, the robot would still be near.
             wait = int(random.integers(_WAIT))
         else:
             now = AttackState.ATTACKING

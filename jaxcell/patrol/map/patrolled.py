@@ -17,7 +17,7 @@ from .reassignment import Reassignment
 from .regions import Regions
 
 
-# A cell that all robots together visit less often is in effect never visited.
+# A cell counts as never visited if all robots together spend less than this share of time there.
 _NEVER = 1e-6
 _BEGUN = {
     "stationary": "have been walking for long",
@@ -75,30 +75,30 @@ class PatrolledMap(Result):
     policies: tuple[Policy, ...]
     "The walk of each robot."
     attack: Vulnerability
-    "An attack on one cell."
+    "The capture of attacks on one cell."
     captures: Capture
-    "Attacks on all cells."
+    "The capture of attacks on each cell."
     regions: Regions | None = None
     "The region of each robot around a base station, or `None` without one."
     reassignment: Reassignment | None = None
     "The new regions after a robot has stopped reporting, or `None`."
     loss: Capture | None = None
-    "Attacks while the remaining robots keep their regions, or `None`."
+    "The capture while the remaining robots keep their old regions, or `None`."
     recovery: Capture | None = None
-    "Attacks when the remaining robots patrol the new regions, or `None`."
+    "The capture when the remaining robots patrol the new regions, or `None`."
     sight: Annotated[
         Literal["centre", "cell", "source"],
         quantity("", "part of a cell that a robot must see"),
     ] = "cell"
     search: CaptureSearch | None = None
-    "The search for the policies, if they maximise capture; else `None`."
+    "The search that found the policies, if they maximise capture; else `None`."
     frontier: Frontier | None = None
     "The trade-off between capture and unpredictability, or `None`."
     share: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "share of steps on the tours", "1", kind="coordinate"),
     ] = None
-    "The emphases on covers that were compared."
+    "The compared emphases on the covers, or `None`."
     share_capture: Annotated[
         Float[np.ndarray, "shares"] | None,
         quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),

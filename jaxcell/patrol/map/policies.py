@@ -30,21 +30,21 @@ class Policy:
     """The walk of one robot on the cells of a map, or on a subset of them."""
 
     cells: Int[np.ndarray, "visited"]
-    "The cells that it walks on, in order."
+    "The cells that the robot visits, in order."
     weights: Float[np.ndarray, "edges"]
-    "The share of its steps along each edge of the graph, in the long run."
+    "The share of steps along each edge of the graph, in the long run."
     chain: Chain
-    "The walk; it stays in cells without edges."
+    "The walk, which stays in place in cells without edges."
     cover: Int[np.ndarray, "stops"]
     "The cells from which all `cells` are seen, in the order of their choice."
     uncovered: Int[np.ndarray, "unseen"]
-    "The cells among `cells` that cannot be seen from any of them."
+    "The cells among `cells` that cannot be seen from any of `cells`."
     contact: int | None
-    "The cell where it reports to a base station, or `None`."
+    "The cell where the robot reports to a base station, or `None`."
     tour: Int[np.ndarray, "steps"] | None
-    "The closed walk through the cover and the contact; `None` if they are a single cell."
+    "The closed walk through the cover and the contact cell; `None` if they are a single cell."
     commute_time: float
-    "The expected number of steps from one of its cells to another and back, mean over pairs."
+    "The mean number of steps between two of the cells and back, over all pairs."
     certificate: Certificate | None
     "The certificate of [`jaxcell.optimize.minimum_commute`][] if it chose the weights."
 
@@ -58,11 +58,11 @@ class Policy:
 def distributed_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Make a walk for each robot that sees all cells and needs no other robot (Alam 2018, 4.4.4).
+    """Make walks of robots, each of which sees all cells without the others (Alam 2018, 4.4.4).
 
-    Robot `i` has the cover of choice `i`, [`jaxcell.optimize.greedy_cover`][], and walks with the
+    Robot `i` has the cover of choice `i`, [`jaxcell.optimize.greedy_cover`][]. Its walk has the
     minimum average expected commute time with an emphasis on the cover,
-    [`jaxcell.optimize.minimum_commute`][]. A single cell that sees all cells needs no emphasis.
+    [`jaxcell.optimize.minimum_commute`][]. A cover of a single cell needs no emphasis.
 
     **Arguments:**
 
@@ -87,7 +87,7 @@ def distributed_policies(
             f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
         )
     cells = np.arange(graph.vertices, dtype=np.int32)
-    # Without an emphasis the walk does not depend on the cover.
+    # Without an emphasis, the walk does not depend on the cover, so all robots have the same walk.
     walk = minimum_commute(graph) if share == 0 else None
     policies = [_policy(graph, cells, visible, share, choice=i, walk=walk) for i in range(robots)]
     if walk is not None:
@@ -100,7 +100,7 @@ def distributed_policies(
 def centralized_policies(
     graph: Graph, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
 ) -> tuple[Policy, ...]:
-    """Make a walk for each region that sees all of it and reports (Alam 2018, section 4.4.5).
+    """Make walks that watch one region each and report to a base (Alam 2018, section 4.4.5).
 
     A robot stays in its region, and its cover consists of cells of the region. The source leaves
     the choice of the *contact cell* open: here it is the cell of the region, in view of the base
@@ -116,7 +116,7 @@ def centralized_policies(
     **Returns:** a [`Policy`][] for each region, in order.
 
     A corridor of five cells with the base station in the middle. Each robot has two cells, sees
-    both from one of them, and reports at cell 3 or 1:
+    both from the cell of its cover, and reports at cell 3 or 1:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()
@@ -140,7 +140,7 @@ def centralized_policies(
 def smallest_covers(
     visible: Bool[np.ndarray, "cells cells"], policies: Sequence[Policy]
 ) -> Float[np.ndarray, "robots"]:
-    """Find the size of the smallest cover of each robot's cells; NaN if that takes too long."""
+    """Find the size of the smallest cover of each robot's cells; NaN if the search is too long."""
     sizes: dict[bytes, float] = {}
     for policy in policies:
         key = policy.cells.tobytes()
@@ -164,7 +164,7 @@ def _policy(
     view: Bool[np.ndarray, "cells"] | None = None,
     walk: MinimumCommute | None = None,
 ) -> Policy:
-    """Make the policy on given cells, with a contact cell if there is a view in which to report."""
+    """Make the policy on given cells, with a contact cell in the view of a base station, if any."""
     inside = np.isin(graph.edges, cells).all(axis=1)
     part = part_of_graph(graph, cells)
     cover = greedy_cover(visible[np.ix_(cells, cells)], choice)

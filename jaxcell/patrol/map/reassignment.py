@@ -20,7 +20,7 @@ _MAX_STEPS = 2**20
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reassignment(Result):
-    """The new region and walk of each robot after one has stopped reporting."""
+    """The new region and walk of each robot after another robot has stopped reporting."""
 
     title: ClassVar[str] = "Regions without a robot"
 
@@ -51,9 +51,9 @@ class Reassignment(Result):
 def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     """Compute the number of steps without a report that a working robot hardly ever exceeds.
 
-    It is the least `t` such that the robot, from any cell of its region, fails to visit its contact
-    cell in the next `t` steps with a probability of at most `alpha`. A robot at the contact cell
-    has to come back. The law is exact, by the recursion of [`jaxcell.markov.survival`][].
+    The result is the least `t` such that the robot, from any cell of its region, fails to visit its
+    contact cell in the next `t` steps with a probability of at most `alpha`. A robot at the contact
+    cell has to return to it. The probability is exact, as in [`jaxcell.markov.survival`][].
 
     **Arguments:**
 
@@ -62,7 +62,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
 
     **Returns:** the number of steps.
 
-    **Raises:** `ValueError` for a policy without a contact cell, and a probability out of range;
+    **Raises:** `ValueError` for a policy without a contact cell, or a probability out of range;
     `RuntimeError` if a million steps are not enough.
 
     A robot that alternates between two cells reports every other step:
@@ -105,11 +105,11 @@ def reassign(
     share: float = 0.8,
     alpha: float = 0.01,
 ) -> Reassignment:
-    """Make new regions and policies for the remaining robots when one stops reporting.
+    """Make new regions and policies for the remaining robots when one robot stops reporting.
 
     Alam 2018, section 6.3, leaves this to future work. The base station keeps its place and divides
-    the map among the remaining robots. They take the regions that let them keep as many of their
-    cells as possible in total; each is informed when it next reports.
+    the map among the remaining robots. The assignment of regions lets the robots keep as many of
+    their cells as possible in total. Each robot is informed at its next report.
 
     **Arguments:**
 

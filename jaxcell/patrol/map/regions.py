@@ -45,9 +45,9 @@ def base_station(
 ) -> int:
     """Choose the cell for a base station: the central cell that sees most cells.
 
-    The source asks for a place near the middle that sees much (Alam 2018, section 4.4.5), without a
-    distance. Here a cell is the more central the shorter its mean path to all others, its closeness
-    in the graph. Among equals, the most central cell is chosen.
+    The source asks for a place near the middle with a wide view (Alam 2018, section 4.4.5), without
+    a distance. Here a cell is more central if its mean path to all other cells is shorter, as in
+    closeness centrality. Of cells with equal views, the most central cell is chosen.
 
     **Arguments:**
 
@@ -57,7 +57,7 @@ def base_station(
 
     **Returns:** the number of the cell.
 
-    **Raises:** `ValueError` for wrong arguments, and if no central cell sees another cell.
+    **Raises:** `ValueError` for wrong arguments, or if the chosen cell sees no other cell.
 
     A corridor of five cells, each of which sees its neighbours:
 
@@ -72,7 +72,7 @@ def base_station(
     check_connected(graph.vertices, graph.edges)
     near = graph.matrix(graph.lengths)
     far = scipy.sparse.csgraph.dijkstra(near, directed=False).sum(axis=1)
-    # Distances are rounded, so that cells equal by symmetry are in the order of their numbers.
+    # Distances are rounded, so that symmetric cells are in the order of their numbers.
     order = np.argsort(far.round(9), stable=True)[: max(1, round(central * graph.vertices))]
     base = int(order[np.argmax(visible[order].sum(axis=1))])
     _check_sees(base, visible[base])
@@ -85,13 +85,13 @@ def angular_regions(
     """Divide the cells that a base station does not see among robots (Alam 2018, section 4.4.5).
 
     Regions contain the cells outside the view and the *rim*, the cells in view that are next to a
-    cell outside it: robots report from the rim. The rest of the view belongs to no region, and no
-    robot enters the cell of the base station. Regions are sectors with equal angles around it,
-    counter-clockwise from the x axis.
+    cell outside the view. Robots report from the rim. The rest of the view belongs to no region,
+    and no robot enters the cell of the base station. Regions are sectors with equal angles around
+    the base station, counter-clockwise from the x axis.
 
-    If obstacles cut a sector into pieces, the region is its largest piece that contains part of the
+    If obstacles cut a sector into pieces, the region is the largest piece that contains part of the
     rim, and every other piece joins the region with which it shares most edges. A piece next to no
-    region joins the nearest one, together with the shortest path through the view to it.
+    region joins the nearest region, together with the shortest path to the region through the view.
 
     **Arguments:**
 
@@ -100,10 +100,10 @@ def angular_regions(
     - `view`: the cells that the base station sees.
     - `robots`: number of regions.
 
-    **Returns:** [`Regions`][], each connected.
+    **Returns:** [`Regions`][]; each region is connected.
 
-    **Raises:** `ValueError` for arguments that do not match, and if no regions are possible, with
-    the region or the cells and the reason.
+    **Raises:** `ValueError` for arguments that do not match, or if no regions are possible; the
+    message names the region or the cells, and the reason.
 
     A corridor of five cells, each of which sees its neighbours. Robots report at cells 1 and 3,
     which the base station in the middle sees:
@@ -133,7 +133,7 @@ def angular_regions(
     if graph.xy is None:
         raise ValueError("graph: expected positions of its vertices, for their angles")
     across, up = (graph.xy - graph.xy[base]).T
-    # Angles are parts of a full turn, rounded so that a cell on a border is in the sector it opens.
+    # Angles are fractions of a turn, rounded so that a sector contains cells at its first angle.
     angle = np.round(np.arctan2(up, across) / (2 * np.pi), 12) % 1
     sector = np.floor(np.round(robots * angle, 9)).astype(np.int64) % robots
     region = np.where(patrolled, sector, -1)
@@ -151,7 +151,7 @@ def _connected(
     robots: int,
     base: int,
 ) -> Int[np.ndarray, "cells"]:
-    """Move loose pieces of regions to the regions that they touch."""
+    """Move disconnected pieces of regions to the regions that they touch."""
     settled = np.full_like(region, -1)
     loose = []
     for k in range(robots):
@@ -172,7 +172,7 @@ def _connected(
             touched = settled[near[piece].indices]
             settled[piece] = np.bincount(touched[touched >= 0]).argmax()
         else:
-            # A piece without a path may touch the region that another piece joins.
+            # A piece without a path may touch a region after another piece has joined the region.
             paths = (_shortest_path(near, p, settled >= 0, inner & (settled < 0)) for p in loose)
             joined = next(((p, path) for p, path in zip(loose, paths, strict=True) if path), None)
             if joined is None:
@@ -203,7 +203,7 @@ def _shortest_path(
     goal: Bool[np.ndarray, "cells"],
     through: Bool[np.ndarray, "cells"],
 ) -> list[int] | None:
-    """Find the shortest path from a piece, without its end there, to a goal."""
+    """Find the shortest path from a piece to a goal, without the cell of the piece."""
     allowed = goal | through
     allowed[piece] = True
     cells = np.flatnonzero(allowed)

@@ -13,25 +13,25 @@ def capture_by_tours(
     covers: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
     attack: Attack,
 ) -> float | None:
-    """Compute the least capture by robots that walk round closed tours through their covers.
+    """Compute the least capture by robots that follow closed tours through their covers.
 
-    A tour is the best patrol that is easily found against an adversary who does not see the robots.
-    It has no chance in it: an adversary who sees where a robot is knows when it comes back. Robots
-    are anywhere on their tours out of view of the target, with equal probabilities.
+    Tours are the best patrols, of those that are easy to find, against an adversary who does not
+    see the robots. They are not random: an adversary who sees a robot knows when it returns. When
+    an attack begins, all places on a tour out of view of the target are equally likely.
 
     **Arguments:**
 
     - `graph`: the cells and the edges between them.
     - `visible`: `visible[i, j]` is true if a robot in cell `i` sees cell `j`.
-    - `covers`: the cells that each robot visits; the tour is short,
+    - `covers`: the cells that each robot visits, on a tour by
         [`jaxcell.optimize.shortest_tour`][].
-    - `attack`: the attack; the first of its times counts.
+    - `attack`: the attack; only its first time counts.
 
     **Returns:** the least probability over the cells that can be seen, or `None` if a cover has a
     single cell.
 
-    One robot in a corridor of five cells goes round through cells 1 to 3, and is back in view of an
-    end after at most 3 steps:
+    One robot in a corridor of five cells goes to and fro between cells 1 and 3, and sees each end
+    again after at most 3 steps:
 
         >>> from jaxcell import examples, patrol
         >>> graph, visible = examples.patrol()

@@ -2,8 +2,8 @@
 
 These baselines (Agmon, Kraus and Kaminka 2008) are the members of `Movement`; a `Perimeter` has
 segments and robots. The probability of detection is a polynomial in the probability of heads,
-`detection_polynomials`; `maximin` finds the best one, a `Maximin` with a bound. `hitting_law` and
-`mean_hitting_times` give the time until a robot is in a segment, and `simulate` draws it.
+`detection_polynomials`; `maximin` finds the best probability of heads, a `Maximin` with a bound.
+`hitting_law`, `mean_hitting_times` and `simulate` are for the time until a robot is in a segment.
 """
 
 from ...base.hosted import attach

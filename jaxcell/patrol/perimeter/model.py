@@ -17,7 +17,7 @@ from ...optimize.checked import check_count
 
 # The accuracy of a probability of detection.
 _TOLERANCE = 1e-12
-# Narrower intervals of p have equal bounds.
+# Narrower intervals of p are not halved, because the bounds of both halves would be equal.
 _NARROWEST = 2.0**-44
 
 
@@ -38,13 +38,13 @@ class Movement(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Perimeter:
-    """Robots on a cycle of segments, at equal distances, that move in step (Agmon et al. 2008).
+    """Robots at equal distances on a cycle, which move simultaneously (Agmon et al. 2008).
 
-    An attack begins while the robots head clockwise and are about to decide. Because they move in
-    step, the segments between one robot and the next determine the state: segment `i` is `i` ahead
-    of a robot and `distance - i` behind the next. Segment 0 holds a robot: the adversary enters as
-    the robot leaves, and is detected when a robot is next in the segment. A robot that turns in
-    place remains in its segment.
+    An attack begins when the robots head clockwise and are about to decide. Because robots move
+    simultaneously, the segments between two successive robots describe the state: segment `i` is
+    `i` segments ahead of a robot and `distance - i` behind the next. A robot is in segment 0: there
+    the adversary enters as the robot leaves, and is detected when a robot next enters. A robot that
+    turns in place remains in its segment.
 
     Two robots on a cycle of eight segments:
 
@@ -63,7 +63,7 @@ class Perimeter:
     "Number of cycles that a turn takes; 1 unless `movement` is `DCP`, which turns in place."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` if the numbers do not make a perimeter."""
+        """**Raises:** `ValueError` if the numbers do not define a perimeter."""
         for name in ("segments", "robots", "turn"):
             check_count(name, getattr(self, name))
         if self.segments % self.robots:
@@ -85,9 +85,9 @@ class Perimeter:
     def images(self) -> Int[np.ndarray, "2 states"]:
         """The state after one cycle, for heads (row 0, with probability p) and for tails (row 1).
 
-        State `phase * distance + i` belongs to a robot that is `i` segments behind segment `i`. In
-        phase 0 it heads towards the segment and in phase 1 away from it; in phase `2 * r + h` it
-        waits `r` cycles for phase `h`, on either side of the coin.
+        In state `phase * distance + i`, a robot is `i` segments behind the attacked segment. In
+        phase 0 the robot heads towards the segment and in phase 1 away from it; in phase `2 * r +
+        h` the robot waits `r` cycles for phase `h`, whatever the coin shows.
         """
         distance, i = self.distance, np.arange(self.distance, dtype=np.int32)
         moved = (i - 1) % distance, (i + 1) % distance
@@ -125,10 +125,10 @@ def detection_polynomials(
 ) -> Float[np.ndarray, "segments coefficients"]:
     """Compute the probability of penetration detection, a polynomial of p for each segment.
 
-    The coefficients are those of the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 - p)**(time
-    - k)`. Each is a probability: `c[k]` is the probability of detection if `k` of `time` coins show
-    heads. Powers of p would cancel in rounding; these do not. `scipy.interpolate.BPoly(c.T[:,
-    None], [0, 1])` evaluates and differentiates them.
+    The coefficients belong to the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 - p)**(time -
+    k)`. Each coefficient `c[k]` is the probability of detection if `k` of `time` coins show heads.
+    Unlike coefficients of powers of p, they do not cancel in rounding. `scipy.interpolate.BPoly(
+    c.T[:, None], [0, 1])` evaluates and differentiates the polynomials.
 
     **Arguments:**
 
@@ -149,7 +149,7 @@ def detection_polynomials(
     there = np.arange(heads.size) % perimeter.distance == 0
     detected = there[:, None].astype(np.float64)
     for step in range(1, time + 1):
-        # A share k / step of the sequences of coins with k heads begins with heads.
+        # Of the sequences of `step` coins with k heads, a share k / step begins with heads.
         first = np.arange(step + 1) / step
         later = first * np.pad(detected[heads], ((0, 0), (1, 0)))
         later += (1 - first) * np.pad(detected[tails], ((0, 0), (0, 1)))
@@ -177,14 +177,14 @@ def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
 
     **Arguments:**
 
-    - `polynomials`: in Bernstein form, such as [`detection_polynomials`][]; all but the first row,
-        if the adversary cannot enter where a robot is.
+    - `polynomials`: in Bernstein form, such as [`detection_polynomials`][]; without the first row,
+        if the adversary cannot enter the segment of a robot.
 
-    **Returns:** [`Maximin`][]. If several p are best, it is one of them; with `BMP`, p and 1 - p
-    are equally good. The residual of its certificate bounds the distance of the value from the
-    maximum, and its iterations are the intervals that were halved.
+    **Returns:** [`Maximin`][], with one of the best p; with `BMP`, p and 1 - p are equally good.
+    The residual of its certificate bounds the distance of the value from the maximum, and its
+    iterations are the intervals that were halved.
 
-    Two robots on eight segments, against penetrations of three cycles:
+    Two robots on eight segments, with penetrations of three cycles:
 
         >>> from jaxcell import patrol
         >>> perimeter = patrol.perimeter.Perimeter(8, 2, patrol.perimeter.Movement.BMP)
@@ -195,7 +195,7 @@ def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
     if polynomials.size == 0 or not np.isfinite(polynomials).all():
         raise ValueError(f"polynomials: expected finite numbers, got {polynomials.tolist()}")
     best = max((float(polynomials[:, end].min()), p) for end, p in ((0, 0.0), (-1, 1.0)))
-    # The intervals by falling bounds; p breaks ties, so that no coefficients are compared.
+    # The intervals in order of falling bounds; p breaks ties, so that no arrays are compared.
     queue = [(-_bound(polynomials), 0.0, 1.0, polynomials)]
     iterations = 0
     while -queue[0][0] - best[0] > _TOLERANCE and queue[0][2] - queue[0][1] > _NARROWEST:
@@ -222,9 +222,9 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
 
     - `perimeter`: the robots.
     - `p`: the probability of heads.
-    - `steps`: the last cycle of the law.
+    - `steps`: number of cycles to compute.
 
-    **Returns:** for the segments 0 to `distance - 1`, the probability of each cycle from 1 to
+    **Returns:** one row per segment from 0 to `distance - 1`, one column per cycle from 1 to
     `steps`.
 
     Robots that toss a fair coin, two segments apart:
@@ -262,9 +262,9 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     - `perimeter`: the robots.
     - `p`: the probability of heads.
 
-    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if a robot may never come.
+    **Returns:** the times for the segments 0 to `distance - 1`; `inf` if perhaps no robot comes.
 
-    **Raises:** `ValueError` if `p` is outside of [0, 1]; `RuntimeError` if the solve stalls.
+    **Raises:** `ValueError` if `p` is outside of [0, 1]; `RuntimeError` if the solver stalls.
 
     Robots that toss a fair coin, four segments apart; segment `i` takes `i (4 - i)` cycles:
 
@@ -276,7 +276,7 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     chain = perimeter.chain(p)
     there = np.arange(chain.cells) % perimeter.distance == 0
     time = np.asarray(hitting_times(chain, there).value)
-    # Segment 0 waits for a robot to return, which takes at least one cycle.
+    # In segment 0, the time is that until a robot returns, at least one cycle.
     step = chain.to_scipy()[[0]]
     back = 1 + step.data @ time[step.indices]
     return jax.device_put(np.concatenate([[back], time[1 : perimeter.distance]]))
@@ -289,19 +289,19 @@ def simulate(
     steps: int,
     key: jax.Array,
 ) -> Float[Array, "runs"]:
-    """Simulate the robots until one is in a given segment.
+    """Simulate the robots until a robot is in a given segment.
 
     **Arguments:**
 
     - `perimeter`: the robots.
     - `p`: the probability of heads.
-    - `segment`: the segment that each run waits for, from 0 to `distance - 1`.
+    - `segment`: the segment of each run, from 0 to `distance - 1`.
     - `steps`: number of cycles after which a run is given up.
     - `key`: random key of `jax.random`.
 
     **Returns:** the number of cycles of each run, `inf` if the run was given up.
 
-    Without chance, a robot that heads clockwise is in segment `i` after `i` cycles:
+    With p = 1, a robot that heads clockwise is in segment `i` after `i` cycles:
 
         >>> import jax, numpy as np
         >>> from jaxcell import patrol
@@ -342,14 +342,14 @@ def _walk(
 
 
 def _bound(coefficients: Float[np.ndarray, "segments coefficients"]) -> float:
-    """Return an upper bound on [0, 1] of the minimum of the polynomials."""
+    """Return an upper bound of the minimum of the polynomials, for all p in [0, 1]."""
     return float(coefficients.max(axis=1).min())
 
 
 def _halves(
     whole: Float[np.ndarray, "segments coefficients"],
 ) -> tuple[Float[np.ndarray, "segments coefficients"], Float[np.ndarray, "segments coefficients"]]:
-    """Split Bernstein coefficients into those on the two halves of an interval (de Casteljau)."""
+    """Compute Bernstein coefficients on the two halves of an interval (de Casteljau)."""
     left, right = np.empty_like(whole), np.empty_like(whole)
     for k in range(whole.shape[1]):
         left[:, k], right[:, -1 - k] = whole[:, 0], whole[:, -1]

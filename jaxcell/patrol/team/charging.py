@@ -13,13 +13,13 @@ from .idleness import RobotShares, idleness_over_vertices, steps_between_visits
 from .times import check_vertex, names_of
 
 
-# Number of step probabilities per robot, by steps since the charge, at 8 bytes each.
+# Largest number of step probabilities of a robot, by steps since the charge, at 8 bytes each.
 _MAX_CHANCES = 50_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Charged(Result):
-    """Walks that return to a charger at least every `every` steps, and their statistics."""
+    """Walks that return to a charger at least once in `every` steps, and their statistics."""
 
     title: ClassVar[str] = "Walks that return to a charger"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
@@ -49,7 +49,7 @@ class Charged(Result):
         float | None,
         quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
     ] = None
-    "The walks were optimised without a charger; then [`charged`][] made them return to it."
+    "The walks were optimised without a charger; then [`charged`][] made them return to a charger."
     late_gain: Annotated[
         float | None,
         quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
@@ -65,7 +65,7 @@ class Charged(Result):
         attack_time: Any = None,
         names: Sequence[str] | None = None,
     ) -> "Charged":
-        """Compute the law of walks whose steps depend on the number of steps since the charge.
+        """Compute the statistics of walks whose steps depend on the number of steps since a charge.
 
         **Arguments:**
 
@@ -125,12 +125,12 @@ def charged(
     attack_time: Any = None,
     names: Sequence[str] | None = None,
 ) -> Charged:
-    """Keep walks near enough to a charger, and compute their law exactly.
+    """Make walks return to a charger in time, and compute their statistics exactly.
 
-    A robot draws among the steps of its walk after which it can still be at the charger in time; if
-    there are none, it goes to any neighbour from which it can. Its steps therefore depend on the
-    number of steps since the charge: pairs of a vertex and that number are the states of a Markov
-    chain, from which all results are computed. Robots are independent.
+    A robot draws among the steps of its walk after which it can still reach the charger in time; if
+    its walk has no such step, it goes to a random neighbour from which it can. Its steps depend on
+    the number of steps since the charge: pairs of a vertex and this number are the states of a
+    Markov chain, from which all results are computed. Robots are independent.
 
     **Arguments:**
 
@@ -143,10 +143,10 @@ def charged(
 
     **Returns:** [`Charged`][].
 
-    **Raises:** `ValueError` if the graph has no vertex `charger`, a vertex is too far from it,
-    or `every` exceeds the memory.
+    **Raises:** `ValueError` if the graph has no vertex `charger`, if a vertex is too far from the
+    charger, or if `every` exceeds the memory.
 
-    A robot on a line of three is at one end at least every fourth step:
+    A robot on a line of three vertices returns to one end within four steps:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -168,8 +168,8 @@ def charged(
 
 
 def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
-    """Return a mask of the vertices to which a robot may step and still reach the charger in time,
-    by the number of steps since the charge.
+    """Return a mask of the vertices to which a robot may step and still reach the charger in time.
+    Its rows are the numbers of steps since the charge.
     """
     check_vertex("charger", charger, graph.vertices)
     beside = graph.matrix(np.ones(len(graph.edges)))
@@ -193,7 +193,7 @@ def _captured(
     charger: int,
     attack: Int[np.ndarray, "vertices"],
 ) -> Float[np.ndarray, "vertices"]:
-    """Compute the least probability of visiting each vertex in time, from any state that occurs."""
+    """Compute the probability of visiting each vertex in time, from the worst state that occurs."""
     away, least = 1 - np.eye(attack.size), np.ones(attack.size)
     late = np.broadcast_to(away, chance.shape)
     for time in range(1, int(attack.max()) + 1):

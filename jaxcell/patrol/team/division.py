@@ -11,9 +11,9 @@ from ...base.quantities import Result, quantity
 from ...optimize import Graph
 
 
-# Steps per vertex of the search for equal parts, and the number of vertices that it may look at.
+# Steps per vertex of the search for equal parts, and the largest number of visits to vertices.
 _STEPS, _WORK = 150, 1_500_000
-# Its first temperature relative to the size of the largest part, and the cost of a single vertex.
+# Initial temperature relative to the size of the largest part, and the cost of a single vertex.
 _HEAT, _ALONE = 1.0, 1000
 
 
@@ -46,7 +46,7 @@ class Division(Result):
 def divide_graph(
     graph: Graph, parts: int, *, names: Sequence[str] | None = None
 ) -> Int[np.ndarray, "vertices"]:
-    """Divide a graph into connected parts of equally many vertices, as nearly as a search finds.
+    """Divide a graph into connected parts, with numbers of vertices as equal as a search finds.
 
     Parts grow from vertices far apart: the smallest part takes the nearest free vertex next to it.
     If their sizes then differ by more than 1, simulated annealing moves vertices between parts.
@@ -59,7 +59,7 @@ def divide_graph(
 
     **Returns:** the part of each vertex. Every part has two or more vertices.
 
-    **Raises:** `ValueError` for a graph that is not connected, for too many parts, and if every
+    **Raises:** `ValueError` for a graph that is not connected, for too many parts, or if every
     division that was found has a part of a single vertex.
 
     A line of six vertices:
@@ -103,11 +103,11 @@ def divide_graph(
 def _balanced(
     part: Int[np.ndarray, "vertices"], beside: list[list[int]], parts: int
 ) -> Int[np.ndarray, "vertices"]:
-    """Move vertices between connected parts until their sizes differ by at most 1, or time is over.
+    """Move vertices between connected parts until sizes differ by at most 1, or steps are used up.
 
-    A vertex moves to a part beside it, with all pieces that its own part falls into without it,
-    except one. Each part therefore stays connected. The cost is the sum of the squares of the
-    sizes, and much more for a part of a single vertex.
+    A vertex moves to a neighbouring part. If its old part then falls into pieces, all pieces except
+    one move too, so each part stays connected. The cost is the sum of the squares of the sizes,
+    plus a large cost for a part of a single vertex.
     """
     random = np.random.default_rng(0)
     owner, sizes = part.tolist(), np.bincount(part, minlength=parts).tolist()
@@ -165,7 +165,7 @@ def _pieces_without(vertex: int, owner: list[int], beside: list[list[int]]) -> l
 
 
 def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
-    """Return the subgraph of given vertices, which are numbered from 0 in their order.
+    """Return the subgraph of given vertices, numbered from 0 in the given order.
 
     **Arguments:**
 
@@ -174,7 +174,7 @@ def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
 
     **Returns:** the subgraph.
 
-    The last three of a line of four vertices:
+    The last three vertices of a line of four:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -200,7 +200,7 @@ def walk_in_part(
 
     - `graph`: the graph.
     - `vertices`: the vertices of the part.
-    - `matrix`: the transition matrix of the walk between them.
+    - `matrix`: the transition matrix of the walk between these vertices.
 
     **Returns:** array `[vertices, vertices]`, the transition matrix between all vertices.
 

@@ -60,22 +60,22 @@ def timed(
     durations: Any,
     wait: float,
 ) -> Timed:
-    """Compute the times of walks whose steps take the travel times of edges, a semi-Markov process.
+    """Compute the times of walks whose steps take the travel times of edges.
 
-    With `s` the mean times of steps, the hitting times solve `h = s + P h`, and each robot leaves
-    vertex `j` once per `pi s / pi_j`.
+    The walks are semi-Markov processes. With `s` the mean times of steps, hitting times solve `h =
+    s + P h`, and the mean time between two departures of a robot from vertex `j` is `pi s / pi_j`.
 
     **Arguments:**
 
     - `graph`: the graph.
-    - `matrices`: the transition matrix of each robot; hitting times are those of the first.
-    - `shares`: the share of its steps that each robot begins at each vertex.
+    - `matrices`: the transition matrix of each robot; hitting times are computed for the first.
+    - `shares`: the share of the steps of each robot that begin at each vertex.
     - `durations`: array `[edges]`, the travel time of each edge in seconds.
     - `wait`: the time in seconds of a step that stays.
 
     **Returns:** [`Timed`][].
 
-    A random walk on a line of three vertices, one of whose edges takes ten times as long:
+    A random walk on a line of three vertices, whose second edge takes ten times as long:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -109,8 +109,8 @@ def _hitting(
 ) -> Float[np.ndarray, "vertices vertices"]:
     """Compute the mean hitting times, infinite to vertices that are not visited in the long run.
 
-    With the fundamental matrix `Z = (I - P + 1 pi)^-1` they are `(Z s)_i - (Z s)_j + pi s (z_jj -
-    z_ij) / pi_j`.
+    With the fundamental matrix `Z = (I - P + 1 pi)^-1`, the times are `(Z s)_i - (Z s)_j + pi s
+    (z_jj - z_ij) / pi_j`.
     """
     inverse = np.linalg.inv(np.eye(share.size) - matrix + share)
     ahead, visited = inverse @ step, share > 0

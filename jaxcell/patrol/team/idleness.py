@@ -16,11 +16,11 @@ from ...optimize import Graph, shortest_tour
 from .times import move_times
 
 
-# Number of moves of a simulation: at least the first, and the second per vertex.
+# Least number of moves of a simulation, in total and per vertex.
 _MOVES, _VISITS = 20_000, 50
-# Number of parts of a simulation whose means give the standard error.
+# Number of parts of a simulation, whose means determine the standard error.
 _BATCHES = 10
-# Share of the time before idleness is counted, because at the start no vertex is visited.
+# Share of the time that is ignored at the start, when no vertex has been visited yet.
 _BEFORE = 0.1
 # Decimals of times in a simulation, whose unit is the least travel time.
 _DECIMALS = 9
@@ -29,13 +29,13 @@ RobotShares: TypeAlias = Annotated[
     Float[np.ndarray, "robots vertices"],
     quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
 ]
-# The next vertex of a robot, from its number, its vertex, and the time of the last visit to each.
+# A function of a robot, its vertex, and the times of the last visits, that returns the next vertex.
 _Next = Callable[[int, int, Float[np.ndarray, "vertices"]], int]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Idleness(Result):
-    """The times between visits to vertices, by one simulation per patrol."""
+    """The times between visits to vertices, from one simulation per patrol."""
 
     title: ClassVar[str] = "Idleness of patrols"
     tables: ClassVar[Mapping[str, str]] = {"patrol": "patrols"}
@@ -63,7 +63,7 @@ class Idleness(Result):
         Float[np.ndarray, "patrols"] | None,
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
-    "The attack does not wait until the robots are far away."
+    "The adversary does not wait until the robots are far away."
 
 
 def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
@@ -89,12 +89,12 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
 def idleness_over_vertices(
     units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
 ) -> tuple[derived, derived]:
-    """Make quantities of a result: mean and longest time between visits over the vertices.
+    """Make two quantities of a result: the mean and the longest of the times between visits.
 
     **Arguments:**
 
     - `units`: unit of the times.
-    - `idleness`: a function that returns the times of a result, by vertex.
+    - `idleness`: a function that returns the time between visits to each vertex, from the result.
     """
     mean = derived("", "time between visits, mean over vertices", units, kind="time")
     worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
@@ -106,9 +106,9 @@ def idleness_over_vertices(
 def steps_between_visits(
     shares: Float[np.ndarray, "robots vertices"],
 ) -> Float[np.ndarray, "vertices"]:
-    """Compute the mean time between steps at which a robot is at a vertex.
+    """Compute the mean time between visits to each vertex by any robot.
 
-    Robots are independent; simultaneous visits of several robots count as one.
+    Robots are independent; simultaneous visits count as one, and a wait is a visit at each step.
 
     **Arguments:**
 
@@ -116,7 +116,7 @@ def steps_between_visits(
 
     **Returns:** the times, in steps; infinite at a vertex that no robot visits.
 
-    Two robots that are each at the first of two vertices half of the time:
+    Two robots, each of which spends half of the time at each of two vertices:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -137,11 +137,11 @@ def simulate_idleness(
 ) -> Idleness:
     """Simulate the times between visits to vertices, for given walks and for three other patrols.
 
-    The other patrols are baselines of patrolling_sim (Portugal and Rocha): robots one behind the
-    other on a short closed tour through all vertices (*tour*); robots that go to a uniformly random
-    neighbour (*random*); and robots that go to the neighbour whose last visit, by any robot, is
-    longest ago (*reactive*, "conscientious reactive" of Machado et al. 2003). The *walk* is given
-    by the matrices. All robots start on the tour.
+    The other patrols are baselines of patrolling_sim (Portugal and Rocha): robots at equal
+    intervals on a short closed tour through all vertices (*tour*); robots that go to a uniformly
+    random neighbour (*random*); and robots that go to the neighbour whose last visit, by any robot,
+    is longest ago (*reactive*, "conscientious reactive" of Machado et al. 2003). The matrices
+    define the *walk*. All robots start on the tour.
 
     **Arguments:**
 
@@ -149,14 +149,14 @@ def simulate_idleness(
     - `matrices`: the transition matrix of each robot, between the vertices, or between pairs of a
         state of its memory and a vertex, as in
         [`MaximinCapture`][jaxcell.patrol.walks.MaximinCapture].
-    - `times`: array `[edges]`, the travel time of each edge; by default 1. Waiting takes the least
-        of them.
+    - `times`: array `[edges]`, the travel time of each edge; by default 1. A wait takes the least
+        travel time.
     - `attack_time`: duration of an attack, one number or array `[vertices]`, to compute capture.
     - `seed`: seed of the simulation.
 
     **Returns:** [`Idleness`][], in the unit of `times`.
 
-    Two robots on a ring of eight follow each other, four steps apart:
+    Two robots follow each other on a ring of eight vertices, four steps apart:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -214,7 +214,7 @@ def simulate_idleness(
         errors = _error(batches.mean(axis=0)), _error(batches[at])
         caught = np.nan
         if attack is not None:
-            # The next visit interrupts an attack, which begins at any time.
+            # An attack begins at a random time, and the next visit interrupts the attack.
             attacked = zip(gaps, attack, strict=True)
             caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
@@ -237,14 +237,14 @@ def _batches(times: Float[np.ndarray, "_"]) -> list[float]:
 
 
 def _error(means: Float[np.ndarray, "batches"]) -> float:
-    """Compute the standard error of the mean of batches; infinite with too few visits."""
+    """Compute the standard error of the mean from batches; infinite with too few visits."""
     return float(means.std(ddof=1) / math.sqrt(means.size)) if np.isfinite(means).all() else np.inf
 
 
 def _spaced(
     tour: Int[np.ndarray, "steps"], durations: Float[np.ndarray, "vertices vertices"], robots: int
 ) -> list[int]:
-    """Choose places on a tour such that robots follow each other at nearly equal times."""
+    """Choose places on a tour such that robots follow each other at nearly equal intervals."""
     reached = np.concatenate([[0.0], durations[tour, np.roll(tour, -1)].cumsum()])
     aims = np.arange(robots) * reached[-1] / robots
     return [int(np.abs(reached[:-1] - aim).argmin()) for aim in aims]
@@ -256,7 +256,7 @@ def _gaps(
     starts: Int[np.ndarray, "robots"],
     moves: int,
 ) -> list[Float[np.ndarray, "_"]]:
-    """Simulate the times between visits to each vertex; infinite with fewer than two visits."""
+    """Simulate the times between visits to each vertex; infinite if there are fewer than two."""
     last = np.full(len(durations), -1.0)
     visits: list[list[float]] = [[] for _ in range(len(durations))]
     moving = [(0.0, robot, int(start)) for robot, start in enumerate(starts)]

@@ -12,15 +12,15 @@ from .idleness import long_run
 from .times import check_vertex, move_times, names_of
 
 
-# Probability of greater ages at which the law may end, and the greatest age computed.
+# Probability of greater ages below which the law may end, and the greatest age that is computed.
 _REST, _LONGEST = 1e-9, 20_000
-# The quantile of the late age.
+# The probability that defines the late age, a quantile.
 _LATE = 0.95
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class News(Result):
-    """The age of the news at a base, to which robots report what they saw as they pass."""
+    """The age of the news at a base, to which robots report whenever they visit the base."""
 
     title: ClassVar[str] = "Age of news at a base"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
@@ -61,7 +61,7 @@ class News(Result):
         return {"news_newer_than_the_robot": (float(max(falls, later)), PROBABILITY)}
 
     def _mean(self, law: Float[np.ndarray, "ages columns"]) -> Float[np.ndarray, "columns"]:
-        """Compute the mean age as the sum of tails; infinite if a law does not reach 1."""
+        """Compute the mean age as the sum of tails; infinite if the law does not reach 1."""
         tails = 1 - law
         return np.where(tails[-1] < 1e-6, self.unit * tails.sum(axis=0), np.inf)
 
@@ -75,14 +75,14 @@ def age_of_news(
     unit: float = 1.0,
     names: Sequence[str] | None = None,
 ) -> News:
-    """Compute the law of the age of news at a base, exactly.
+    """Compute the probability law of the age of news at a base, exactly.
 
-    A robot sees a vertex when it is at the vertex, and reports when it is at the base. At any time
-    in the long run, the news of a vertex come from the robot that was there last, among those that
-    have since visited the base. Backward in time a robot is a Markov chain too, with `pi_j p_ji /
-    pi_i` in place of `p_ij`: the age of its news is the backward time to the base and from there to
-    the vertex. Robots are independent. An edge that takes several units of time gets additional
-    vertices, one per unit.
+    A robot sees a vertex when it is at the vertex, and reports when it is at the base. The newest
+    news of a vertex come from the last visit to the vertex after which the visitor has reached the
+    base. Backward in time, a robot is also a Markov chain, with `pi_j p_ji / pi_i` in place of
+    `p_ij`: the age of its news is the backward time to the base and from there to the vertex.
+    Robots are independent, and distributed as in the long run. An edge that takes several units of
+    time gets additional vertices, one per unit.
 
     **Arguments:**
 
@@ -95,7 +95,7 @@ def age_of_news(
 
     **Returns:** [`News`][]. Ages end when the law is 1 up to 1e-9, or at 20,000 units.
 
-    A robot that goes round a triangle is at the base every third step:
+    A robot that goes round a triangle visits the base at every third step:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -126,13 +126,13 @@ class _Backward:
     """A robot followed backward in time, to the base and from there to each vertex."""
 
     back: scipy.sparse.csr_array
-    "The transpose of its transition matrix backward in time."
+    "The transpose of the transition matrix backward in time."
     base: int
     vertices: int
     before: Float[np.ndarray, "places"]
     "Probability that the robot is at each place, and has not visited the base yet."
     since: Float[np.ndarray, "places vertices"]
-    "Probability of each place, after the base was visited and before each vertex is."
+    "Probability of each place after a visit to the base, and before the visit to each vertex."
     heard: Bool[np.ndarray, "vertices"]
     "The vertices whose news the robot brings to the base in the long run."
 
@@ -183,7 +183,7 @@ def with_vertices_on_the_way(
     **Arguments:**
 
     - `matrix`: the transition matrix.
-    - `delays`: number of units that each step takes, at least 1 if it is possible.
+    - `delays`: number of units that each step takes, at least 1 for possible steps.
 
     **Returns:** the matrix between the vertices, followed by the places along steps.
     """

@@ -16,13 +16,13 @@ _TIME = 1e-6
 def move_times(
     graph: Graph, times: Any = None, wait: float = 1
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the time of the move from each vertex to each other; 0 if there is no edge.
+    """Compute the time of the move between each pair of vertices; 0 without an edge.
 
     **Arguments:**
 
     - `graph`: the graph.
     - `times`: array `[edges]`, the travel time of each edge; by default 1.
-    - `wait`: time of a move that stays.
+    - `wait`: time of a wait at a vertex.
     """
     each = np.ones(len(graph.edges)) if times is None else np.asarray(times, np.float64)
     return graph.matrix(each).toarray() + wait * np.eye(graph.vertices)
@@ -50,7 +50,7 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
 
 
 def check_vertex(parameter: str, vertex: int, vertices: int) -> None:
-    """Refuse a number that is not a vertex."""
+    """Raise an error if a number is not a vertex."""
     if not 0 <= vertex < vertices:
         raise ValueError(f"{parameter}: expected a vertex, 0 to {vertices - 1}, got {vertex}")
 
@@ -65,9 +65,9 @@ def hitting_check(
     step: Float[np.ndarray, "vertices"],
     times: Float[np.ndarray, "vertices vertices"],
 ) -> tuple[float, float]:
-    """Compute the residual of hitting times in `h = s + P h`, relative, and its tolerance.
+    """Compute the relative residual of hitting times in `h = s + P h`, and its tolerance.
 
-    Times to vertices that are not visited in the long run are infinite, and do not count.
+    Times to vertices that are not visited in the long run are infinite, and are ignored.
     """
     there = np.flatnonzero(np.isfinite(times).all(axis=0))
     gap = step[:, None] + matrix @ times[:, there] - times[:, there]

@@ -5,35 +5,35 @@ With `L = A diag(w) A^T` the weighted Laplacian (Alam 2018, Eq. 4.2), `A` the in
 
     p_ij = w_ij / sum_j w_ij             the walk                                     `random_walk`
     pi_i p_ij + pi_j p_ji                the share of steps along an edge             `edge_shares`
-    h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: steps from i until at j
+    h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: mean steps from i to j
                                                                                `walk_hitting_times`
     C_ij = h_ij + h_ji                   the commute time, there and back                 `measure`
     C    = 4 / (n - 1) sum_i>1 1 / k_i   its mean over pairs, for sum w = 1
 
-Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights are the same.
+Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weights.
 
 - *MAECT* is the choice of weights with the least `C` (Eq. 4.4), `jaxcell.optimize.minimum_commute`;
     with an *emphasis*, the edges of the shortest closed tour through given vertices have at least a
-    given share of the weight (Eq. 4.5). The problem is convex and its solution has a duality gap,
+    given share of the weight (Eq. 4.5). The problem is convex; a duality gap bounds the error,
     also under the constraints of `load_constraints`; `MetConstraints` reports how they are met.
-- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1), whose steps count only in
-    their own direction, as printed; this reproduces all rows of Table 4.2 for `k = 1`.
-- Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
+- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1). As printed, a step counts
+    only in the direction of its path; this reproduces all rows of Table 4.2 for `k = 1`.
+- Not in the source are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
     `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
-    computes for any chain. Each gives an `OptimizedWalk`. `measure` computes `h`, `C`, `K`, `H` and
-    more of any chain, its `Measures`, and `GraphPatrol` holds these with the graph, for datasets
-    and recordings; for several independent robots also the first arrival at each vertex and the
+    computes for any chain. Each returns an `OptimizedWalk`. `measure` computes `h`, `C`, `K`, `H`
+    and more of any chain, and returns `Measures`. `GraphPatrol` adds the graph, for datasets and
+    recordings, and for several independent robots the first arrival at each vertex and the
     probability of capturing an attack.
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
     `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`, by the
     recursion `F_t = P + P (F_{t-1} - diag F_{t-1})`; `charged_capture` does so for robots that
-    return to a charger. With a *memory*, a state that changes with the moves, robots capture more:
-    `memory_patrol` compares numbers of states with a tour (`MemoryPatrol`), and `capture_bound` is
-    an upper bound for any memory.
+    return to a charger. With a *memory*, a state that changes at each move, robots capture more:
+    `memory_patrol` compares memories of several sizes and a tour (`MemoryPatrol`), and
+    `capture_bound` is an upper bound for any memory.
 - In `strategy_game`, a `StrategyGame`, the patroller commits to a mixture of walks and the
-    adversary, who knows it, attacks a vertex (Eq. 4.6, 4.7). The `k`-th closest vertex of a walk is
-    worth `1/2^(k-1)` as a probability of capture, as in Table 4.2 (Alg. 4.2 prints another
+    adversary, who knows it, attacks a vertex (Eq. 4.6, 4.7). An attack on the `k`-th closest vertex
+    of a walk is captured with probability `1/2^(k-1)`, as in Table 4.2 (Alg. 4.2 prints another
     exponent).
 """
 

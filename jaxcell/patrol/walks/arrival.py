@@ -17,19 +17,19 @@ def walk_capture_probabilities(
 ) -> Float[np.ndarray, "starts targets"]:
     """Compute the probability that a robot reaches a target within the attack time.
 
-    The attack begins as the robot leaves its start. It reaches the start itself when it is first
-    back; a patroller that stays is back after a time of 1.
+    The attack begins as the robot leaves its start. If the target is the start, the robot must
+    return to it; a robot that stays returns after a time of 1.
 
     **Arguments:**
 
     - `graph`: the graph.
     - `matrix`: array `[states, states]`, the transition matrix of the robot. Its states are the
-        vertices, or for a robot with memory the pairs of a state of the memory and a vertex, the
-        vertex fastest.
+        vertices, or for a robot with memory the pairs of a state of the memory and a vertex, where
+        the vertex varies fastest.
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
     - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
 
-    **Returns:** array `[states, vertices]`, the start first.
+    **Returns:** array `[states, vertices]`: rows are starts, columns are targets.
 
     A random walk on a line of three vertices, against attacks of two steps:
 
@@ -60,7 +60,7 @@ def walk_capture_probabilities(
 def captured_by_any(
     probability: Float[np.ndarray, "robots starts targets"],
 ) -> Float[np.ndarray, "targets"]:
-    """Compute the least probability that any robot arrives in time, each from its worst start."""
+    """Compute the probability that any robot arrives in time, each from its worst start."""
     return 1 - (1 - probability.min(axis=1)).prod(axis=0)
 
 
@@ -73,11 +73,11 @@ def first_passage(
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
 ) -> Float[Array, "states targets"]:
-    """Compute the first passage `F_k(i, j) = sum_l p_il (t_il = k and l at j, or else F_(k -
-    t_il)(l, j))`.
+    """Compute the probability of first passage from each state to each target in time.
 
-    The sum is over the states `l` that are not at `j`. The lengths of the last two arguments are
-    the lengths of the loops: they are passed as shapes because JAX compiles once per shape.
+    At time `k`, `F_k(i, j) = sum_l p_il ([t_il = k, l at j] + [l not at j] F_(k - t_il)(l, j))`.
+    The lengths of the last two arguments are the lengths of the loops: they are passed as shapes
+    because JAX compiles once per shape.
     """
     each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
@@ -95,16 +95,14 @@ def first_passage(
 
 
 def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:
-    """Return 1 where a state is at a vertex, else 0. The vertices repeat for each state of the
-    memory.
-    """
+    """Return 1 if a state is at the vertex, else 0; the vertex varies fastest over states."""
     return np.tile(np.eye(vertices), (states // vertices, 1))
 
 
 def whole_numbers(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
-    """Check times and return those of moves, 0 without an edge, and of attacks on each vertex."""
+    """Check the times; return the times of moves, 0 without an edge, and of attacks on vertices."""
     attack = _whole("attack_time", attack_time, graph.vertices, "vertex")
     given = 1 if travel_times is None else travel_times
     times = _whole("travel_times", given, len(graph.edges), "edge")
@@ -114,7 +112,7 @@ def whole_numbers(
 def on_device(
     delays: Int[np.ndarray, "states states"], attack: Int[np.ndarray, "targets"]
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the arguments of [`first_passage`][] after the matrix."""
+    """Return the arguments of [`first_passage`][] that follow the matrix."""
     slots = np.zeros(delays.max()), np.zeros(attack.max())
     return jax.device_put((states_at(len(delays), attack.size), delays, attack, *slots))
 

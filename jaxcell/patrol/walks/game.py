@@ -18,7 +18,7 @@ _SAME = 1e-9
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StrategyGame(Result):
-    """A game of a patroller that mixes walks against an adversary that attacks a vertex."""
+    """A game between a patroller, who mixes walks, and an adversary, who attacks a vertex."""
 
     title: ClassVar[str] = "Game between walks on a graph and an adversary"
     tables: ClassVar[Mapping[str, str]] = {"strategy": "strategies"}
@@ -26,13 +26,13 @@ class StrategyGame(Result):
     names: Sequence[str]
     "The names of the vertices."
     preferred: tuple[tuple[int, ...], ...]
-    "The preferred vertices of each strategy: one, all, or the emphasised ones."
+    "The preferred vertices of each strategy: one vertex, all, or the emphasised vertices."
     weight: Annotated[
         Float[np.ndarray, "strategies edges"],
         quantity("strategy edge", "share of steps along the edge", "1", kind="distribution"),
     ]
     closest: Int[np.ndarray, "strategies vertices"]
-    "The vertices from the closest to the furthest, in mean hitting time."
+    "The vertices in order of their mean hitting time, the closest first."
     patroller_payoff: Annotated[
         Float[np.ndarray, "strategies vertices"],
         quantity("strategy vertex", "payoff of the patroller for an attack on the vertex"),
@@ -114,15 +114,15 @@ def strategy_game(
     **Arguments:**
 
     - `graph`: a connected graph whose vertices have positions.
-    - `emphasis`: the vertices of the last strategy, two or more.
-    - `share`: the least sum of the weights on the shortest closed tour through the emphasis.
-    - `paths`: number of shortest paths from each vertex to the one that a walk heads for.
+    - `emphasis`: two or more vertices to emphasise; `None` leaves out the last strategy.
+    - `share`: the least sum of the weights on the shortest closed tour through these vertices.
+    - `paths`: number of shortest paths from each vertex to the vertex that a walk heads for.
     - `names`: names of the vertices; by default their numbers.
     - `stakes`: the stakes of the game at each vertex, as in [`jaxcell.optimize.payoffs`][].
 
     **Returns:** [`StrategyGame`][].
 
-    On a line of three, the walk toward `a` has `a` closest to the patroller, then `b`, then `c`:
+    On a line of three vertices, the walk toward `a` is closest to `a`, then to `b`, then to `c`:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])

@@ -29,19 +29,19 @@ from .memory import MemoryPatrol
 from .optimal.constraints import MetConstraints
 
 
-# Solvers and scaling may leave this much of a probability that is 0.
+# Largest number that solvers and scaling may return for a probability of 0.
 _NOTHING = 1e-9
-# Share of all steps: a solver may leave this much on an edge that is not used.
+# Largest share of all steps that a solver may return for an unused edge.
 _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
 MAX_ARRIVALS = 256
-"""Number of vertices at which the first arrivals of several robots are computed in 10 s."""
+"""Largest graph, in vertices, on which first arrivals of several robots are computed (10 s)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class GraphPatrol(Measures):
-    """The random walks of independent robots that patrol a graph, and what they achieve."""
+    """The random walks of independent robots that patrol a graph, and their measures."""
 
     title: ClassVar[str] = "Random walk of a patroller on a graph"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices", "edge": "edges"}
@@ -56,15 +56,15 @@ class GraphPatrol(Measures):
     local: bool = False
     "`True` if the walk is only a local optimum, because the problem is not convex."
     bounds: MetConstraints | None = None
-    "The constraints on the walk and how it meets them, or `None`."
+    "The constraints on the walk and how the walk meets them, or `None`."
     game: StrategyGame | None = None
     shares: RobotShares
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
-    "The transition matrix of each robot, if they differ; the measures are those of robot 0."
+    "The transition matrix of each robot, if robots differ; the measures are then of robot 0."
     timed: Timed | None = None
     "The walk in seconds, if edges have travel times."
     by_steps: bool = False
-    "`True` if the walk was chosen by numbers of steps although travel times of edges differ."
+    "`True` if the walk was optimised in steps although the travel times of edges differ."
     division: Division | None = None
     "A comparison of robots that share the graph with robots that divide it, or `None`."
     news: News | None = None
@@ -72,9 +72,9 @@ class GraphPatrol(Measures):
     charged: Charged | None = None
     "The walks that return to a charger in time, or `None`."
     walks_with_memory: MemoryPatrol | None = None
-    "The walks of robots with memory, or `None`; the other measures are of the walk without."
+    "The walks of robots with memory, or `None`; other measures are of the walk without memory."
     idleness: Idleness | None = None
-    "The times between visits, by these walks and by three other patrols, or `None`."
+    "The times between visits of these walks and of three other patrols, or `None`."
     weights_unused: bool = False
     "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1
@@ -83,12 +83,12 @@ class GraphPatrol(Measures):
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "mean steps until one patroller is there", "steps", kind="time"),
     ] = None
-    "Robots start at places drawn from the shares of time; `None` for one robot."
+    "Robots start at vertices drawn from the shares of time; `None` for one robot."
     captured: Annotated[
         Float[np.ndarray, "vertices"] | None,
         quantity("vertex", "least chance of capture there", "1", kind="share"),
     ] = None
-    "The probability that any robot arrives in time, from the worst places as the attack begins."
+    "The probability that any robot arrives in time, if each starts at its worst vertex."
     seed: int = 0
     "Seed of the recorded walks."
 

@@ -19,7 +19,7 @@ from ..team.times import hitting_check
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Measures(Result):
-    """Quantities of the Markov chain of a patroller, on the host."""
+    """Quantities of the Markov chain of a patroller, as NumPy arrays."""
 
     title: ClassVar[str] = "Random walk of a patroller"
 
@@ -74,7 +74,7 @@ class Measures(Result):
 
 
 def measure(chain: Chain) -> Measures:
-    """Compute all quantities of [`Measures`][], for a chain of up to some thousand vertices.
+    """Compute all quantities of [`Measures`][] for a chain of up to a few thousand vertices.
 
     **Arguments:**
 

@@ -16,9 +16,9 @@ from .optimal.capture import maximin_capture
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class MemoryPatrol(Result):
-    """Walks of robots with memory, and what they capture beside a tour and an upper bound.
+    """Walks of robots with memory, whose capture is compared with a tour and an upper bound.
 
-    A state of a robot is a pair of a state of its memory and a vertex, the vertex fastest.
+    A state of a robot is a pair of a state of its memory and a vertex; the vertex varies fastest.
     """
 
     title: ClassVar[str] = "Walks with memory"
@@ -29,18 +29,18 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture, robots where worst", "1", kind="share"),
     ]
-    "The adversary sees the robots, and the states of their memories."
+    "The adversary sees the robots and the states of their memories."
     any_time: Annotated[
         Float[np.ndarray, "patrols"],
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
-    "An attack begins with a move of the robots, as likely with each in the long run."
+    "The states of robots at the start of an attack are drawn from their shares of time."
     upper_bound: Annotated[
         float,
         quantity("", "no walks with any memory capture more than this", "1", kind="share"),
     ]
     memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
-    "The number for which capture is greatest, the least one of equals."
+    "The number of states with the largest capture; the smallest number among equals."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
     chance: Annotated[
         Float[np.ndarray, "robots states states"],
@@ -81,7 +81,7 @@ def memory_patrol(
     names: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> MemoryPatrol:
-    """Find walks with 2, 4, 8, ... states of memory that capture most, up to a given number.
+    """Find the walks that capture most with 2, 4, 8, ... states of memory, up to a given number.
 
     **Arguments:**
 
@@ -91,11 +91,11 @@ def memory_patrol(
     - `matrices`: the transition matrix of each robot without memory.
     - `tests`: number of tests of the upper bound, as in [`capture_bound`][].
     - `names`: names of the vertices; by default their numbers.
-    - `say`: called with a line on what is sought.
+    - `say`: called with a line of text when a search begins.
 
     **Returns:** [`MemoryPatrol`][].
 
-    A robot on a line of four goes from end to end more often if it remembers where it was:
+    A robot on a line of four vertices captures more if it has a memory:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -147,7 +147,7 @@ def memory_patrol(
 def _on_tour(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> Float[np.ndarray, "places vertices"]:
-    """Return 1 where a robot on a short closed tour comes in time, by its place at the start."""
+    """Return 1 if a robot on a short closed tour arrives in time, per start and vertex."""
     lengths = None if travel_times is None else np.asarray(travel_times, float)
     tour = shortest_tour(Graph(graph.edges, graph.vertices, ways=lengths), range(graph.vertices))
     lasts = move_times(graph, travel_times)[tour, np.roll(tour, -1)]

@@ -12,7 +12,7 @@ from ...mapping import Chain
 from ...optimize import Graph
 
 
-# An edge up to rounding as long as a whole part of a line, of at most this number, is made exact.
+# Lengths become exact fractions of a longer length: the largest denominator, and the tolerance.
 _PARTS, _ROUNDING = 16, 1e-9
 # Vertices times edges times paths, above which Yen's searches take minutes.
 _MAX_SEARCHES = 500_000
@@ -23,14 +23,14 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 
     From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). A step
     counts once for each of these paths that contains it, and each step away from the vertex counts
-    once; a step has a probability in proportion to its count. As printed, only the direction of the
-    path counts. Then, with one path from each vertex, the time to arrive is the number of edges, as
-    in all rows of Table 4.2; and in the long run the walk may leave out vertices that are on no
-    path from a neighbour of the vertex.
+    once; a step has a probability in proportion to its count. As printed, a path counts only in its
+    own direction. With one path from each vertex, the time to arrive is therefore the number of
+    edges, as in all rows of Table 4.2. In the long run, the walk may leave out vertices that are on
+    no path from a neighbour of the vertex.
 
-    Paths are in order of their Euclidean lengths. Among equal lengths, as for a line and its
-    pieces, the path with fewer edges is first. Among those, the last edge, in the order of the
-    graph, in which two paths differ decides: the path without it is first.
+    Paths are in order of their Euclidean lengths. Of equally long paths, such as a line and its
+    pieces, the path with fewer edges is first. If the numbers of edges are also equal, the last
+    edge, in the order of the graph, that is in only one path decides: that path is second.
 
     **Arguments:**
 
@@ -40,9 +40,9 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 
     **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
-    **Raises:** `ValueError` for wrong arguments, and if a vertex has no path to the given one.
+    **Raises:** `ValueError` for wrong arguments, or if some vertex has no path to the given vertex.
 
-    A square with a diagonal from 1 to 3; the path from 2 goes by 1:
+    A square with a diagonal from 1 to 3; the path from 2 goes through 1:
 
         >>> from jaxcell import patrol
         >>> edges = [[0, 1], [1, 2], [2, 3], [3, 0], [1, 3]]
@@ -84,10 +84,10 @@ def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
 
 
 def _lengths(graph: Graph) -> list[int]:
-    """Return lengths for which no two paths are equally long: whole numbers of many digits.
+    """Return integer lengths with which no two paths are equally long.
 
-    The lowest digits are one bit per edge, so that sums show their edges; the next are the number
-    of edges; the highest are the length in units.
+    The lowest bits are one bit per edge, so that the length of a path shows its edges; the middle
+    bits count the edges; the highest bits are the length in units.
     """
     exact = _exact(graph.lengths)
     units = math.lcm(*(length.denominator for length in exact))
@@ -99,7 +99,7 @@ def _lengths(graph: Graph) -> list[int]:
 
 
 def _exact(lengths: Float[np.ndarray, "edges"]) -> list[Fraction]:
-    """Return exact fractions for lengths: pieces of a line sum to the length of the line."""
+    """Return lengths as exact fractions, so that the pieces of a line sum to its length."""
     exact = [Fraction(0)] * lengths.size
     parts = np.arange(1, _PARTS + 1)[:, None]
     left = np.flatnonzero(lengths)

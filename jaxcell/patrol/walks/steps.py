@@ -1,4 +1,4 @@
-"""Walks on a graph as tables of steps, for gradients in the logits of all of them."""
+"""Walks on a graph as tables of steps, for gradients in the logits of all steps."""
 
 from typing import Any, NamedTuple
 
@@ -10,19 +10,19 @@ from jaxtyping import Array, Bool, Float, Int
 from ...optimize import Graph
 
 
-# Least probability of a step at a start, because a gradient hardly moves logits of rarer steps.
+# Least probability of a step where an ascent starts: gradients hardly change rarer steps.
 _LIKELY = 1e-3
 
 
 class Steps(NamedTuple):
-    """The steps from each cell to its neighbours, slot by slot."""
+    """The steps from each cell to its neighbours, with one slot per neighbour."""
 
     image: Int[Array, "branches cells"]
     "The cell to which each step leads; in slots without a neighbour, the cell itself."
     even: Float[Array, "branches cells"]
     "The probability of each step if all are equally likely; 0 in slots without a neighbour."
     back: Int[Array, "branches cells"]
-    "The slot of the neighbour whose step leads back."
+    "The slot of the step from the neighbour back to the cell."
 
     @classmethod
     def of(cls, graph: Graph) -> "Steps":
@@ -41,7 +41,7 @@ class Steps(NamedTuple):
     def logits(
         self, matrices: Float[np.ndarray, "*batch cells states"]
     ) -> Float[np.ndarray, "*batch branches cells"]:
-        """Compute logits of transition matrices, whose probabilities count as 0.001 or more."""
+        """Compute the logits of transition matrices; probabilities below 0.001 count as 0.001."""
         here, image = np.arange(self.image.shape[1]), np.asarray(self.image)
         return np.log(np.maximum(matrices[..., here, image], _LIKELY))
 
@@ -59,7 +59,7 @@ class Steps(NamedTuple):
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:
-        """Compute the probability of each step, which is at least an even share of the floor."""
+        """Compute the probability of each step, at least the floor over the number of steps."""
         even = self.even.astype(logits.dtype)
         even = (even / even.sum(axis=0, keepdims=True))[None]
         own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)
@@ -68,30 +68,30 @@ class Steps(NamedTuple):
     def pull(
         self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
     ) -> Float[Array, "cells targets"]:
-        """Compute `P v` for several `v`."""
+        """Compute the products `P v` of the transition matrix and several vectors."""
         return _pull(chance, value, self)
 
     def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """Return the weights of cells as starts of a robot, which are all equal."""
+        """Return the weight of each cell as the start of a robot; all weights are equal."""
         return jnp.ones(chance.shape[1], chance.dtype)
 
 
 class SymmetricSteps(NamedTuple):
-    """The steps of a robot with memory that acts alike in all symmetric positions.
+    """The steps of a robot with memory that acts in the same way in all symmetric positions.
 
-    A state of its memory is a pair of a *frame*, the symmetry through which it sees the graph, and
-    a number. It may change both with each step. Its cells are the pairs of a number and a vertex in
-    the first frame, the identity; the others follow.
+    A state of the memory is a pair of a *frame*, the symmetry through which the robot sees the
+    graph, and a number; each step may change both. The cells are the pairs of a number and a vertex
+    in the first frame, the identity. The steps in other frames follow by symmetry.
     """
 
     own: Steps
-    "The steps from its cells to the states of the memory at the neighbours, the frame slowest."
+    "The steps from the cells to states of the memory at neighbours; the frame varies slowest."
     frames: Int[Array, "frames vertices"]
-    "The vertex at which a robot sees each vertex, a group of permutations."
+    "The image of each vertex in each frame; the frames are a group of permutations."
 
     @classmethod
     def of(cls, graph: Graph, frames: Int[np.ndarray, "frames vertices"]) -> "SymmetricSteps":
-        """Make the steps on the graph of all states of the memory."""
+        """Make the steps from a graph whose vertices are pairs of a memory state and a vertex."""
         cells = graph.vertices // len(frames)
         own = Steps(*(part[:, :cells] for part in Steps.of(graph)))
         return cls(own, jax.device_put(frames))
@@ -122,19 +122,19 @@ class SymmetricSteps(NamedTuple):
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:
-        """Compute the probability of each step, which is at least an even share of the floor."""
+        """Compute the probability of each step, at least the floor over the number of steps."""
         return self.own.chances(logits, floor)
 
     def pull(
         self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
     ) -> Float[Array, "cells targets"]:
-        """Compute `P v` for several `v`, one for each vertex as a target."""
+        """Compute the products `P v` of the transition matrix and one vector per target."""
         by_number = value.reshape(-1, *self.frames.shape[1:], value.shape[1])
         whole = jnp.concatenate([by_number[:, frame][..., frame] for frame in self.frames])
         return self._dense(chance[None])[0] @ whole.reshape(-1, value.shape[1])
 
     def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
-        """Return the weights of cells as starts of a robot, which are all equal."""
+        """Return the weight of each cell as the start of a robot; all weights are equal."""
         return self.own.often(chance)
 
     def _dense(self, chance: Any) -> Float[Array, "robots cells states"]:
@@ -146,7 +146,7 @@ class SymmetricSteps(NamedTuple):
 class ChargedSteps(NamedTuple):
     """The steps of a robot that must return to a charger within a given number of steps.
 
-    Its cells are pairs of a vertex and the number of steps since the charge.
+    The cells are pairs of a vertex and the number of steps since the last charge.
     """
 
     near: Steps
@@ -154,15 +154,15 @@ class ChargedSteps(NamedTuple):
     "The steps that leave time to return to the charger."
     charger: Int[Array, ""]
     rare: Float[Array, ""]
-    "A step that is less likely, relative to the likeliest one, is never made."
+    "Steps with less than this fraction of the largest probability are never made."
 
     @jax.jit
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:
-        """Compute the probability of each step, without rare steps; there is no floor.
+        """Compute the probability of each step, 0 for rare steps; the floor is ignored.
 
-        Gradients include the rare steps, so that these may return.
+        Gradients include the rare steps, so that a rare step can become more likely again.
         """
         may = self.allowed.swapaxes(0, 1).reshape(1, *logits.shape[1:])
         own = jax.nn.softmax(jnp.where(may, logits, jnp.finfo(logits.dtype).min), axis=1)
@@ -175,7 +175,7 @@ class ChargedSteps(NamedTuple):
     def pull(
         self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
     ) -> Float[Array, "cells targets"]:
-        """Compute `P v` for several `v`."""
+        """Compute the products `P v` of the transition matrix and several vectors."""
         by_age = value.reshape(*self.allowed.shape[::2], -1)
         after = jnp.roll(by_age, -1, axis=0).at[:, self.charger].set(by_age[0, self.charger])
         return jax.vmap(lambda steps, v: _pull(steps, v, self.near))(
@@ -203,9 +203,10 @@ class ChargedSteps(NamedTuple):
 def _pull(
     chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"], steps: Steps
 ) -> Float[Array, "cells targets"]:
-    """Compute `P v` for several `v`. Its derivative gathers, because every step has a step back.
+    """Compute the products `P v` of the transition matrix and several vectors.
 
-    The transpose that JAX derives scatters, which takes several times as long.
+    The derivative gathers, because every step has a step back; JAX's own derivative scatters,
+    which takes several times as long.
     """
     return sum(p[:, None] * value[to] for p, to in zip(chance, steps.image, strict=True))
 

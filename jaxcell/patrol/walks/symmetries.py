@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 
-# Number of symmetries that are sought.
+# Largest number of symmetries to find.
 MOST_SYMMETRIES = 48
 
 
@@ -19,11 +19,11 @@ def symmetries(
 
     **Arguments:**
 
-    - `delays`: the duration of each move, 0 where there is none.
+    - `delays`: the duration of each move, 0 for pairs without a move.
     - `kinds`: the kind of each vertex.
 
-    **Returns:** the vertex to which each permutation takes each vertex, the identity first. If
-    there are at most 48 permutations, they form a group.
+    **Returns:** the image of each vertex under each permutation, the identity first. If there are
+    at most 48 permutations, they form a group.
     """
     graph = networkx.from_numpy_array(delays, create_using=networkx.DiGraph)
     networkx.set_node_attributes(graph, dict(enumerate(kinds)), "kind")

@@ -13,7 +13,7 @@ from ...optimize.checked import one_each
 def random_walk(graph: Graph, weights: Any) -> Chain:
     """Make the chain of a patroller that takes edges with probabilities in proportion to weights.
 
-    That is `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1); the patroller never waits.
+    The probabilities are `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), without waiting.
 
     **Arguments:**
 
@@ -22,7 +22,7 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 
     **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
-    From the middle of a line of three, whose second edge weighs three times the first:
+    On a line of three vertices, the second edge has three times the weight of the first:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]])
@@ -48,8 +48,8 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     - `graph`: the graph.
     - `weights`: array `[edges]`, the weight of each edge, at least 0.
 
-    **Returns:** array `[vertices, vertices]`, the start first; 0 on its diagonal. Its sum with its
-    transpose is the commute times.
+    **Returns:** array `[vertices, vertices]`: rows are starts, the diagonal is 0. The sum of the
+    array and its transpose is the commute times.
 
     **Raises:** `ValueError` if edges with weight 0 separate two vertices.
 
@@ -70,7 +70,7 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     )
     shift = total.mean() / graph.vertices
     inverse = np.linalg.inv(np.diag(total) - matrix.toarray() + shift)
-    # The shift adds the same number to all entries, and they cancel.
+    # The shift adds the same number to all entries of the inverse, which cancels below.
     own = np.diag(inverse)
     mean = inverse @ total
     times = mean[:, None] - mean[None, :] + total.sum() * (own[None, :] - inverse)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _Positive: TypeAlias = Annotated[float, Limit(gt=0)]
 
 
-# One walk on a part of a graph cannot have parameters that name vertices elsewhere.
+# A walk on a part of a graph cannot have parameters that name vertices outside this part.
 _OF_ALL = Only(
     robots=True, vertex=False, emphasis=False, visits=False, attack_times=False, constraints=False
 )
@@ -36,29 +36,29 @@ class GraphStudy(Study):
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
     division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
-    """Use of the graph by several robots: all of them share it (shared), or each has a part of it
-    (partition). The result compares both. By default robots share the graph."""
+    """Use of the graph by several robots: all robots share the graph (shared), or each robot has a
+    part (partition). The result compares both uses. By default robots share the graph."""
     speed: _Positive | None = None
-    """Speed in metres per second: an edge takes the time for its length. By default an edge takes
-    one step."""
+    """Speed in metres per second, which determines the travel time of each edge. By default an edge
+    takes one step."""
     time_unit: Annotated[_Positive, Only(speed=True)] = 1.0
-    """Seconds to which the times of edges are rounded."""
+    """Unit in seconds, to multiples of which the travel times of edges are rounded."""
     base: str | None = None
-    """Base station: a vertex where robots report. The result has the age of the news there."""
+    """Base station: a vertex where robots report. The result has the age of news there."""
     charger: Annotated[str | None, Only(speed=False)] = None
-    """Vertex that each robot must visit at least every --every steps: change the walk accordingly,
-    or with the strategy capture find the best such walk."""
+    """Vertex that each robot must visit at least once in --every steps. The walk is changed to do
+    so, or with the strategy capture, the best such walk is found."""
     every: Annotated[int | None, Needed(charger=True)] = None
-    """Most steps between two visits of the charger."""
+    """Largest number of steps between two visits to the charger."""
     baselines: bool = False
-    """Simulate how long vertices wait for a visit: with this walk, with robots on a tour, with
-    robots that choose a neighbour uniformly, and with robots that choose the neighbour that waited
-    longest."""
+    """Simulate the times between visits to a vertex: for this walk, for robots on a tour, for
+    robots that choose a neighbour uniformly, and for robots that choose the neighbour whose last
+    visit is longest ago."""
     seed: int = 0
     """Seed of the recorded walk, and of simulations."""
 
     def more(self, patrolled: "GraphPatrol", say: Say) -> dict[str, Any]:
-        """Compute the parts of a result that other parameters than the strategy request."""
+        """Compute the parts of a result that parameters other than the strategy request."""
         from ... import patrol
 
         more: dict[str, Any] = {}

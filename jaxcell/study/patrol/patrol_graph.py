@@ -23,7 +23,7 @@ _CHANCE = "least chance that"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PatrolGraph(GraphStudy):
-    """Find a random walk with which to patrol a graph, and play against an adversary."""
+    """Find a random walk that patrols a graph, and solve its game against an adversary."""
 
     name: ClassVar[str] = "patrol"
     command: ClassVar[str] = "patrol graph"
@@ -33,11 +33,11 @@ class PatrolGraph(GraphStudy):
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
-    """Aim of the walk: a short mean commute time (commute), the shortest ways to --vertex (toward),
-    forgetting its start fast (mixing), a short mean time to a vertex (kemeny), maximal entropy of
-    steps (entropy) or of return times (return-time), or a great probability of capture within
-    --attack-time (capture). With mixing, kemeny and return-time the walk spends the same time at
-    all vertices, or the times of --visits, and may wait."""
+    """Aim of the walk: a short mean commute time (commute), shortest paths to --vertex (toward),
+    fast convergence to its shares of time (mixing), a short mean time to a random vertex (kemeny),
+    maximal entropy of steps (entropy) or of return times (return-time), or a high probability of
+    capture within --attack-time (capture). With mixing, kemeny and return-time, all vertices have
+    equal shares of time, or the shares in --visits, and the walk may wait."""
     emphasis: Annotated[tuple[str, ...], Only(strategy="commute"), Only(game=True)] = ()
     """Two or more vertices to visit more often."""
     share: Share = 0.8
@@ -48,7 +48,7 @@ class PatrolGraph(GraphStudy):
     vertex: Annotated[str | None, Needed(strategy="toward")] = None
     """Vertex to walk toward."""
     paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
-    """Number of shortest paths from each vertex to count. Along one path, as in the dissertation's
+    """Number of shortest paths from each vertex that count. With one path, as in the dissertation's
     table, the walk goes straight to the vertex."""
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
     """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
@@ -56,15 +56,15 @@ class PatrolGraph(GraphStudy):
     memory_states: Annotated[
         AtLeastOne, Only(strategy="capture", division=False, base=False, charger=False)
     ] = 1
-    """Number of states of the memory of a robot, which the search chooses together with the moves:
-    the result compares walks with 1, 2, 4, ... of them, a tour, and an upper bound."""
+    """Number of states of the memory of a robot; the search chooses changes of state with the
+    moves. The result compares walks with 1, 2, 4, ... states, a tour, and an upper bound."""
     visits: Annotated[
         Path | None, Only(strategy=("mixing", "kemeny", "entropy", "return-time"))
     ] = None
     """File with a line "vertex share" for each vertex: the share of time there, up to a factor."""
     values: Annotated[Path | None, Only(game=True)] = None
     """File with a line for each vertex: "vertex value", the value of its goods; or "vertex value
-    value reward cost": their value for the patroller and for the adversary, the reward of a
+    value reward cost": the value for the patroller and for the adversary, the reward of a
     patroller who catches the adversary there, and the cost for the adversary."""
     game: bool = False
     """Also find the best mixture of the walks toward each vertex and of the commute walk, against
@@ -141,7 +141,7 @@ class PatrolGraph(GraphStudy):
         return compared if result.game is None else [*compared, *compare_game(result.game)]
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:
-        """Refuse a graph that is too large or not connected, and an attack that is too short."""
+        """Raise if the graph is too large or not connected, or if an attack is too short."""
         from ...base.connected import vertices_apart
 
         if self.speed is not None and graph.xy is None and graph.ways is None:
@@ -176,7 +176,7 @@ class PatrolGraph(GraphStudy):
         times = self.times(graph)
         taken = graph.matrix(np.ones(len(graph.edges)) if times is None else times.astype(float))
         away = shortest_path(taken)
-        # To a vertex and back it takes two steps.
+        # A return to a vertex takes two steps.
         np.fill_diagonal(away, 2 * taken.min(axis=1).toarray() if times is not None else 2)
         unit, of = (1.0, "steps") if times is None else (self.time_unit, "s")
         if self.attack_time < away.max() * unit:
@@ -189,7 +189,7 @@ class PatrolGraph(GraphStudy):
     def _walks(
         self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
     ) -> dict[str, Any]:
-        """Find the walks of all robots, shared or divided, and compare both with a division."""
+        """Find the walks of all robots; with a division, compare shared with divided walks."""
         import numpy as np
         import scipy.sparse
 
@@ -321,7 +321,7 @@ class PatrolGraph(GraphStudy):
 def _compared(
     shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
 ) -> "Division":
-    """Compare robots that share the graph, if they can, with robots that divide it."""
+    """Compare robots that share the graph, if this is possible, with robots that divide it."""
     import numpy as np
 
     from ...patrol.team import Division, long_run, steps_between_visits

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # The shares among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
 MAX_ROBOTS = 20
-"""The most robots that `"auto"` tries."""
+"""Largest number of robots that `"auto"` tries."""
 _Reach: TypeAlias = Annotated[Metres, Limit(gt=0)]
 _Floor: TypeAlias = Annotated[float, Limit(ge=0, lt=1)]
 _CAPTURE = Only(strategy="capture")
@@ -31,7 +31,7 @@ _CAPTURE = Only(strategy="capture")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PatrolMap(CellStudy):
-    """Patrol a map with robots of limited sight, and compute how vulnerable the map then is."""
+    """Patrol a map with robots of limited sight, and compute its vulnerability to attacks."""
 
     name: ClassVar[str] = "patrol_map"
     command: ClassVar[str] = "patrol map"
@@ -40,23 +40,23 @@ class PatrolMap(CellStudy):
     robots: AtLeastOne | Literal["auto"] = 2
     """Number of robots; "auto" takes the fewest, up to 20, that reach --capture."""
     capture: Annotated[Annotated[float, Limit(gt=0, lt=1)] | None, Needed(robots="auto")] = None
-    """Least probability of capture in the first of the attack times to reach."""
+    """Least probability of capture to reach, for the first of the attack times."""
     range: _Reach = 6.0
-    """Distance in metres at which a robot sees; walls block its view."""
+    """Range of sight of a robot in metres; walls block its view."""
     sight: Literal["centre", "cell", "source"] = "centre"
-    """A robot in the centre of a cell sees another cell if it sees its centre (centre) or all of it
-    (cell), or if its own cell is seen wholly from the other centre (source, as the dissertation in
-    attacks)."""
+    """Rule by which a robot in the centre of a cell sees another cell: it sees the centre of the
+    other cell (centre), or the whole cell (cell), or its own whole cell is in view of the other
+    centre (source, as in the attacks of the dissertation)."""
     strategy: Literal["commute", "capture"] = "commute"
-    """Aim of the walks: a short mean commute time between cells (commute), or a great least
-    probability of capture in the first of the attack times from the start, a local optimum
+    """Aim of the walks: a short mean commute time between cells (commute), or a high least
+    probability of capture for the first of the attack times and for --start, a local optimum
     (capture)."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
     """Least share of steps on the shortest closed tour through the cells that see the whole map;
     "auto" takes the share among 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more than 2,000
     cells."""
     start: Literal["stationary", "uniform", "worst"] = "stationary"
-    """Places of the robots, out of view of the target, as an attack begins: as in the long run
+    """Places of the robots, out of view of the target, when an attack begins: as in the long run
     (stationary), all equally probable (uniform), or the best for the adversary (worst)."""
     randomness: Annotated[_Floor, _CAPTURE] = 0.0
     """Least share of steps in which a robot chooses a neighbour uniformly."""
@@ -65,12 +65,12 @@ class PatrolMap(CellStudy):
     starts: Annotated[AtLeastOne, _CAPTURE] = 2
     """Number of starts of the search: tours through covers, then random walks."""
     base: Annotated[str | None, Only(strategy="commute", capture=False)] = None
-    """Base station to report to, around which each robot has a region: "x,y" in metres, or "auto"
-    for a central place with a wide view. By default each robot patrols the whole map."""
+    """Base station where robots report, and around which each has a region: "x,y" in metres, or
+    "auto" for a central place with a wide view. By default each robot patrols the whole map."""
     base_range: Annotated[_Reach | None, Only(base=True)] = None
-    """Distance in metres at which the base station sees; by default that of a robot."""
+    """Range of sight of the base station in metres; by default the range of a robot."""
     lost: Annotated[int | None, Only(base=True)] = None
-    """Number of a robot that stops reporting; the other robots divide the map among them."""
+    """Number of a robot that stops reporting; the other robots divide the map among themselves."""
     target: str | None = None
     """Cell to attack, "x,y" in metres; by default the most vulnerable cell at the first of the
     attack times."""
@@ -204,7 +204,7 @@ class PatrolMap(CellStudy):
 
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
         if graph.vertices > MAX_VERTICES:
-            # One search takes a minute and more.
+            # One search takes a minute or more.
             tried = (0.0,) if self.share == "auto" else (self.share,)
         made = {}
         for share in tried:
@@ -265,7 +265,7 @@ class PatrolMap(CellStudy):
             out / "patrol.json",
             result.cells,
             [(np.asarray(chain.image), np.asarray(chain.probability)) for chain in chains],
-            # Where it reports, or is most often.
+            # The cell where the robot reports, or the cell that it visits most.
             [
                 int(np.argmax(policy.share_of_time(result.graph)))
                 if policy.contact is None
@@ -283,7 +283,7 @@ class PatrolMap(CellStudy):
         return compare_patrolled_map(result)
 
     def _graph(self, cells: "CellSpace") -> "Graph":
-        """Build the graph of the cells, and refuse one that is not connected."""
+        """Build the graph of the cells, and raise if the graph is not connected."""
         import numpy as np
         from scipy.sparse.csgraph import connected_components
 
@@ -332,7 +332,7 @@ class PatrolMap(CellStudy):
         capture: "Capture",
         regions: "Regions | None",
     ) -> int:
-        """Return the cell to attack, where capture is neither sure nor impossible."""
+        """Return the cell to attack, and raise if capture there is certain or impossible."""
         if asked is None:
             if capture.contested.size == 0:
                 raise ValueError(

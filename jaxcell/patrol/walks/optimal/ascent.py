@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 from ..steps import ChargedSteps, Steps, SymmetricSteps
 
 
-# Number of steps between evaluations of all targets; in between, this number of targets counts, the
-# least captured ones.
+# Number of steps between evaluations of all targets, and the largest number of targets, those with
+# the least capture, that count in between.
 _BLOCK, ALL_TARGETS = 25, 80
-# Number of values that one step keeps for its gradient.
+# Largest number of values that one step keeps for its gradient.
 _KEPT = 5e7
 # Learning rate of the logits.
 _RATE = 0.1
@@ -26,16 +26,16 @@ _TINY = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ascent:
-    """The ascent of the probability that robots see a target in time from where they are worst."""
+    """The gradient ascent of the least probability that robots see a target in time."""
 
     steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 where a target is out of view, else 0."
     attack_time: int
     floor: float
-    "The least share of a step that goes to any neighbour with equal probability."
+    "The share of every step that is divided equally among the neighbours."
     hardness: tuple[float, float]
-    "Hardness of the soft minimum of the logarithms of capture, at first and at the end."
+    "Hardness of the soft minimum of the logarithms of capture, at the start and at the end."
 
     def climb(
         self, begin: Any, progress: Float[np.ndarray, "steps"], best: Any = None
@@ -45,11 +45,11 @@ class Ascent:
         **Arguments:**
 
         - `begin`: logits, array `[robots, branches, cells]`, or a state of the optimiser.
-        - `progress`: the progress of each step, 0 to 1; the steps get shorter and the minimum
-            harder.
+        - `progress`: the progress of each step, 0 to 1, with which the learning rate falls and the
+            hardness of the minimum rises.
         - `best`: the best logits so far.
 
-        **Returns:** the best logits, their value, the last state, and the best value by block.
+        **Returns:** the best logits, their value, the last state, and the best value per block.
         """
         if not isinstance(begin, tuple):
             logits = np.asarray(begin, np.float32)
@@ -81,7 +81,7 @@ class Ascent:
 def active_targets(
     unseen: Float[np.ndarray, "cells targets"], attack_time: int, robots: int
 ) -> int:
-    """Choose the number of targets whose gradient is followed at a time, as memory allows."""
+    """Choose the number of targets in one gradient step, as memory allows."""
     cells, targets = unseen.shape
     kept = int(_KEPT / (cells * attack_time * robots))
     return min(targets, max(8, min(ALL_TARGETS, kept)))
@@ -102,12 +102,12 @@ def log_missed_from_worst(
 ) -> Float[Array, "targets"]:
     """Compute the logarithm of the probability that a robot misses attacks from its worst start.
 
-    With a hardness, the worst start is a soft minimum of logarithms, because a probability that is
-    a product of many would leave a gradient of almost 0.
+    With a hardness, the worst start is a soft minimum of logarithms, because the gradient of a
+    product of many probabilities is almost 0.
 
     **Arguments:**
 
-    - `late`: probability that the robot does not see the target in time, by its cell.
+    - `late`: probability that the robot does not see the target in time, from each cell.
     - `weight`: weight of the cell as a start, 0 for none.
     - `tiny`: least probability whose logarithm is taken.
     """
@@ -124,7 +124,7 @@ def log_missed_from_worst(
 def soft_loss(
     missed: Float[Array, "targets"], hardness: Float[Array, ""] | float, tiny: float = _TINY
 ) -> Float[Array, ""]:
-    """Compute minus a soft minimum over targets of the logarithm of the probability of capture.
+    """Compute the negative soft minimum over targets of the log-probability of capture.
 
     **Arguments:**
 
@@ -158,7 +158,7 @@ def _log_missed(
 
 @functools.partial(jax.jit, static_argnames="attack_time")
 def _least(logits, steps, unseen, floor, attack_time):  # type: ignore[no-untyped-def]
-    """Compute the least probability of capture, and the log-probability of none at each target."""
+    """Compute the least probability of capture, and the log-probability of a miss per target."""
     missed = _log_missed(logits, steps, unseen, floor, None, attack_time)
     return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
 

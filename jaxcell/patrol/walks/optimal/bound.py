@@ -10,12 +10,12 @@ from ..arrival import whole_numbers
 from .pursuit import Pursuit
 
 
-# Number of vertices at which attacks begin that are tried, those far from others first.
+# Number of places of the robot at the start of an attack that are tried, remote places first.
 _BEGINS = 6
-# Number of variables up to which a linear program finds the draw of attacks.
+# Largest number of variables of the linear program for the probabilities of attacks.
 _MOST = 500_000
-# Number of moves times the longest attack up to which cuts are sought; the largest number of cuts,
-# and this number times the cuts.
+# Largest number of moves times the longest attack for which cuts are made; the largest number of
+# cuts; and the largest product of the two numbers, without symmetries.
 _PROMISES, _CUTS, _WORK = 1500, 1500, 240_000
 
 
@@ -32,31 +32,31 @@ def capture_bound(
 ) -> float:
     """Compute an upper bound on the least probability of capture by robots with any memory.
 
-    An adversary waits until the robot is at a vertex, and then attacks a vertex that it draws. The
-    robot cannot do better against it than to go along the walk that visits most, in probability,
-    within the attack time. A linear program finds the draw against which that is least; on large
-    graphs all vertices are equally likely. It counts each visit of a walk, except returns to a
-    vertex directly after leaving it. The value of the draw is then computed by dynamic programming,
-    so that the tolerance of the program does not matter. The result is the least value over several
-    vertices from which an attack begins. Several independent robots capture at most as often as
-    all of them in total, each from the vertex that is best for it.
+    An adversary waits until the robot is at some vertex, and then attacks a random vertex. The best
+    answer of the robot is the walk that visits, within the attack time, vertices with the largest
+    total probability of attack. A linear program finds the probabilities of attack for which this
+    total is least; on large graphs they are equal. The program counts each visit of a walk, except
+    direct returns to a vertex. Dynamic programming then computes the total, so that the tolerance
+    of the program does not matter. The bound is the least total over several vertices at which the
+    robot may be. For several independent robots, the bound is the sum of the totals of the robots,
+    each from its best vertex.
 
-    With `tests`, an adversary who sees a single robot all the time, and attacks one of the two
-    vertices that are farthest apart, lowers the bound further by nested cuts: on a line of nine,
-    from 0.667 to 0.151 against attacks of 8 steps, of which a walk captures 0.148. Symmetries of
-    the graph save work. Each test takes seconds; on large graphs none is made.
+    With `tests`, nested cuts lower the bound for a single robot. The adversary then sees the robot
+    all the time, and attacks one of the two vertices that are farthest apart. On a line of nine
+    vertices with attacks of 8 steps, the bound falls from 0.667 to 0.151, and a walk captures
+    0.148. Symmetries of the graph save work. A test takes seconds; large graphs are not tested.
 
     **Arguments:**
 
     - `graph`, `attack_time`, `travel_times`, `robots`, `stay`: as in
         [`maximin_capture`][jaxcell.patrol.maximin_capture].
-    - `captured`: the least capture of a known walk, below which there is no bound.
+    - `captured`: the least capture of a known walk; the bound cannot be lower.
     - `tests`: number of tests; each halves the range above `captured` in which the bound may be.
-    - `cuts`: number of cuts of a test; by default up to 1,500, and fewer on larger graphs.
+    - `cuts`: largest number of cuts per test; by default up to 1,500, and fewer on larger graphs.
 
     **Returns:** the bound, at most 1.
 
-    On a star a robot cannot go to two of three leaves in three steps:
+    In three steps from a leaf of a star, a robot visits only one of the three leaves:
 
         >>> from jaxcell import patrol
         >>> star = patrol.Graph([[0, 1], [0, 2], [0, 3]])
@@ -91,7 +91,7 @@ def capture_bound(
 class _Visits:
     """The visits of walks to vertices within the attack times, by pairs of successive moves.
 
-    Times are those at which the first move of a pair ends.
+    The time of a pair is the end of its first move.
     """
 
     def __init__(
@@ -102,19 +102,19 @@ class _Visits:
         self.attack, self.end = attack, int(attack.max())
         first, second = np.nonzero(self.head[:, None] == self.tail)
         self.first, self.second = first, second
-        # A walk that waits, or returns where it was before, has been there.
+        # A second move that waits, or returns, ends at a vertex that the pair has already visited.
         self.waits = self.head[second] == self.head[first]
         self.returns = self.head[second] == self.tail[first]
 
     def counted(self, time: int) -> Float[np.ndarray, "pairs"]:
-        """Return 1 for pairs whose second move ends with a visit in time that counts."""
+        """Return 1 for pairs whose second move ends with a visit that is in time and counts."""
         # The first move of a walk begins before the attack, so a return to its start counts.
         again = self.waits | (self.returns & (time > self.lasts[self.first]))
         in_time = time + self.lasts[self.second] <= self.attack[self.head[self.second]]
         return (in_time & ~again).astype(float)
 
     def draw(self, begin: int) -> Float[np.ndarray, "vertices"]:
-        """Find probabilities of attacks on vertices of which the fewest are captured."""
+        """Find the probabilities of attacks on vertices for which the best walk captures least."""
         moves, targets = self.tail.size, self.attack.size
         if self.first.size * self.end > _MOST:
             return np.full(targets, 1 / targets)
@@ -128,7 +128,7 @@ class _Visits:
             blocks.append((after, time + self.lasts[after], used, self.counted(time)[pair]))
         move, ends, used, visits = map(np.concatenate, zip(*blocks, strict=True))
         column = np.arange(move.size)
-        # A move made at a time needs one that led there.
+        # A move that begins at some time needs a move that ends there at that time.
         rows = np.append(move * self.end + ends % self.end, used)
         live = np.append(ends < self.end, used >= 0)
         entries = np.append(-np.ones(move.size), np.ones(move.size))[live]
@@ -147,7 +147,7 @@ class _Visits:
         return shares / shares.sum()
 
     def most(self, draw: Float[np.ndarray, "vertices"], begin: int) -> float:
-        """Compute the largest sum of the probabilities of vertices that a walk visits."""
+        """Compute the largest total probability of the vertices that a walk visits in time."""
         worth = np.zeros((self.end + 1, self.tail.size))
         for time in range(self.end - 1, 0, -1):
             later = np.minimum(time + self.lasts[self.second], self.end)

@@ -26,19 +26,19 @@ from .sequential_lp import maximize_least_capture
 # Hardness of the soft minimum of the logarithms. If it is softer, all starts lead to the most
 # symmetric chain; linear programs then improve the result to the minimum.
 _HARDNESS = 50.0
-# On few vertices, the number of starts is multiplied by up to this factor; and the least number if
-# the states of a memory are divided among symmetries.
+# Largest factor on the number of starts; squared number of vertices at which the factor is 1; and
+# the least number of starts if the states of a memory are divided among symmetries.
 _MORE, _QUICK, _SYMMETRIC = 4, 3600, 3
 # Number of vertices up to which all linear programs are solved, and up to which any are solved.
 _EXACT, _POLISHED = 30, 100
 # Tolerance of the relative gain on larger graphs.
 _LITTLE = 0.02
 # Gradient steps from each start; the number of vertices above which they are halved; the hardness
-# of the minimum at first and at the end; and the least probability of a step.
+# of the minimum at the start and at the end; and the least probability of a step.
 _STEPS, _LARGE, _ANNEALED, _FLOOR = 1200, 200, (1.0, 300.0), 1e-6
 # The first hardness with memory: at a softer minimum all states of the memory become equal.
 _WITH_MEMORY = 10.0
-# Relative tolerance of a value in 32 bits; and the probability of moves that are hardly ever made.
+# Relative tolerance of a value in 32 bits; and the largest probability of a negligible move.
 _EQUAL, _RARE = 1e-5, 1e-5
 
 
@@ -48,7 +48,7 @@ class MaximinCapture:
 
     matrices: Float[np.ndarray, "robots states states"]
     """The transition matrix of each robot. Its states are the vertices, or for robots with memory
-    the pairs of a state of the memory and a vertex, the vertex fastest."""
+    the pairs of a state of the memory and a vertex, where the vertex varies fastest."""
     value: float
     "The least probability over targets and positions of the robots as the attack begins."
     start: int
@@ -85,9 +85,9 @@ def maximin_capture(
     - min_i F_r[i, j]))`.
 
     The problem is not convex: the result is a local optimum, the best of several starts. Gradients
-    of a soft minimum of logarithms lead near it, by Adam on logits if all edges and attacks take
-    equally long; logarithms are used because a probability that is a product of many would leave a
-    gradient of almost 0. Linear programs of the nearly best attacks then complete it.
+    of a soft minimum of logarithms lead near the optimum, by Adam on logits if all edges and
+    attacks take equally long. Logarithms are used because the gradient of a product of many
+    probabilities is almost 0. Linear programs of the nearly best attacks then reach the optimum.
 
     **Arguments:**
 
@@ -98,11 +98,11 @@ def maximin_capture(
     - `stationary`: array `[vertices]`, the share of moves that begin at each vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
     - `memory`: number of states of the memory of a robot; 1 is a robot without memory. If the
-        number of symmetries of the graph divides it, and edges and attacks take equally long, the
-        robot acts alike in symmetric positions, so that the search is faster.
-    - `starts`: number of starts. The first goes along a short closed tour. If all edges and attacks
-        take equally long, one robot has up to four times as many on a small graph, and fewer on a
-        graph of more than 60 vertices; for several robots the number is divided by theirs.
+        number of symmetries of the graph divides `memory`, and edges and attacks take equally long,
+        the robot acts in the same way in symmetric positions, which makes the search faster.
+    - `starts`: number of starts. The first follows a short closed tour. If all edges and attacks
+        take equally long, a small graph has up to four times as many starts, a graph of more than
+        60 vertices has fewer, and the number is divided by the number of robots.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
@@ -111,14 +111,14 @@ def maximin_capture(
     of the value, to first order, by any change of the chains. On graphs of more than 30 vertices
     fewer programs are solved, and the tolerance is 0.02; on graphs of more than 100 none are
     solved, and the residual is the share of the value that the last quarter of the gradient steps
-    added; with memory the limit is 100 for the vertices times the square of `memory`. The
-    iterations are the gradient steps from all starts and the programs.
+    added; with memory, the limit of 100 applies to the vertices times the square of `memory`.
+    The iterations are the gradient steps from all starts and the programs.
 
-    **Raises:** `ValueError` for a graph that is not connected, times with which an attack ends
-    before any robot can arrive, and a stationary distribution that no chain on the graph has;
-    `RuntimeError` if the residual stays above the tolerance, or where JAX is set to 32 bits.
+    **Raises:** `ValueError` for a graph that is not connected, for attacks that end before a robot
+    can arrive from some vertex, or for a stationary distribution that no chain on the graph has;
+    `RuntimeError` if the residual stays above the tolerance, or if JAX is set to 32 bits.
 
-    On a line of three, a robot needs two steps from one end to the other:
+    On a line of three vertices, a robot needs two steps from one end to the other:
 
         >>> from jaxcell import patrol
         >>> patrol.maximin_capture(patrol.Graph([[0, 1], [1, 2]]), attack_time=1)
@@ -182,9 +182,9 @@ def maximin_capture(
 
 
 def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
-    """Make the graph of all pairs of a state of the memory and a vertex, the vertex fastest.
+    """Make the graph of all pairs of a memory state and a vertex; the vertex varies fastest.
 
-    A move changes the state freely, and so does waiting.
+    A move or a wait may change the state of the memory to any state.
     """
     pairs = np.array(list(itertools.product(range(memory), repeat=2)))
     edges = graph.edges + graph.vertices * pairs[:, None]
@@ -213,10 +213,10 @@ def _ascend(
     attack: Int[np.ndarray, "targets"],
     starts: Float[np.ndarray, "starts robots states states"],
 ) -> tuple[Float[np.ndarray, "robots states states"], int, int, float]:
-    """Follow the gradient in the logits of steps from given matrices.
+    """Follow the gradient in the logits of steps from each start.
 
-    **Returns:** the matrices of the robots, their start, the number of steps, and the share of the
-    value that the last quarter of the steps added.
+    **Returns:** the best matrices, the index of their start, the number of steps, and the share of
+    the value that the last quarter of the steps added.
     """
     begins = [steps.logits(start) for start in starts]
     cells = begins[0].shape[-1]
@@ -227,7 +227,7 @@ def _ascend(
     progress = np.arange(count) / count
     climbs = [ascent.climb(begin, progress) for begin in begins]
     values = np.array([value for _, value, _, _ in climbs])
-    # Values that differ by rounding count as equal; the first of them is taken.
+    # Values that differ by rounding count as equal; the first of these starts is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
     best, _, _, course = climbs[first]
     drawn = np.asarray(steps.chances(np.asarray(best, np.float64), _FLOOR))
@@ -242,7 +242,7 @@ def _missed(
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
 ) -> Float[Array, ""]:
-    """Compute minus a soft minimum of the logarithm of the probability of capture."""
+    """Compute the negative soft minimum of the log-probability of capture."""
     captured = jax.vmap(lambda P: first_passage(P, seen, delays, attack, longest, horizon))(
         matrices
     )
@@ -265,10 +265,10 @@ def _value(
 def _without_rare_moves(
     matrices: Float[np.ndarray, "robots states states"], arguments: tuple[Any, ...]
 ) -> tuple[Float[np.ndarray, "robots states states"], float]:
-    """Remove moves that are hardly ever made from the chains of a team, if capture stays.
+    """Remove negligible moves from the chains of a team, unless capture decreases.
 
-    A robot that leaves a part of the graph to other robots visits it, because of the floor, once in
-    10^6 moves; the times until then are lost in rounding.
+    Because of the floor, a robot visits even the part of the graph that it leaves to other robots,
+    once in 10^6 moves; rounding spoils the times of such visits.
     """
     value = _value(matrices, arguments)
     if len(matrices) == 1:
@@ -285,7 +285,7 @@ def _check_reach(
     delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
 ) -> None:
     apart = scipy.sparse.csgraph.shortest_path(delays.astype(np.float64))
-    # Making the chains refuses a graph that is not connected.
+    # `ChainPolytope.on` raises an error for a graph that is not connected.
     if not np.isfinite(apart).all():
         return
     late = apart - attack

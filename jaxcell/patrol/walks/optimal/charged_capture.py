@@ -16,12 +16,12 @@ from ..walk import random_walk
 from .ascent import Ascent, late_gain
 
 
-# Gradient steps from each start, and the hardness of the minimum at first and at their end.
+# Gradient steps from each start, and the hardness of the minimum at the start and at the end.
 _STEPS, _ANNEALED = 800, (1.0, 300.0)
-# Steps that are less likely, relative to the likeliest one, are not made; the result may leave out
-# more steps than the search.
+# Steps with less than this fraction of the largest probability are not made. The search uses the
+# first fraction, the result the best of all.
 _RARE = (1e-3, 1e-2, 0.05, 0.2, 0.5)
-# Number of products that a gradient step may take, and up to which all starts are tried.
+# Largest number of products in a gradient step, and the largest with which all starts are tried.
 _MAX_PRODUCTS, _QUICK = 10_000_000, 1_000_000
 
 
@@ -43,23 +43,23 @@ def charged_capture(
     prevent a timely return are never made. The adversary knows the walks, and sees the robots and
     the time since each charge. Adam follows the gradient of a soft minimum of the logarithms of
     capture over the vertices and, weighted by their frequency, over the states of the robots.
-    Robots are independent, and all are at their worst places, as in [`maximin_capture`][]. The
+    Robots are independent, and all start at their worst places, as in [`maximin_capture`][]. The
     problem is not convex: the result is a local optimum, the best of several starts.
 
     **Arguments:**
 
     - `graph`, `charger`, `every`, `names`: as in [`charged`][jaxcell.patrol.team.charged].
-    - `matrices`: the transition matrices of walks that are one of the starts, made to return in
-        time; another start goes along a short tour from charge to charge, one takes all edges with
-        equal probability, and the rest are random.
+    - `matrices`: the transition matrices of given walks. Made to return in time, they are one of
+        the starts; another start follows a short tour from charge to charge, a third takes all
+        edges with equal probability, and the rest are random.
     - `attack_time`: number of steps that an attack takes.
-    - `starts`: number of starts, fewer if they take long.
+    - `starts`: number of starts; fewer are made if a start takes long.
     - `seed`: seed of the random starts.
 
     **Returns:** [`Charged`][jaxcell.patrol.team.Charged]; `led_back` is the capture by the given
-    walks.
+    walks, made to return in time.
 
-    On a line of three it takes 4 steps to the other end and back:
+    On a line of three vertices, the way to the other end and back takes 4 steps:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
@@ -117,8 +117,8 @@ def charged_capture(
 
 
 def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
-    """Count the steps of a short tour of all vertices, by the number of steps since the charger.
-    Steps that are too late for the next charge are left out."""
+    """Count the steps of a short tour of all vertices, by the number of steps since the charge.
+    Steps of the tour at which the next charge is overdue are left out."""
     others = np.delete(np.arange(graph.vertices), charger).tolist()
     # All edges have the same length here, because each takes one step.
     tour = shortest_tour(Graph(graph.edges, graph.vertices), [charger, *others])

@@ -15,7 +15,7 @@ from ....optimize import Graph, Linear
 
 
 _FIELDS = ("label", "edges", "vertices", "same", "each", "factors", "least", "most")
-# Tolerance of a weight at a bound, as accurate as the solver.
+# Tolerance of a weight at a bound: the accuracy of the solver.
 _AT = 1e-6
 
 
@@ -30,7 +30,7 @@ class MetConstraints(Result):
     weights: Float[np.ndarray, "edges"]
     "The weights of the walk, with sum 1."
     prices: Float[np.ndarray, "constraints"]
-    "The decrease of the mean commute time per unit by which a constraint yields, to first order."
+    "The decrease of the mean commute time per unit by which a bound is relaxed, to first order."
 
     @derived("constraint", "constraint", kind="coordinate")
     def constraint(self) -> list[str]:
@@ -67,14 +67,14 @@ def load_constraints(
     **Arguments:**
 
     - `path`: a JSON file, an object with the list `constraints`. Each constraint has `edges`, a
-        list of pairs of vertices, or `vertices`, a list of names, or `"all"` for either; and
+        list of pairs of vertices, or `vertices`, a list of names, or `"all"` as either list; and
         `least`, `most` or both, the bounds of the sum of their shares. With `"each": true` the
-        bounds are for each share separately; `factors` multiply the shares in the sum. Instead, a
-        constraint may have `same`, a list of edges with equal shares. A `label` is its name.
+        bounds apply to each share separately; `factors` multiply the shares in the sum. Instead, a
+        constraint may have `same`, a list of edges with equal shares. `label` is its name.
     - `graph`: the graph.
     - `names`: names of the vertices.
 
-    **Returns:** the constraints, on weights that sum to 1.
+    **Returns:** the constraints, for weights that sum to 1.
 
     **Raises:** `ValueError` that names the file and the field; `FileNotFoundError`.
 

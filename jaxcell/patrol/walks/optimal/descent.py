@@ -18,13 +18,13 @@ from .polytope import ChainPolytope
 
 
 # Pressures of the barrier, for all moves together and relative to the value. They fall so slowly
-# that a few quasi-Newton steps are enough for each.
+# that a few quasi-Newton steps are enough for each pressure.
 _PRESSURES = 10 ** -np.arange(3, 9.1, 0.5)
 _STEPS = 60
 # Number of stored steps and gradients: fewer cannot model the different curvatures of the barrier.
 _MEMORY = 30
 
-# A function of the transition matrices of the robots, and further arguments, to minimise.
+# The function to minimise, of the transition matrices of the robots and further arguments.
 Measure = Callable[..., Float[Array, ""]]
 
 
@@ -57,11 +57,11 @@ def minimize(
     tolerance: float,
     throw: bool,
 ) -> OptimizedWalk:
-    """Find the best chain to which the starts lead.
+    """Minimise a measure of a chain from several starts, and return the best chain.
 
     **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap
-    relative to the value, or to 1 if that is more: to first order, no chain improves the value by a
-    larger share. If the problem is convex, no chain does at all. The iterations are the total over
+    relative to the value, or to 1 if 1 is larger: to first order, no chain improves the value by a
+    larger share. If the problem is convex, this holds exactly. The iterations are the total over
     all starts.
 
     **Raises:** `ValueError` for no starts; `RuntimeError` if the gap stays above the tolerance.
@@ -97,10 +97,10 @@ def descend(
 
     A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
     pressure, L-BFGS minimises in coordinates that are relative to the probabilities and projected
-    on the equalities, so that each step preserves them. This affine scaling finds optima with many
-    probabilities of 0, as here; on logits, Adam and L-BFGS slow down near them. Starts run one
-    after the other, because side by side under `vmap` their line searches would wait for each
-    other, which takes twice as long.
+    on the equalities, so that each step preserves the equalities. This affine scaling finds optima
+    with many probabilities of 0, as here; on logits, Adam and L-BFGS slow down near such optima.
+    Starts run one after the other: under `vmap`, all line searches would wait for the slowest,
+    which takes twice as long.
 
     **Arguments:**
 

@@ -27,9 +27,9 @@ def maximum_entropy_rate(
 ) -> OptimizedWalk:
     """Find the chain whose next step is hardest to predict.
 
-    Without a stationary distribution it is `p_ij = A_ij v_j / (lambda v_i)`, with `lambda` and `v`
-    the Perron root and vector of the adjacency matrix `A`: all walks of one length between two
-    vertices are then equally likely, and the entropy rate is `log lambda` (Shannon 1948). With a
+    Without a stationary distribution, the chain is `p_ij = A_ij v_j / (lambda v_i)`, with `lambda`
+    and `v` the Perron root and vector of the adjacency matrix `A`: all walks of one length between
+    two vertices are equally likely, and the entropy rate is `log lambda` (Shannon 1948). With a
     stationary distribution the problem is convex, and the optimum scales the rows and columns of
     `A` (George, Jafarpour and Bullo 2019). Both chains are reversible.
 
@@ -41,13 +41,13 @@ def maximum_entropy_rate(
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy rate in
-    nats per step. The residual of its certificate bounds, in nats, how far another chain can be
-    above it.
+    nats per step. The residual of its certificate, in nats, bounds by how much another chain can
+    exceed this rate.
 
-    **Raises:** `ValueError` for a graph that is not connected, and for a stationary distribution
+    **Raises:** `ValueError` for a graph that is not connected, or for a stationary distribution
     that no chain on the graph has; `RuntimeError` if rounding spoils the result.
 
-    On a star with three tips, whose adjacency matrix has the root `sqrt(3)`:
+    A star with three leaves, whose adjacency matrix has the Perron root `sqrt(3)`:
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [0, 2], [0, 3]])
@@ -99,21 +99,21 @@ def maximum_return_time_entropy(
     - `graph`: a connected graph.
     - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive.
     - `stay`: whether the patroller may wait at a vertex.
-    - `horizon`: the last number of steps that counts. The default is such that, for any chain, no
-        vertex has a later return with a probability of more than 0.1 (by Markov's inequality);
-        without a stationary distribution, as for the uniform one. A chain has the probability `1 -
-        return_time_law(matrix, horizon).sum(axis=0)` of later returns.
-    - `starts`: number of starts. The first goes along a short closed tour.
+    - `horizon`: the longest return time that counts. By default, longer return times have a
+        probability of at most 0.1 at each vertex, for any chain with the stationary distribution,
+        or the uniform distribution if it is missing (Markov's inequality). For a given chain, this
+        probability is `1 - return_time_law(matrix, horizon).sum(axis=0)`.
+    - `starts`: number of starts. The first follows a short closed tour.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual, which on trees falls slowly below 0.001.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk], with the entropy in nats.
-    The residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is
-    more: to first order, no chain is better by a larger share.
+    The residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if 1 is
+    larger: to first order, no chain is better by a larger share.
 
     **Raises:** `ValueError` as [`maximum_entropy_rate`][jaxcell.patrol.walks.maximum_entropy_rate];
-    `RuntimeError` if the residual stays above the tolerance, or where JAX is set to 32 bits.
+    `RuntimeError` if the residual stays above the tolerance, or if JAX is set to 32 bits.
 
     A patroller that must move cannot be at one vertex for more than half of the time:
 
@@ -173,14 +173,14 @@ def return_time_law(
 def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> Float[Array, ""]:
     """Compute the entropy of the time of first return to a vertex, in nats.
 
-    That is `-sum_i pi_i sum_k F_k(i, i) log F_k(i, i)`, with `F_k` the law of the first return and
-    `pi` the stationary distribution, up to the horizon. Without a horizon, it is at least the
-    entropy rate and at most the entropy rate times the number of vertices.
+    The entropy is `-sum_i pi_i sum_k F_k(i, i) log F_k(i, i)`, with `F_k` the law of the first
+    return and `pi` the stationary distribution, up to the horizon. Without a horizon, the entropy
+    is at least the entropy rate and at most the entropy rate times the number of vertices.
 
     **Arguments:**
 
     - `P`: the transition matrix of an irreducible chain.
-    - `horizon`: the last number of steps that counts.
+    - `horizon`: the longest return time that counts.
 
     **Returns:** the entropy in nats, a scalar that is differentiable in `P`.
 
@@ -199,7 +199,7 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
 def _predictable(
     matrices: Float[Array, "1 vertices vertices"], steps: Float[Array, "horizon"]
 ) -> Float[Array, ""]:
-    """Compute minus the entropy of return times. The horizon is passed as the length of an array
+    """Compute the negative entropy of return times. The horizon is passed as the length of an array
     because JAX compiles once per shape.
     """
     return -return_time_entropy(matrices[0], steps.size)

@@ -23,12 +23,12 @@ def minimum_kemeny(
 
     Among reversible chains with a given stationary distribution the problem is convex, and the
     result is the optimum (Patel, Agharkar and Bullo 2015). Chains that are not reversible can be
-    faster; the problem is then not convex, and the result a local optimum of several starts.
+    faster; the problem is then not convex, and the result is the best local optimum found.
 
     Without a stationary distribution the least constant is `(2 n - k - 1) / 2`, with `k` the length
     of the longest cycle (Kirkland 2010). A chain that follows a Hamiltonian cycle has `(n - 1) /
-    2`, but in a graph without one the best chains in the limit leave out the vertices that are not
-    on the longest cycle. To guard all vertices, prescribe the distribution.
+    2`. In a graph without a Hamiltonian cycle, the best chains in the limit leave out the vertices
+    that are not on the longest cycle. To guard all vertices, prescribe the distribution.
 
     **Arguments:**
 
@@ -37,16 +37,16 @@ def minimum_kemeny(
     - `stay`: whether the patroller may wait at a vertex, which only helps to meet `stationary`.
     - `reversible`: whether each edge must be taken equally often in both directions; needs
         `stationary`.
-    - `starts`: number of starts. The first goes along a short closed tour.
+    - `starts`: number of starts. The first follows a short closed tour.
     - `seed`: seed of the other starts, which are random.
     - `tolerance`: tolerance of the residual.
     - `throw`: whether to raise `RuntimeError` if the residual exceeds the tolerance.
 
     **Returns:** [`OptimizedWalk`][jaxcell.patrol.walks.OptimizedWalk]. The residual of its
-    certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is more: no reversible
+    certificate is the Frank-Wolfe gap relative to the value, or to 1 if 1 is larger: no reversible
     chain is better by a larger share; for other chains this holds to first order.
 
-    **Raises:** `ValueError` for a graph that is not connected, and for a stationary distribution
+    **Raises:** `ValueError` for a graph that is not connected, or for a stationary distribution
     that no chain on the graph has; `RuntimeError` if the residual stays above the tolerance.
 
     A patroller that must move cannot be at one vertex for more than half of the time:

@@ -9,20 +9,20 @@ from .polytope import ChainPolytope
 
 
 class LinearizedCapture:
-    """The probabilities of capture near given chains, by sparse products on the host.
+    """The probabilities of capture near given chains, by sparse products in NumPy.
 
-    Let `S_r` be the probability that a robot has not reached each target within a time `r`, from
-    each start, and `P_t` the moves that take a time `t`. Then `S_r = sum_t P_t S_(r-t)`, where `S`
-    counts as 0 at the target itself, and as 1 everywhere after the attack. A move changes the
-    probability at each time at which the robot makes it before it reaches the target. The
-    derivatives of selected attacks therefore need few values, while those of all attacks by all
-    moves would need thousands of millions.
+    Let `S_r` be the probability that a robot does not reach each target within a time `r`, from
+    each start, and `P_t` the matrix of moves that take a time `t`. Then `S_r = sum_t P_t S_(r-t)`,
+    where `S` counts as 0 at the target itself, and as 1 everywhere after the attack. The derivative
+    by a move sums over the times at which the robot makes the move before it reaches the target.
+    The derivatives of selected attacks therefore need few values, while the derivatives of all
+    attacks by all moves would need billions.
 
     **Arguments:**
 
     - `polytope`, `moves`: the chains of the robots.
     - `attack`: array `[targets]`, the duration of an attack on each vertex. The vertices of the
-        polytope are the targets, or the states of a robot with memory, the target fastest.
+        polytope are the targets, or for a robot with memory its states; the target varies fastest.
     - `delays`: durations of moves, a whole number, or array `[states, states]`.
     """
 
@@ -103,7 +103,7 @@ class LinearizedCapture:
         late: Float[np.ndarray, "times starts targets"],
         probability: Float[np.ndarray, "starts targets"],
     ) -> None:
-        """Store the misses with a time left, for earlier moves and for attacks of that duration."""
+        """Store the misses with a time left, for earlier moves and for attacks of this duration."""
         due = self._attack == left
         probability[:, due] = missed[:, due]
         if left < self._longest:

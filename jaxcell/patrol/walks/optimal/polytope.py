@@ -12,18 +12,18 @@ from ....optimize.checked import shares_of_time
 from .sinkhorn import scale_to_stationary
 
 
-# A linear program may leave this much, as a share of the time, of a flow that is 0.
+# Largest share of the time that a linear program may return for a flow of 0.
 _NOTHING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ChainPolytope:
-    """The convex polytope of the chains on a graph among which the best is sought.
+    """The convex polytope of the chains on a graph, within which a search finds the best chain.
 
-    A chain in it is the vector of the probabilities of its *moves*, the two directions of each edge
-    and, if the patroller may stay, the loops. Moves that the stationary distribution rules out are
-    omitted. The constraints are `A p = b` and `p >= 0`, so that a prescribed distribution is met
-    exactly, by reversible chains and others.
+    A chain is the vector of the probabilities of its *moves*, the two directions of each edge and,
+    if the patroller may stay, the loops. Moves that the stationary distribution rules out are
+    omitted. The constraints are `A p = b` and `p >= 0`, so that all chains, reversible or not, meet
+    a prescribed distribution exactly.
     """
 
     vertices: int
@@ -52,7 +52,7 @@ class ChainPolytope:
             a stationary distribution, for which such chains form a polytope.
 
         **Raises:** `ValueError` for a graph that is not connected; for a stationary distribution
-        that no chain on the graph has; for reversible chains without one.
+        that no chain on the graph has; for reversible chains without a distribution.
         """
         if reversible and stationary is None:
             raise ValueError("reversible: expected a stationary distribution with it, got none")
@@ -92,12 +92,12 @@ class ChainPolytope:
     def starts(
         self, count: int, robots: int, seed: int
     ) -> Float[np.ndarray, "starts robots moves"]:
-        """Make chains from which to search: a short closed tour of all vertices, and random chains.
+        """Make the starts of a search: a short closed tour of all vertices, and random chains.
 
-        The tour has a direction: if the best chain goes round in one direction, the value would be
-        flat at a start without direction, because reversing a chain changes neither its speed nor
-        its entropy. A robot leaves the tour with probability 1/11 or more, and differs from the
-        robot before, because equal robots would stay equal.
+        The tour has a direction: from a start without direction, a gradient could not lead to a
+        chain that goes round in one direction, because reversing a chain changes neither its speed
+        nor its entropy. A robot leaves the tour with probability 1/11 or more. Each robot differs
+        from the first, because equal robots would stay equal.
         """
         random = np.random.default_rng(seed)
         edges = np.unique(np.sort(np.stack([self.tails, self.heads], axis=1), axis=1), axis=0)
@@ -137,10 +137,10 @@ class ChainPolytope:
     def gap(self, moves: Float[np.ndarray, "moves"], gains: Float[np.ndarray, "moves"]) -> float:
         """Compute how much a linear function of the chain is below its maximum over all chains.
 
-        For the gradient of a function it is the Frank-Wolfe gap: 0 at a stationary point, and for a
-        concave function a bound on its distance from the maximum. It is an upper bound whatever the
-        tolerance of the linear program, which finds only the prices of the equalities; given
-        prices, the best end for each start is exact.
+        For the gradient of a function, the result is the Frank-Wolfe gap: 0 at a stationary point,
+        and for a concave function a bound on its distance from the maximum. The linear program only
+        finds the prices of the equalities. For any prices, the best end of a move from each vertex
+        gives an upper bound, so the tolerance of the program does not matter.
         """
         if self.stationary is not None:
             sums, sides = self.equalities()
@@ -156,10 +156,10 @@ class ChainPolytope:
 def _possible(
     moves: Int[np.ndarray, "moves 2"], share: Float[np.ndarray, "vertices"], stay: bool
 ) -> Bool[np.ndarray, "moves"]:
-    """Find the moves that a chain with the distribution can make.
+    """Find the moves that a chain with the stationary distribution can make.
 
     One linear program finds the largest flow within the shares of time. The flow can then change
-    along cycles of the graph in which a move leads from its start to its end, and, if made, back.
+    along cycles of the graph that contains each move, and the reverse of each move with a flow.
     """
     tails, heads = moves.T
     n, move = share.size, np.arange(len(moves))

@@ -9,30 +9,30 @@ from ....base.process import no_output
 from ..symmetries import symmetries
 
 
-# Least distance of promises from a set for which a cut is made, and the chance to go on after one.
+# Least distance of promises from a set for a cut, and the probability of going on after a cut.
 _OUTSIDE, _ON = 1e-6, 0.7
-# Number of steps of a walk along which cuts are sought.
+# Largest number of steps of a walk along which cuts are made.
 _DEPTH = 30
 
 Cuts = dict[int, list[tuple[Any, float]]]
 
 
 class Pursuit:
-    """Upper bounds on capture by a robot with any memory, by cuts of the promises it can keep.
+    """Upper bounds on capture by a robot with any memory, from cuts of the promises it can keep.
 
-    A robot at a vertex *promises* to be at each target within each number of steps, in probability.
-    The promises that it can keep form a convex set at each vertex. After a move, promises for the
-    targets not reached become promises with less time left; and since the adversary may attack at
-    any time, those for the whole attack time must always be at least a given probability. A set is
-    kept from outside by cuts, half-spaces that contain it: a linear program at a vertex, with the
-    sets at its neighbours, either keeps given promises or gives a cut that excludes them. Promises
-    to exclude are those of walks that the programs plan (nested Benders cuts, as in stochastic dual
-    dynamic programming). Vertices that a symmetry of the game exchanges share their cuts, which are
-    kept for one of them, the *model* of the others.
+    The *promises* of a robot at a vertex are probabilities of reaching each target within each
+    number of steps. The promises that it can keep form a convex set at each vertex. After a move,
+    promises for the targets not reached become promises with less time left. Because the adversary
+    may attack at any time, promises for the whole attack time must always be at least a given
+    probability. Each set is approximated from outside by cuts, half-spaces that contain it: a
+    linear program at a vertex, with the sets at its neighbours, either keeps given promises or
+    returns a cut that excludes them. The given promises are those of walks that the programs plan
+    (nested Benders cuts, as in stochastic dual dynamic programming). Vertices that a symmetry of
+    the game exchanges share the cuts of one of these vertices, the *model*.
 
     **Arguments:**
 
-    - `delays`: the duration of moves between vertices, 0 where there is none.
+    - `delays`: the duration of moves between vertices, 0 for pairs without a move.
     - `attack`: the duration of attacks on each vertex.
     - `targets`: the vertices that are attacked.
     """
@@ -55,8 +55,8 @@ class Pursuit:
     def _images(
         self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
     ) -> list[Int[np.ndarray, "promises"]]:
-        """Choose the model of a vertex. Returns the promise of the model for each promise here, by
-        each symmetry that leads to the model."""
+        """Choose the model of a vertex. Returns the promise of the model for each promise at the
+        vertex, once per symmetry that maps the vertex to the model."""
         there = alike[:, here].tolist()
         model = next((vertex for vertex in self.models.values() if vertex in there), here)
         self.models[here], images = model, {}
@@ -69,9 +69,9 @@ class Pursuit:
         return list(images.values())
 
     def _columns(self, longest: int) -> Int[np.ndarray, "vertices targets times"]:
-        """Return the number of the promise for each target and time, -1 for a time too short.
+        """Return the index of the promise for each target and time, -1 if the time is too short.
 
-        Times between those at which a robot can first be at a target have the same promise.
+        A time shares its promise with the last possible time of a first arrival before it.
         """
         vertices, goal = len(self.delays), np.array(self.targets)
         arrives = np.zeros((longest + 1, vertices, goal.size), bool)
@@ -95,7 +95,7 @@ class Pursuit:
         **Arguments:**
 
         - `rounds`: number of tests; each halves the range in which the bound may be.
-        - `cuts`: number of cuts of a test.
+        - `cuts`: largest number of cuts per test.
         """
         random = np.random.default_rng(0)
         kept: Cuts = {}
@@ -113,7 +113,7 @@ class Pursuit:
 
 
 class _Search:
-    """The cuts for one probability of capture that the robot must keep at all times."""
+    """The search for cuts, for one probability of capture that the robot must always keep."""
 
     def __init__(self, pursuit: Pursuit, least: float, cuts: Cuts) -> None:
         models = sorted(set(pursuit.models.values()))
@@ -123,7 +123,7 @@ class _Search:
     def run(self, count: int, random: np.random.Generator) -> float:
         """Make cuts, and return an upper bound on capture by robots that keep the probability."""
         made, turn, last, models = 0, 0, 0, list(self.programs)
-        # Walks from every vertex that meet no cut end the search.
+        # The search ends if walks from all models need no new cut.
         while made < count and turn - last <= len(models):
             here = models[turn % len(models)]
             turn += 1
@@ -153,11 +153,11 @@ class _Search:
 
 
 class _Program:
-    """The linear program at a vertex: the promises that the promises at its neighbours keep.
+    """The linear program for the promises at a vertex, kept by promises at its neighbours.
 
-    Columns are the promises; for each neighbour the probability of the move and the promises there
-    times that probability; a slack; and a relief of the probability to keep, which is 0 but where
-    no promises can be kept. All are from 0 to 1.
+    Columns are the promises; for each neighbour, the probability of the move and the promises there
+    times this probability; a slack; and a relief of the probability to keep, which is 0 except in
+    the proof that no promises can be kept. All are from 0 to 1.
     """
 
     def __init__(self, pursuit: Pursuit, here: int, least: float) -> None:
@@ -215,8 +215,8 @@ class _Program:
         return len(self.rows) - 1
 
     def _solve(self, cuts: Cuts, cost: float, rows: Iterable[tuple[int, float]]) -> tuple[Any, Any]:
-        """Solve with some rows switched on. Returns the columns and the prices of the rows, or
-        `None` for each if no promises can be kept."""
+        """Solve with the given rows active. Returns the columns and the prices of the rows, or
+        `None` for each if the solver finds no solution."""
         for k, there in enumerate(self.beside):
             known, at = cuts[self.models[there]], self.shares[k]
             for (normal, offset), image in itertools.product(
@@ -247,8 +247,8 @@ class _Program:
     ) -> float:
         """Compute an upper bound on a linear function, whatever the tolerance of the solver.
 
-        By weak duality any prices of the rows give one, because columns are from 0 to 1. The relief
-        is 0 unless it counts.
+        By weak duality any prices of the rows give a bound, because columns are from 0 to 1. The
+        relief is 0 unless the function contains it.
         """
         prices = np.append(prices[0], np.maximum(0.0, prices[1:]))
         left = gain - prices @ np.array(self.rows)
@@ -257,9 +257,9 @@ class _Program:
         return float(prices[0] + np.maximum(0.0, left) @ limits)
 
     def impossible(self) -> bool:
-        """Prove that no promises at the neighbours keep the probability, after a failed solve.
+        """Try to prove, after a failed solve, that no promises at the neighbours can be kept.
 
-        The relief that they need is then positive, by weak duality again.
+        The proof is that the least relief is positive, by weak duality again.
         """
         for row in (*self.wanted, *self.full):
             self.solver.changeRowBounds(row, -np.inf, np.inf)
@@ -278,7 +278,7 @@ class _Program:
         return self._ceiling(gain, prices) < -_OUTSIDE
 
     def most(self, cuts: Cuts) -> tuple[float, Any]:
-        """Bound the least promise for a whole attack, and return the plan that keeps it."""
+        """Return an upper bound on the least promise for a whole attack, and its plan."""
         if self.lost:
             return 0.0, None
         plan, prices = self._solve(cuts, -1.0, [(row, 0.0) for row in self.full])
@@ -291,7 +291,7 @@ class _Program:
     def separate(
         self, wanted: Float[np.ndarray, "promises"], cuts: Cuts
     ) -> tuple[float, tuple[Any, float], Any]:
-        """Find how far promises are from those that can be kept, and a cut between them."""
+        """Return the distance of promises from the set that can be kept, a cut, and a plan."""
         plan, prices = self._solve(cuts, 1.0, zip(self.wanted, -wanted, strict=True))
         if plan is None:
             return np.inf if self.impossible() else 0.0, (None, 0.0), None

@@ -10,17 +10,17 @@ from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
 
 
-# Number of programs, number of derivatives above which it is reduced, and its least value.
+# Number of programs, number of derivatives above which fewer are solved, and the least number.
 _STEPS, _MANY, _FEW = 300, 100_000, 10
 # Largest change of a probability in the first step.
 _FIRST = 0.1
 # Shorter steps are lost in rounding.
 _SHORTEST = 1e-9
-# Share of the predicted gain that accepts a step, and share above which the next may be longer.
+# Least share of the predicted gain for accepting a step, and for a longer next step.
 _ENOUGH, _GOOD = 0.1, 0.75
 
-# A program includes attacks that exceed the least by this share of the value, and at most this
-# multiple of the number of moves.
+# A program includes attacks whose capture exceeds the least by at most this share of the value, and
+# at most this multiple of the number of moves.
 _NEAR, _MOST = 0.5, 6
 # Number of times that omitted attacks are added to a program if its solution violates them.
 _CUTS = 8
@@ -35,9 +35,9 @@ def maximize_least_capture(
 ) -> tuple[Float[np.ndarray, "robots moves"], float, float, int]:
     """Maximize the least probability of capture by linear programs, within a trusted distance.
 
-    Near a maximum of the least of smooth functions, several of them are equal, and often enough to
-    determine the maximum. Linear programs then converge as fast as Newton's method, while gradients
-    of a soft minimum are slow. A program contains only attacks that are nearly the best.
+    At a maximum of the least of smooth functions, several functions are equal, often enough of them
+    to determine the maximum. Linear programs then converge as fast as Newton's method, while
+    gradients of a soft minimum are slow. A program contains only the nearly best attacks.
 
     **Returns:** the chains of the robots, the probability, the relative gain that the linear
     program without a trusted distance predicts, and the number of programs.
@@ -74,8 +74,8 @@ def _program(
 
     The variables are the probabilities of the moves of each robot, the change of its least
     probability of capture for each target, and the relative change of the value. Capture is in
-    units of the value. Without a distance, omitted attacks that beat the solution are added, to
-    make the bound on the gain tight; it is a bound in any case.
+    units of the value. If the distance is 1, omitted attacks that beat the solution are added, so
+    that the gain is a tight bound; without these attacks it is a looser bound.
 
     **Returns:** the chains and the predicted relative gain, which is not negative.
     """

@@ -4,9 +4,9 @@ from jaxtyping import Float
 
 
 _STEPS = 500
-# Sums of flows that differ by at most this share of the total are equal.
+# Sums of flows that differ by at most this share of the total count as equal.
 _ROUNDING = 1e-15
-# Below this error, the lack of improvement is rounding.
+# Below this error, a step that does not improve the flows is due to rounding.
 _CLOSE = 1e-9
 
 
@@ -15,14 +15,14 @@ def scale_to_stationary(
 ) -> Float[np.ndarray, "vertices vertices"]:
     """Compute the chain `p_ij = a_i w_ij b_j` with a given stationary distribution.
 
-    It is Sinkhorn's problem for the flows `share_i p_ij`, whose rows and columns both sum to
-    `share`. Steps of Sinkhorn come near the solution, but slowly if some flows almost vanish; steps
-    of Newton on the same dual problem then take over.
+    This is Sinkhorn's problem for the flows `share_i p_ij`, whose rows and columns both sum to
+    `share`. Each step is the better of a Sinkhorn step, which is slow if some flows almost vanish,
+    and a Newton step on the same dual problem.
 
     **Arguments:**
 
-    - `weights`: at least 0. Each positive weight must be positive in some matrix of flows with
-        these sums, or its limit is 0.
+    - `weights`: at least 0. If the flow of a positive weight is 0 in all matrices of flows with
+        these sums, its probability tends to 0.
     - `share`: the distribution, positive.
 
     **Returns:** the transition matrix, whose rows sum to 1.
