@@ -15,12 +15,6 @@ def minimize(filter: Filter) -> Filter:
     largest uncertainty among them, which can be less than the size of that union: the quotient
     gives the same colours as the filter, and less precise cells.
 
-    **Arguments:**
-
-    - `filter`: a localization filter, closed- or open-world.
-
-    **Returns:** [`Filter`][], with colours equal to those of `filter`.
-
     A ring of four cells that bumps every second step, and a path into it. The filter knows the cell
     of the ring; its colours only give the half of the ring:
 
