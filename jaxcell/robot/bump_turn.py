@@ -25,12 +25,6 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int 
     next walls with each possible turn by bumps. The turn is chosen whose best places explain the
     lengths of the logged runs with the least squared error.
 
-    **Arguments:**
-
-    - `run`: the log of a run of these settings.
-    - `settings`: the settings of that run.
-    - `seed`: seed of the draws.
-
     **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
     [`jaxcell.space.Slip`][].
 

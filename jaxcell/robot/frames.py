@@ -21,11 +21,7 @@ Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
 def camera(device: int = 0) -> Callable[[], Frame]:
     """Open a camera, by its number, as a source of frames.
 
-    **Arguments:**
-
-    - `device`: the number of the camera, from 0.
-
-    **Returns:** a function that takes a frame, the next one after those that wait in the driver.
+    A frame is the next one after those that wait in the driver.
 
     **Raises:** `OSError` if it does not open, and from the source if it gives no frame.
 
@@ -59,11 +55,7 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
 
     After the last it begins again.
 
-    **Arguments:**
-
-    - `folder`: the folder of the pictures, which end in `.png`, `.jpg` or `.jpeg`.
-
-    **Returns:** a function that gives the next picture.
+    The pictures end in `.png`, `.jpg` or `.jpeg`.
 
     **Raises:** `ValueError` if there is none, and from the source if a picture cannot be read.
 

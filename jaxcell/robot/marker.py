@@ -87,11 +87,7 @@ def find_cross(frame: Frame) -> Marker | None:
     outline, as near as they get. Where that is near enough, and the sheet could be seen so by a
     camera, the frame is rectified by the homography and correlated with the marker.
 
-    **Arguments:**
-
-    - `frame`: 640 by 480 pixels are enough; the time grows with their number.
-
-    **Returns:** where it is in the frame, or `None`.
+    Pictures of 640 by 480 pixels are enough; the time grows with their number.
 
     **Raises:** `ValueError` if it is not a frame; `ModuleNotFoundError` without OpenCV.
 
@@ -122,12 +118,6 @@ def find_cross(frame: Frame) -> Marker | None:
 
 def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
     """Draw the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
-
-    **Arguments:**
-
-    - `side`: the side of the sheet in pixels; multiples of 10 are exact.
-
-    **Returns:** the picture, 0 for black and 255 for white.
 
     The smallest sheet that is exact:
 

@@ -36,15 +36,8 @@ class Patrol:
 
     A patrol between the ends of a corridor without obstacles:
 
-        >>> import pathlib, tempfile
-        >>> import numpy as np
-        >>> from jaxcell import examples, robot, space
-        >>> room = examples.corridor().workspace
-        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
-        ...     task = robot.load_task(path)
+        >>> from jaxcell import examples, robot
+        >>> task = examples.patrol_task()
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
         >>> while (way := patrol.next()) is not None:
@@ -81,14 +74,8 @@ class Patrol:
                 raise ValueError(f"{name}: expected at least 1, got {value}")
         if not 0 <= start < task.cells.positions:
             raise ValueError(f"start: expected 0 to {task.cells.positions - 1}, got {start}")
-        self.settings = {
-            "start": start,
-            "facing": facing,
-            "seed": seed,
-            "visits": visits,
-            "most_bumps": most_bumps,
-            "limit": limit,
-        }
+        self.settings = {"start": start, "facing": facing, "seed": seed, "visits": visits}
+        self.settings |= {"most_bumps": most_bumps, "limit": limit}
         "The settings that a log needs for a replay, as `patrol` in its header."
         self.position, self.facing = start, facing
         self.observations = ""
@@ -201,19 +188,10 @@ def run_patrol(
         or a JSON value, which is reported as an intruder and ends the patrol.
     - `log`: the log to which each observation is written at once.
 
-    **Returns:** [`PatrolOutcome`][].
-
     A simulated robot, without a serial line, that patrols between the ends of a corridor:
 
-        >>> import pathlib, tempfile
-        >>> import numpy as np
-        >>> from jaxcell import examples, robot, space
-        >>> room = examples.corridor().workspace
-        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
-        ...     task = robot.load_task(path)
+        >>> from jaxcell import examples, robot
+        >>> task = examples.patrol_task()
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
         >>> walker = examples.walker()
@@ -245,27 +223,16 @@ def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None)
 def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     """Replay the observations and reports of a logged run through a patrol.
 
-    **Arguments:**
-
-    - `run`: the log of a run of a patrol, whose header has the [`Patrol`][]'s settings.
-    - `task`: the task of the run.
-
-    **Returns:** [`PatrolOutcome`][], equal to the outcome of the run unless the run was cut off.
+    The header of the log has the [`Patrol`][]'s settings. Returns the outcome of the run if it was
+    not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere,
     because the log is of another policy.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 
-        >>> import pathlib, tempfile
-        >>> import numpy as np
-        >>> from jaxcell import examples, robot, space
-        >>> room = examples.corridor().workspace
-        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
-        ...     task = robot.load_task(path)
+        >>> from jaxcell import examples, robot
+        >>> task = examples.patrol_task()
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> settings |= {"most_bumps": 9, "limit": 9}
         >>> events = ({"event": "observation", "observation": 0, "way": 0, "goal": 2},)

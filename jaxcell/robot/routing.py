@@ -55,12 +55,7 @@ def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "p
 
     The wave starts at the goal and spreads to all neighbours at once.
 
-    **Arguments:**
-
-    - `steps`: the result of [`grid_steps`][]: each way can be gone back.
-    - `goal`: a position.
-
-    **Returns:** the number of steps from each position.
+    The steps are those of [`grid_steps`][]: each way can be gone back.
 
     **Raises:** `ValueError` if the goal does not exist.
 
@@ -95,12 +90,7 @@ def next_way(
     It is the way straight ahead if that leads nearer, because turns take time and cost precision;
     else the first of the four ways that leads nearer.
 
-    **Arguments:**
-
-    - `steps`: the result of [`grid_steps`][].
-    - `distance`: the result of [`wave`][], of the goal.
-    - `position`: the position of the robot: not the goal, and with a way to the goal.
-    - `ahead`: the way that the robot faces.
+    The robot is not at the goal, and has a way to it.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())
@@ -111,14 +101,8 @@ def route(
 ) -> list[int]:
     """Find a shortest way through a grid (Lee 1961).
 
-    **Arguments:**
-
-    - `steps`: the result of [`grid_steps`][].
-    - `start`, `goal`: positions.
-    - `ahead`: the way that the robot faces at the start. It goes straight ahead where that leads
-        nearer.
-
-    **Returns:** the way of each step: 0 East, 1 North, 2 West, 3 South.
+    A way is 0 East, 1 North, 2 West or 3 South. `ahead` is the way that the robot faces at the
+    start; it goes straight ahead where that leads nearer.
 
     **Raises:** `ValueError` if a position does not exist, or no way leads to the goal.
 

@@ -5,7 +5,6 @@ import reprlib
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -82,12 +81,7 @@ class RunLog:
     def __enter__(self) -> "RunLog":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         with self._file:
             if error is not None:
                 self.event("stopped", reason=why_stopped(error))
@@ -164,12 +158,6 @@ def finished(outcome: _O, log: RunLog | None) -> _O:
 
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:
     """Read the log of a run, even of a run that was cut off.
-
-    **Arguments:**
-
-    - `path`: the file that a [`RunLog`][] wrote.
-
-    **Returns:** [`LoggedRun`][].
 
     **Raises:** `ValueError` that names the file and the line, if it is not such a log;
     `FileNotFoundError`.

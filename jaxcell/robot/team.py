@@ -100,13 +100,8 @@ def save_team(
 ) -> None:
     """Write the parts of the robots of a team, for [`jaxcell.robot.load_task`][].
 
-    **Arguments:**
-
-    - `path`: the file, which is replaced.
-    - `common`: `cell_m`, `directions`, `step_m`, `robot_radius_m`, and what else is to be kept.
-    - `starts`: the pose of each robot, in metres and radians.
-    - `bounces`: the bouncing angle of each, in radians.
-    - `actions`: the actions of each, of [`member_actions`][].
+    `common` has `cell_m`, `directions`, `step_m`, `robot_radius_m`, and further fields to keep.
+    Poses are in metres and radians, and actions those of [`member_actions`][].
 
     One robot, that makes two steps and turns at a wall:
 
@@ -234,27 +229,16 @@ def run_member(
     the trajectory, another robot may stand there: the robot goes back, waits, and tries again, up
     to 3 times in all.
 
-    **Arguments:**
-
-    - `walker`: the robot, at its start.
-    - `task`: the task of the robot.
-    - `log`: the log to which each observation is written at once.
-    - `pause`: seconds to wait before the robot tries a step again.
-    - `sleep`: the function that waits.
-
     **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that met no
     wall where there is one, or something three times where the way is free.
 
     A point robot in a corridor of three cells, without a serial line:
 
-        >>> import math, pathlib, tempfile
+        >>> import math, pathlib
         >>> from jaxcell import examples, robot
         >>> walker = examples.walker()
-        >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "team.json")
-        ...     robot.save_team(path, common, [(0.5, 0.5, 0.0)], [math.pi / 2], ["001"])
-        ...     task = robot.load_task(path)
+        >>> map = pathlib.Path("team.json"), 1.0, 4, 1.0, 0.0
+        >>> task = robot.MemberTask(*map, 0, 1, (0.5, 0.5, 0.0), math.pi / 2, "001")
         >>> outcome = robot.run_member(walker, task)
         >>> outcome.result, outcome.observations
         ('arrived', '001')

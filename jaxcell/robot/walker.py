@@ -154,14 +154,9 @@ class Walker:
         return bumped
 
     def run_to_wall(self, most: float, back: float = 0.0) -> float | None:
-        """Drive straight until a bump, and back off.
+        """Drive straight until a bump, at most `most` metres, and back off by `back` metres.
 
-        **Arguments:**
-
-        - `most`: longest distance without a bump, in metres.
-        - `back`: distance to back off after the bump, in metres.
-
-        **Returns:** the length of the run in metres, by the encoders; `None` without a bump.
+        Returns the length of the run in metres, by the encoders; `None` without a bump.
         """
         self.drives = True
         moved = self._robot.forward(most, tolerance=self._tolerance)

@@ -93,13 +93,8 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot.
-
-        **Arguments:**
-
-        - `url`: a device such as `/dev/ttyUSB0`, or what else pySerial opens, as
-          `socket://host:port`.
-        - `patience`: see [`jaxcell.robot.Driver`][].
+        """Open the line to a robot: `/dev/ttyUSB0`, or an address of pySerial, as
+        `socket://host:port`.
 
         **Raises:** `OSError` if there is no such line, or another process has it.
         """

@@ -7,13 +7,8 @@ from .open_interface import RESET, START
 def firmware(port: Port, *, seconds: float = 10.0, quiet: float = 2.0) -> str:
     """Reboot the robot, and read the lines that it prints, which name its firmware version.
 
-    **Arguments:**
-
-    - `port`: the open line, which no driver uses.
-    - `seconds`: the longest time to read; a reboot takes about five seconds.
-    - `quiet`: seconds without a byte after which reading ends.
-
-    **Returns:** the printed lines; empty if the robot is silent.
+    No driver uses the open line. Reading ends after `quiet` seconds without a byte, and at most
+    after `seconds`; a reboot takes about five. The text is empty if the robot is silent.
     """
     port.timeout = 0.1
     port.write(START + RESET)

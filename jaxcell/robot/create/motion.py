@@ -64,8 +64,6 @@ class Create(Driver):
         - `tolerance`: the largest error of the distance by the encoders, in metres.
         - `timeout`: seconds; by default twice the expected time and 3 s.
 
-        **Returns:** [`Moved`][].
-
         **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped on its way, or exceeds
         the timeout.
         """
@@ -100,14 +98,8 @@ class Create(Driver):
     ) -> Moved:
         """Turn on the spot. A bump does not stop the turn, because a bumper may be pressed already.
 
-        **Arguments:**
-
-        - `angle`: radians counterclockwise; `2 * math.pi` is a whole turn.
-        - `speed`: radians per second, up to 4.
-        - `tolerance`: the largest error of the angle by the encoders, in radians.
-        - `timeout`: as for `forward`.
-
-        **Returns:** [`Moved`][].
+        `angle` is in radians counterclockwise, of which `2 * math.pi` are a whole turn, `speed` in
+        radians per second, up to 4, and `tolerance` in radians.
 
         **Raises:** as `forward`.
         """

@@ -95,15 +95,7 @@ def stream(ids: Sequence[int]) -> bytes:
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
-    """Write a frame of the stream as the robot sends it.
-
-    **Arguments:**
-
-    - `ids`: packets and groups, as given to `stream`.
-    - `values`: the values by name.
-
-    **Raises:** `ValueError` as `stream` and `encode` do.
-    """
+    """Write a frame of the stream as the robot sends it."""
     layout = _FrameLayout.of(tuple(ids))
     known, free = layout.empty, layout.values.pack(*chosen(ids, values))
     frame = bytes(map(operator.or_, known, free))
@@ -125,11 +117,7 @@ class StreamParser:
     Greater damage may remain unnoticed: an eight-bit checksum accepts one in 256 damaged frames
     whose length and packet numbers are right.
 
-    **Arguments:**
-
-    - `ids`: packets and groups, as given to `stream`.
-
-    **Raises:** `ValueError` as `stream` does.
+    `ids` are packets and groups, as for `stream`.
 
     A byte of noise, and a frame with the two bytes of the encoders:
 
@@ -151,10 +139,7 @@ class StreamParser:
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[dict[str, int]]:
-        """Take the next bytes of the line.
-
-        **Returns:** the values of each frame that they complete, by name.
-        """
+        """Take the next bytes of the line; return the values of each completed frame, by name."""
         frames = []
         buffer = self._buffer
         buffer += data
@@ -228,10 +213,7 @@ class CommandParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Command]:
-        """Take the next bytes of the line.
-
-        **Returns:** the commands that they complete.
-        """
+        """Take the next bytes of the line; return the commands that they complete."""
         commands = []
         buffer = self._buffer
         buffer += data

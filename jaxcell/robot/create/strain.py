@@ -32,10 +32,7 @@ class Strain:
     def observe(self, wheels: tuple[int, int], reading: Reading) -> str | None:
         """Take the next frame; return the name of the blocked part, or `None`.
 
-        **Arguments:**
-
-        - `wheels`: the speeds that were sent for the right and the left wheel, mm/s.
-        - `reading`: the decoded frame.
+        `wheels` are the speeds that were sent for the right and the left wheel, in mm/s.
         """
         self._overcurrent = self._overcurrent + 1 if reading.overcurrent and any(wheels) else 0
         if self._overcurrent >= _OVERCURRENT:

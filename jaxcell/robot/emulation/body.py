@@ -126,14 +126,8 @@ class Body:
     ) -> "Body":
         """Put a body at the centre of a cell.
 
-        **Arguments:**
-
-        - `cells`: the cells of a map.
-        - `cell`: the cell.
-        - `error`: the slip of straight stretches, of turns, and of the heading.
-        - `rng`: source of the noise.
-        - `give`: distance by which the bumper goes in, in metres; by default `bumper_give` of the
-            cells.
+        `error` is the slip of straight stretches, of turns, and of the heading. The bumper goes in
+        by `give` metres, by default by `bumper_give` of the cells.
         """
         assert cells.workspace is not None
         x, y, theta = map(float, cells.centre(cell))

@@ -7,7 +7,6 @@ import threading
 import time
 import tty
 from collections import deque
-from types import TracebackType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -181,12 +180,7 @@ class Emulator:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._closing.set()
         self._thread.join()
         os.close(self._master)
@@ -197,7 +191,7 @@ class Emulator:
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
         """Let the robot's time pass, at most a frame, and then take the bytes of a host.
 
-        **Returns:** what the robot has sent in the meantime.
+        Returns the bytes that the robot has sent in the meantime.
         """
         with self._lock:
             self._pass(seconds)
