@@ -62,12 +62,6 @@ class BounceGroups(Result):
     ) -> "BounceGroups":
         """Find the periodic groups of the bounce map of each angle.
 
-        **Arguments:**
-
-        - `cells`: the cell space.
-        - `bounce`: one or several bouncing angles, in radians.
-        - `motion`: how the robot moves.
-
         **Raises:** `ValueError` for an angle that is not a whole number of directions;
         `MemoryError` if the computation would exceed the free memory.
 
@@ -234,11 +228,8 @@ class RoomGroups(BounceGroups):
     ) -> "RoomGroups":
         """Find the periodic groups and the filters in a room.
 
-        **Arguments:**
-
-        - `free`: the free squares; row 0 is the lowest.
-        - `bounce`: bouncing angles in radians.
-        - `directions`, `motion`: as for [`jaxcell.bounce.walls`][].
+        Row 0 of the squares is the lowest. `directions` and `motion` are as for
+        [`jaxcell.bounce.walls`][].
 
         An open room of two rows of three squares, with turns by 90 and by 180 degrees:
 

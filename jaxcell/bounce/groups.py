@@ -124,11 +124,7 @@ def bounce_groups(
     The result is that of [`jaxcell.mapping.periodic_groups`][] for the image of
     [`jaxcell.bounce.bounce_map`][], many times faster: the rows `groups` of the benchmarks.
 
-    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
-
-    **Returns:** [`jaxcell.mapping.PeriodicGroups`][].
-
-    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.bounce_map`][].
+    Arguments and errors are those of [`jaxcell.bounce.bounce_map`][].
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -170,9 +166,7 @@ def group_summary(
 ) -> GroupSummary:
     """Count the periodic groups of a bounce map, with their periods, basins and transients.
 
-    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
-
-    **Returns:** [`jaxcell.mapping.GroupSummary`][].
+    Arguments are those of [`jaxcell.bounce.bounce_map`][].
 
     A corridor of three squares, whose six cells are one periodic group:
 

@@ -41,15 +41,9 @@ def grid_groups(
 
     The totals are those of [`jaxcell.bounce.group_summary`][] for each grid and angle.
 
-    **Arguments:**
-
-    - `free`: the free squares, at least one of each grid; row 0 is the lowest.
-    - `bounce`: bouncing angles in radians, counter-clockwise; a number, or an axis of them.
-    - `directions`: number of directions.
-    - `motion`: how the robot moves; the side of a square is 1 m.
-
-    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[*rooms, angles]`, or `[*rooms]` for
-    a number.
+    Row 0 of `free` is the lowest, and the side of a square is 1 m. The bouncing angles are in
+    radians, counter-clockwise. The totals have the shape `[*rooms, angles]`, or `[*rooms]` for a
+    single angle.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions, a step shorter
     than a square, and a grid without a free square.
@@ -78,12 +72,7 @@ def grid_groups(
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
     """Total the periodic groups of grids with known walls.
 
-    **Arguments:**
-
-    - `walls`: the walls of grids.
-    - `shift`: number of directions by which the robot turns at a bump.
-
-    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[grids, angles]`.
+    At a bump the robot turns by `shift` directions. The totals have the shape `[grids, angles]`.
 
     An open room of two rows of three squares, with turns to the left and right about:
 
@@ -202,10 +191,7 @@ def _measure(
 def _once_around(
     tables: _Tables, turn: Int[np.ndarray, "order cycles"]
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """Follow each place of the first layer around its cycle.
-
-    **Returns:** the place of the first layer to which it leads, and the mappings to it.
-    """
+    """Find the place of the first layer to which each of its places leads, and the mappings."""
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
     mappings = np.zeros(slot.size, np.int64)
@@ -237,12 +223,8 @@ def _pull(
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
     """Go backwards through the layers, from the mappings from the first layer to its groups.
 
-    **Arguments:**
-
-    - `wanted`: a mask of places of the first layer. Layers that lead to none of these places are
-        left out, unless the mask is empty.
-
-    **Returns:** the mappings from places of the first layer, one round before; and the longest
+    Layers that lead to none of the `wanted` places of the first layer are left out, unless none is
+    wanted. Returns the mappings from places of the first layer, one round before, and the longest
     transient of each cycle, among the layers that were not left out.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]

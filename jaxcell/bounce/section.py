@@ -89,15 +89,7 @@ _cycles_of_angles = jax.jit(jax.vmap(section_cycles))
 
 
 def angle_groups(cells: CellSpace, runs: Runs, shifts: Sequence[int]) -> list[AngleGroups]:
-    """Find the periodic groups of several bouncing angles.
-
-    **Arguments:**
-
-    - `cells`, `runs`: the cell space and its straight runs.
-    - `shifts`: the angles, each as a number of directions by which the robot turns at a bump.
-
-    **Returns:** the groups of each angle.
-    """
+    """Find the periodic groups of several bouncing angles, each as a number of directions."""
     headings = [Headings.of(runs.steps.way, shift) for shift in shifts]
     sections = [runs.of_directions(one.leading) for one in headings]
     slots = bucket(max(wall.size for _, _, wall in sections))

@@ -43,16 +43,11 @@ def team_trajectory(
 
     **Arguments:**
 
-    - `cells`: the cell space.
     - `starts`: the cell of each robot, no two in one position.
     - `bounces`: bouncing angles in radians, one for all robots or one for each.
-    - `motion`: how the robots move.
-    - `max_parts`: the largest number of parts.
     - `part_steps`: the largest number of steps of a part, because several robots may take millions
         of steps until they repeat a state; by default the number of cells, at most 100,000.
     - `progress`: called after each part with the numbers of parts and of visited positions.
-
-    **Returns:** [`TeamTrajectory`][].
 
     **Raises:** `ValueError` for starts, angles or numbers that do not fit, and as
     [`jaxcell.bounce.moves`][].
@@ -92,10 +87,8 @@ def team_trajectories(
 
     All runs are simulated side by side, each with all the turns that it tries.
 
-    **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run. `progress` is
-    called after each part with the most parts and the fewest positions of a run.
-
-    **Returns:** a [`TeamTrajectory`][] for each run.
+    Arguments are those of [`team_trajectory`][], but `starts` has a row for each run, and
+    `progress` is called with the most parts and the fewest positions of a run.
 
     The number of steps from two pairs of starts in a corridor of three squares:
 

@@ -51,12 +51,6 @@ class Offsets:
     ) -> "Offsets":
         """Find the classes of the offsets within a cell, for a walker that knows the heading.
 
-        **Arguments:**
-
-        - `cells`: the cell space.
-        - `motion`: how the robot moves.
-        - `limit`: the largest number of classes.
-
         **Raises:** `ValueError` if walls do not run along the grid, or if there are more classes.
         """
         if not cells.gridded:

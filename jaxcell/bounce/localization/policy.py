@@ -184,13 +184,7 @@ class LocalizationPolicy(States):
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot by the policy until it is localized.
 
-        **Arguments:**
-
-        - `start`: the cell of the robot, which the policy does not know.
-
-        **Returns:** [`jaxcell.bounce.Localization`][], with the state of the last bump over time.
-
-        **Raises:** `ValueError` if the cell does not exist.
+        The result has the state of the last bump over time.
         """
         roadmap = self.roadmap
         cell, state = roadmap.check_cell(start, "start"), self.policy.start()
@@ -262,8 +256,6 @@ def localization_policy(
     - `limit`: the largest number of cells of all searched sets together. Beyond it the policy is
         the best that was found, at least as good as the greedy policy, and `least` is a bound.
     - `metadata`: kept with the policy, and saved with it.
-
-    **Returns:** [`LocalizationPolicy`][].
 
     In the laboratory of the dissertation a robot that turns by 45 degrees only ends in one of up to
     four cells. One that may also turn by 135 degrees is always localized:

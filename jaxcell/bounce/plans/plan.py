@@ -167,16 +167,8 @@ def plan(
     change` there and `3 keep + change` here. (In graphs that are joined at their cells, as in the
     pseudo-code, an edge could not depend on the bump before.)
 
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `bounces`: the angles to choose from, in radians, counter-clockwise.
-    - `start`, `goal`: cells.
-    - `keep`, `change`: the costs. With whole costs all plans cost whole numbers.
-    - `motion`: how the robot moves.
-    - `method`: `"exact"`, or `"layered"` as the dissertation does.
-
-    **Returns:** [`jaxcell.bounce.Plan`][]. If there is no path, its cost is -1.
+    Angles are in radians, counter-clockwise. With whole costs all plans cost whole numbers; without
+    a path the cost is -1.
 
     **Raises:** `ValueError` for cells, angles or costs that do not fit, and as
     [`jaxcell.bounce.moves`][]; `MemoryError` if the roadmap does not fit the free memory.
@@ -237,16 +229,10 @@ def replay(
 ) -> Int[np.ndarray, "visited"]:
     """Run an action string in the bounce dynamics.
 
-    **Arguments:**
+    An action is 0 for a step forward, and an angle in radians for a bump. Returns the visited
+    cells.
 
-    - `cells`: the cell space.
-    - `start`: the cell of the robot.
-    - `actions`: 0 for a step forward, an angle in radians for a bump.
-    - `motion`: how the robot moves.
-
-    **Returns:** the cells that the robot visits.
-
-    **Raises:** `ValueError` if the start does not exist, or an action is not possible in its cell.
+    **Raises:** `ValueError` if an action is not possible in its cell.
 
     To the end of a corridor of three squares, right about, and one step back:
 

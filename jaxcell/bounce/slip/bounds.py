@@ -31,14 +31,8 @@ def bounded_map(
     if a box lies wholly in a wall. So a set that is followed through it never loses the robot while
     its heading is off by at most `cells.reach` directions.
 
-    **Arguments:**
-
-    - `cells`: the fine cells.
-    - `bounce`: bouncing angle in radians, counter-clockwise.
-    - `slip`: the bounds of the errors.
-    - `step`: length of a step in metres, by default one cell of the map.
-
-    **Returns:** the sets of a robot that starts at the centre of any cell. Each observation has
+    The bouncing angle is in radians, counter-clockwise, and the length of a step in metres, by
+    default one cell of the map. The robot starts at the centre of any cell. Each observation has
     three images: the possible moves to the right, in walls too, then up, and then, among the rows
     of fine cells only, the possible headings.
 
@@ -108,16 +102,11 @@ def bounded_map(
 def _path(
     theta: float, half: float, legs: tuple[float, float, float], slip: Slip, part: float
 ) -> Float[np.ndarray, "times 4"]:
-    """Make boxes that hold a robot at times of a step, relative to its start.
+    """Make boxes that hold a robot at times of a step, relative to its start, the first box.
 
-    **Arguments:**
-
-    - `theta`, `half`: the heading, and the bound of its error, in radians.
-    - `legs`: a row of [`jaxcell.space.stride_legs`][].
-    - `slip`: the bounds of the errors.
-    - `part`: the largest distance between two times, in metres.
-
-    **Returns:** left, bottom, right and top, in metres; the first box is the start.
+    The heading `theta` has an error of at most `half`, in radians, and `legs` is a row of
+    [`jaxcell.space.stride_legs`][]. Between two times are at most `part` metres. Boxes are left,
+    bottom, right and top, in metres.
     """
     first, turn, second = legs
     boxes = [np.zeros((1, 4))]

@@ -63,12 +63,8 @@ class FineCells:
     def of(cls, cells: CellSpace, *, squares: int, directions: int, reach: int) -> "FineCells":
         """Cut the cells of a map.
 
-        **Arguments:**
-
-        - `cells`: the cell space of a map.
-        - `squares`: number of fine squares along the side of a cell; an odd number.
-        - `directions`: number of fine directions per direction.
-        - `reach`: as the field.
+        An odd number of `squares` lie along the side of a cell, and each direction has a number of
+        fine `directions`.
         """
         if squares < 1 or squares % 2 == 0:
             raise ValueError(f"squares: expected an odd number from 1, got {squares}")
@@ -89,12 +85,8 @@ class FineCells:
         A square hides the place in it, and a fine direction the drift aside. Directions reach as
         far as the heading may drift, and are no finer than half the error of a turn.
 
-        **Arguments:**
-
-        - `cells`: the cell space of a map.
-        - `slip`: the sizes of the errors, which determine the drift of the heading.
-        - `most`: the largest number of cells, by default `MAX_CELLS`; there is at least one fine
-            cell per cell of the map.
+        There are at most `most` cells, by default `MAX_CELLS`, and at least one per cell of the
+        map.
         """
         assert cells.workspace is not None
         pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
@@ -176,15 +168,8 @@ def slip_map(
     [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). The points are
     a Sobol sequence, the same in each cell, so that a map is the same each time.
 
-    **Arguments:**
-
-    - `cells`: the fine cells.
-    - `bounces`: one or several bouncing angles to choose from, in radians, counter-clockwise.
-    - `slip`: the sizes of the errors.
-    - `step`: length of a step in metres, by default one cell of the map.
-
-    **Returns:** the hidden map of the fine cells, without a sink, which starts at the centre of any
-    cell.
+    Angles are in radians, counter-clockwise, and the length of a step in metres, by default one
+    cell of the map. The hidden map has no sink, and its robot starts at the centre of any cell.
 
     **Raises:** `MemoryError` if the map does not fit the free memory.
 
@@ -258,14 +243,9 @@ def _spread(
 
     A heading that is drawn from the whole direction, but drifts by a small part of it, would change
     its direction too often. With this share the variance of the changes is that of the drift, or at
-    least that of the places aside, in squares, to which the headings of one direction lead.
-
-    **Arguments:**
-
-    - `cells`, `slip`: the fine cells, and the sizes of the errors.
-    - `length`: length of a step, in metres.
-    - `offset`: the offset of a heading in its direction, -0.5 to 0.5.
-    - `error`: the error of its drift along a step, standard normal numbers.
+    least that of the places aside, in squares, to which the headings of one direction lead. A step
+    has a `length` in metres, `offset` is that of a heading in its direction, -0.5 to 0.5, and
+    `error` that of its drift along a step, in standard deviations.
     """
     turn = 2 * math.pi / cells.fine.directions
     drift = slip.heading * math.sqrt(length) / turn

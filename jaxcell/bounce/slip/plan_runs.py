@@ -20,17 +20,9 @@ def plan_runs(
 ) -> Float[np.ndarray, "foretold 3"]:
     """Simulate runs of a robot that slips and follows a plan, in continuous space.
 
-    **Arguments:**
-
-    - `cells`: the cell space of a map.
-    - `start`: the cell at whose centre the robot starts.
-    - `actions`: 0 for a step forward, or the angle to turn by at a bump, in radians.
-    - `slip`: the sizes of the errors.
-    - `runs`: number of runs.
-    - `step`: length of a step in metres, by default one cell of the map.
-    - `seed`: seed of the errors.
-
-    **Returns:** the last poses of the robots whose observations are those of the plan.
+    The robot starts at the centre of a cell. An action is 0 for a step forward, or the angle to
+    turn by at a bump, in radians. The length of a step is in metres, by default one cell of the
+    map. Returns the last poses of the robots whose observations are those of the plan.
 
     A robot without errors goes to the end of a corridor and turns there:
 

@@ -144,16 +144,10 @@ def slipping_run(
     **Arguments:**
 
     - `hidden`: the map of the belief; its configurations are the cells.
-    - `cells`: the cells of the map.
     - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
-    - `slip`: the sizes of the errors.
-    - `start`: the cell of the robot, which the belief does not know.
-    - `seed`: seed of the errors.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
     - `about`: `fine_side` and `fine_directions` of the result.
-
-    **Returns:** [`Slipped`][].
 
     A corridor of three cells looks the same from its other end:
 
