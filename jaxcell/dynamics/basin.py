@@ -232,8 +232,6 @@ def basins(
     - `seed`: seed of the points from which attractors are found.
     - `labels`: names of the axes.
 
-    **Returns:** [`Basins`][jaxcell.dynamics.Basins], attractors with larger basins first.
-
     **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. Warns, before cells are mapped, if
     the map differs at the two ends of a periodic axis.
 

@@ -44,8 +44,7 @@ def images(
     - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled one.
     - `out`: an `int32` array for the result, such as a `numpy.memmap`.
     - `say`: a function that is called with the activity and its progress.
-
-    **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
+    The image of a cell is a cell, `box.outside` or `box.nowhere`.
 
     **Raises:** `ValueError` if the map does not return a finite point of the box's dimension.
 
@@ -145,13 +144,7 @@ def torn_axes(
 ) -> list[tuple[int, ...]]:
     """Find periodic axes at whose two ends a map differs, by 64 points of each end, and warn.
 
-    **Arguments:**
-
-    - `map`, `box`: as in [`images`][jaxcell.dynamics.images].
-    - `members`: the parameters of each member.
-    - `labels`: names of the axes.
-
-    **Returns:** the axes for each member.
+    Returns the axes for each member.
     """
     points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)

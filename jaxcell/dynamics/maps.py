@@ -174,8 +174,6 @@ def flow(
     - `max_steps`: with `"crossing"`, the largest number of steps; a cell whose image is still
         nearer then most likely holds an equilibrium.
 
-    **Returns:** [`Flow`][jaxcell.dynamics.Flow], a [`Map`][jaxcell.dynamics.Map].
-
     Half a turn of a harmonic oscillator:
 
         >>> import jax, jax.numpy as jnp, numpy as np
@@ -194,13 +192,7 @@ def flow(
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
     """Make the map of a forced field over one period of the force, from phase 0.
 
-    **Arguments:**
-
-    - `field`: the velocity, `field(t, x, params)`.
-    - `period`: duration of one application.
-    - `steps`: number of Runge-Kutta steps in a period.
-
-    **Returns:** a [`Map`][jaxcell.dynamics.Map].
+    The velocity is `field(t, x, params)`, and a period has `steps` Runge-Kutta steps.
 
     A force whose effects cancel over a period:
 
@@ -237,8 +229,6 @@ def section(
     - `project`: the coordinates of a point of the surface.
     - `dt`: duration of a step.
     - `max_steps`: largest number of steps to a return.
-
-    **Returns:** a [`Map`][jaxcell.dynamics.Map] of coordinates on the surface.
 
     A spiral, which returns to the positive x axis nearer to its centre by `exp(-pi / 5)`:
 

@@ -19,13 +19,9 @@ def basin_stability(
 ) -> Float[np.ndarray, "attractors"]:
     """Compute the share of starts that lead to each attractor, for a density of starts.
 
-    **Arguments:**
-
-    - `basins`: the basins.
-    - `weight`: the density at points `[cells, axes]`, perhaps not normalised; by default uniform.
-    - `within`: the longest time to the attractor that counts, in mappings if the map has no time.
-
-    **Returns:** the shares, which sum to less than 1 if starts leave the box.
+    `weight` is the density at points `[cells, axes]`, perhaps not normalised; by default uniform.
+    Only starts count that reach the attractor `within` a time, in mappings if the map has no time.
+    The shares sum to less than 1 if starts leave the box.
 
     Cells to the right of the middle stay, the others go to the left end:
 
@@ -46,13 +42,7 @@ def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
 
     Cells of the attractor have a pace of 0. For mean times see `basins.mean_time`.
 
-    **Returns:** time, in mappings if the map has none, per length in the units of the box.
-
-    **Arguments:**
-
-    - `basins`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    It is a time, in mappings if the map has none, per length in the units of the box.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -72,13 +62,7 @@ def noncritical_shocks(
 ) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
     """Compute the mean and the largest distance of the cells of each basin from its attractor.
 
-    **Returns:** the mean and the largest distance for each attractor, in the units of the box.
-
-    **Arguments:**
-
-    - `basins`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    Both are in the units of the box.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -104,14 +88,6 @@ def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     An exact Euclidean distance transform between centres is used, so the result is accurate to a
     cell. Cells beyond the ends of an axis count only if it is periodic. It is `inf` for a single
     basin.
-
-    **Returns:** the length for each attractor, in the units of the box.
-
-    **Arguments:**
-
-    - `basins`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -142,15 +118,9 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
 def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
     """Compute the entropy of the basins in boxes of cells, in nats, and of boxes on a boundary.
 
-    **Arguments:**
-
-    - `basins`: the basins.
-    - `side`: number of cells along each side of a box; remaining cells at the ends are not used.
-
-    **Returns:** `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al.
-    2016). `S_bb > log 2` proves a fractal boundary; without a boundary both are 0.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    Boxes have `side` cells along each side; remaining cells at the ends are not used. Returns
+    `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al. 2016). `S_bb
+    > log 2` proves a fractal boundary; without a boundary both are 0.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -176,15 +146,9 @@ def uncertainty_exponent(
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
     """Measure how the share of cells with another basin within a radius grows with the radius.
 
-    **Arguments:**
-
-    - `basins`: the basins.
-    - `radii`: radii in cells, along any axis.
-
-    **Returns:** the exponent, the slope of logarithms: 1 for a smooth boundary in a plane, 0 for a
-    boundary that fills it (Grebogi et al. 1983); and the share of uncertain cells by radius.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    Radii are in cells, along any axis. Returns the exponent, the slope of logarithms: 1 for a
+    smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al. 1983); and the share
+    of uncertain cells by radius.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -206,12 +170,8 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     Each basin has a boundary with the union of all others; for Wada basins these boundaries are the
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.
 
-    **Arguments:**
-
-    - `basins`: three basins or more.
-    - `radius`: largest distance of boundaries that count as the same, in cells.
-
-    **Returns:** the largest share of the cells of a boundary that are farther from another one.
+    Boundaries within `radius` cells of each other count as the same. The result is the largest
+    share of the cells of a boundary that are farther from another one.
 
     **Raises:** `ValueError` for fewer than three basins.
 
@@ -243,20 +203,10 @@ def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
     """Compute the share of each basin that lies in each basin for other parameters in the same box.
 
-    **Raises:** `ValueError` if the boxes differ.
-
-    **Returns:** an array over the attractors of both.
-
-    **Arguments:**
-
-    - `one`, `other`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
-
-        >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins()
-        >>> dynamics.overlap(basins, basins).tolist()
-        [[1.0, 0.0], [0.0, 1.0]]
+    >>> from jaxcell import dynamics, examples
+    >>> basins = examples.basins()
+    >>> dynamics.overlap(basins, basins).tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
     """
     if one.box != other.box:
         raise ValueError("overlap: expected basins in the same box")

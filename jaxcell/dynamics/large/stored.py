@@ -61,14 +61,6 @@ def foretold(
 ) -> Foretold:
     """Estimate what [`jaxcell.dynamics.stored_basins`][] takes, by mapping one chunk of cells.
 
-    **Arguments:**
-
-    - `map`, `box`, `params`, `follow`, `dtype`: as in [`jaxcell.dynamics.images`][].
-
-    **Returns:** [`Foretold`][jaxcell.dynamics.Foretold].
-
-    **Raises:** as [`jaxcell.dynamics.images`][].
-
     Henon's map:
 
         >>> from jaxcell import dynamics, space
@@ -113,17 +105,12 @@ def stored_basins(
     per cell and 16 per cell that remains after the passes; few cells remain of a dissipative map,
     and all remain of a map that preserves volumes. The same call continues an interrupted one.
 
-    **Arguments:**
-
-    - `map`, `box`, `params`, `follow`, `dtype`, `seed`, `labels`, `say`: as in
-        [`jaxcell.dynamics.basins`][].
-    - `folder`: the folder of the files. `numpy.load("basin.npy", mmap_mode="r")` opens an array.
-
-    **Returns:** the same [`Basins`][jaxcell.dynamics.Basins] as in memory, with arrays that stay in
-    the files; but without the times of a flow whose durations differ between cells.
+    `numpy.load("basin.npy", mmap_mode="r")` opens an array of the folder. The result is that in
+    memory, with arrays that stay in the files, but without the times of a flow whose durations
+    differ between cells. Other arguments are those of [`jaxcell.dynamics.basins`][].
 
     **Raises:** `ValueError` if the folder has arrays of another map, or if the disk has too little
-    room; `MemoryError` if too many cells remain; also as [`jaxcell.dynamics.basins`][].
+    room; `MemoryError` if too many cells remain.
 
     A box of few cells:
 

@@ -177,11 +177,10 @@ def morse_sets(
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
-    **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets], with a certificate. Sets that lead to
-    no other set come first.
+    Sets that lead to no other set come first.
 
-    **Raises:** `ValueError` if the map is not valid, or has a primitive without a rule for
-    intervals; `RuntimeError` without 64-bit numbers; `MemoryError` for too many boxes.
+    **Raises:** `ValueError` for a primitive without a rule for intervals; `RuntimeError` without
+    64-bit numbers; `MemoryError` for too many boxes.
 
     A saddle in the middle leads to both ends:
 

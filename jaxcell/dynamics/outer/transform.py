@@ -32,15 +32,9 @@ def enclose(
     The map is the one in real numbers whose constants are the numbers of the program. Its points
     with an image that is not a real number, such as a logarithm of a number below 0, have none.
 
-    **Arguments:**
-
-    - `map`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `lower`, `upper`: the corners of the box, of 64 bits.
-    - `mean_value`: whether to intersect the image with that of the mean value theorem,
-        `f(centre) + f'(box) (box - centre)`, which is much smaller for small boxes. It is left out
-        where the program compares numbers of the box, and both results are possible.
-
-    **Returns:** the corners of a box that contains the image.
+    The corners have 64 bits. `mean_value` intersects the image with that of the mean value theorem,
+    `f(centre) + f'(box) (box - centre)`, which is much smaller for small boxes. It is left out
+    where the program compares numbers of the box, and both results are possible.
 
     **Raises:** `ValueError` that names a primitive without a rule.
 
@@ -93,15 +87,10 @@ def enclose(
 
 
 def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Evaluate a program on intervals.
+    """Evaluate a program on intervals of its floating-point arguments and arrays of the others.
 
-    **Arguments:**
-
-    - `program`: the traced program.
-    - `values`: an interval for each floating-point argument, an array for each other one.
-    - `decided`: a list to which masks are added: `False` if a comparison may have both results.
-
-    **Returns:** intervals for floating-point results, and for others that are not known exactly.
+    Masks are added to `decided`: `False` if a comparison may have both results. Floating-point
+    results are intervals, and so are others that are not known exactly.
     """
     inner = program.jaxpr
     known = dict(zip(inner.constvars, (_exact(value) for value in program.consts), strict=True))
