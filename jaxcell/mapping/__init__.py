@@ -40,18 +40,6 @@ robots.
 Arrays of JAX stay on their device, such as a GPU, except that persistent and transient groups, and
 groups of large maps in the memory of the host, are found on the host.
 
-Functions and classes:
-
-- `SimpleMap`: `C`, with the bump sensor's observation at each mapping.
-- `periodic_groups`: groups, steps and periods, a `PeriodicGroups`; `GroupSummary` has the size of
-    each group, and `GroupTotals` six statistics of all groups.
-- `section_groups`: the same from a `Section`, a `SectionGroups`.
-- `Chain`: `P`, with products from both sides, `p P` and `P v`.
-- `ChainSequence`: a periodic sequence of chains, such as a tide; their product, the period map, is
-    never computed.
-- `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
-- `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` is the sink.
-
 A chain needs 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """
 

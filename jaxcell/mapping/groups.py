@@ -143,12 +143,7 @@ def follow(
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
     """Find the smallest cell of the group that each cell reaches, and sum weights along its orbit.
 
-    **Arguments:**
-
-    - `image`: the image of each cell, an array of JAX or of NumPy, as the other arguments.
-    - `periodic`: the mask of periodic cells.
-    - `weight`: the weight of a transient cell; with 1 the sum is the number of mappings to the
-        group.
+    With a weight of 1 for each transient cell the sum is the number of mappings to the group.
     """
     xp = _namespace(image)
     cells = image.shape[0]

@@ -34,13 +34,8 @@ def periodic_groups(
     An accelerator doubles pointers: the number of rounds is about the binary logarithm of the
     longest transient or period, and each round is a few gathers.
 
-    **Arguments:**
-
-    - `image`: the image of each cell.
-    - `where`: the cells that count, by default all; the image of a cell that counts must count.
-        Other cells get group, step and period -1.
-
-    **Returns:** [`PeriodicGroups`][].
+    By default all cells count; the image of a cell that counts must count. Other cells get group,
+    step and period -1.
 
     Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to the first two:
 

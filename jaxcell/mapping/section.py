@@ -51,13 +51,8 @@ class SectionGroups:
 def section_groups(section: Section, *, max_groups: int | None = None) -> SectionGroups:
     """Find the periodic groups of the full space, numbered as by [`periodic_groups`][].
 
-    **Arguments:**
-
-    - `section`: the first-return map, or a batch of such maps.
-    - `max_groups`: an upper bound of the number of groups; a smaller bound sorts faster. By default
-        the groups are counted first; under `jit` and `vmap` the number of slots is used instead.
-
-    **Returns:** [`SectionGroups`][], `period` of length `max_groups`.
+    `max_groups` is an upper bound of the number of groups; a smaller bound sorts faster. By default
+    the groups are counted first; under `jit` and `vmap` the number of slots is used instead.
 
     On a ring of cells 0, 1, 2, the section of cells 0 and 2, in slots 0 and 1:
 
@@ -102,14 +97,7 @@ class SectionCycles:
 
 @jax.jit
 def section_cycles(section: Section) -> SectionCycles:
-    """Find the periodic groups of the full space on one section.
-
-    **Arguments:**
-
-    - `section`: the first-return map.
-
-    **Returns:** [`SectionCycles`][].
-    """
+    """Find the periodic groups of the full space on one section."""
     successor, duration = section.successor, section.duration
     dtype = successor.dtype
     slots = successor.shape[0]

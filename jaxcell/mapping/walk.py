@@ -62,9 +62,7 @@ def _chains(
     """Follow the orbit of each cell to a visited cell: a chain of new cells.
 
     The argument `period` is an array of zeros to write the periods into: one entry per cell and one
-    more, or a single entry to discard the periods.
-
-    **Returns:**
+    more, or a single entry to discard the periods. Returns
 
     - `chain`: for each cell, one more than the first cell of its chain; for the first cell of a
         chain, -1 minus the smallest cell of the group.

@@ -43,16 +43,9 @@ def limiting_distribution(
     It exists even if the chain is periodic. Within a persistent group it does not depend on the
     start; the weights of the groups do.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `groups`: its persistent groups.
-    - `weights`: the weights of the groups: `"basin"` (the default), the probabilities that a chain
-        that starts in any cell with equal probability ends in each; `"size"`, their shares of the
-        persistent cells; or an array of numbers that sum to 1.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`LimitingDistribution`][]. The residual of its certificate is the 1-norm of
+    By default, `"basin"`, the weights of the groups are the probabilities that a chain that starts
+    in any cell with equal probability ends in each; `"size"` are their shares of the persistent
+    cells; an array has numbers that sum to 1. The residual of the certificate is the 1-norm of
     `value P - value`, or the difference from 1 of the sum of the weights and leaving if that is
     more.
 

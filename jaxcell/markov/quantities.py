@@ -37,14 +37,9 @@ class PairTimes:
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
     """Compute the expected number of steps from every cell to every other, by one inverse.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain. For other chains, and for one target of a large chain, use
-        [`jaxcell.markov.hitting_times`][].
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`PairTimes`][]; 0 on the diagonal. The residual of its certificate bounds the
-    relative error of every time.
+    The chain is irreducible; for other chains, and for one target of a large chain, use
+    [`jaxcell.markov.hitting_times`][]. The residual of the certificate bounds the relative error of
+    every time.
 
     **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
     matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, as in a chain whose
@@ -66,14 +61,7 @@ def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
 
     Alam 2018, Eq. 4.3.
 
-    **Arguments:**
-
-    - `chain`, `throw`: as in [`hitting_matrix`][].
-
-    **Returns:** [`PairTimes`][], symmetric. The residual of its certificate bounds the relative
-    error of every time.
-
-    **Raises:** as [`hitting_matrix`][].
+    Arguments, certificate and errors are those of [`hitting_matrix`][].
 
     A random walk on a line of three cells:
 
@@ -93,11 +81,7 @@ def kemeny_constant(chain: Chain) -> float:
     It is `sum_j pi_j h_ij`, the same from every cell `i`. A cell drawn where the chain is counts 0
     steps; authors who count the return instead have 1 more.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain.
-
-    **Returns:** the number of steps, to nearly all its digits.
+    It has nearly all its digits.
 
     **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
@@ -126,13 +110,7 @@ def kemeny_constant(chain: Chain) -> float:
 def entropy_rate(chain: Chain) -> float:
     """Compute the entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain, of any size.
-
-    **Returns:** the entropy.
-
-    **Raises:** `ValueError` if the chain is not irreducible.
+    The chain is irreducible, and of any size.
 
     A random walk on a line of three cells, which has a choice every second step:
 
@@ -154,14 +132,8 @@ def slem(chain: Chain) -> float:
     It says how slowly the start is forgotten: 1 for a periodic chain, which never forgets it, and 0
     for a chain of one cell.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain. All eigenvalues are computed, which takes about 0.4 s for 750
-        cells; the time grows with the cube of the number of cells.
-
-    **Returns:** the modulus, from 0 to 1.
-
-    **Raises:** `ValueError` as [`hitting_matrix`][].
+    All eigenvalues are computed, which takes about 0.4 s for 750 cells; the time grows with the
+    cube of the number of cells. Errors are those of [`hitting_matrix`][].
 
     Two cells, with a step between them one time in four:
 
@@ -186,15 +158,11 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     matrix is squared until a power is that close, and `t` is found between the last two powers by
     bisection, because the distance never grows.
 
-    **Arguments:**
+    The distance is more than 0 and less than 1/2, within which no periodic chain ever comes; for
+    such a chain the time is `inf`.
 
-    - `chain`: an irreducible chain.
-    - `distance`: more than 0 and less than 1/2, within which no periodic chain ever comes.
-
-    **Returns:** a whole number; `inf` for a periodic chain.
-
-    **Raises:** `ValueError` for another distance, or if the chain is not irreducible or has more
-    than 2,000 cells; `RuntimeError` if it mixes so slowly that rounding hides it.
+    **Raises:** `ValueError` if the chain is not irreducible or has more than 2,000 cells;
+    `RuntimeError` if it mixes so slowly that rounding hides it.
 
     Two cells, with a step between them one time in four:
 

@@ -33,12 +33,9 @@ class Transient:
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Take a part out of a chain.
+        """Take a part out of a chain that each of its cells can leave.
 
-        **Arguments:**
-
-        - `matrix`: the transition matrix, without zeros among its entries.
-        - `inside`: a mask of the cells of the part, each of which can leave it.
+        The transition matrix has no zeros among its entries.
 
         **Raises:** `RuntimeError` if a cell cannot leave, because it is on a circuit of certain
         steps.

@@ -11,14 +11,7 @@ def sample_walks(
 ) -> Int[np.ndarray, "times walks"]:
     """Draw independent walks along a chain that never leaves the space.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `starts`: the first cell of each walk.
-    - `steps`: number of steps.
-    - `random`: random generator.
-
-    **Returns:** the cell of each walk at each time, the starts first.
+    Returns the cell of each walk at each time, the starts first.
 
     A walk around a ring of three cells:
 

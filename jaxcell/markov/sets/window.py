@@ -34,13 +34,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Take the steps that begin at a phase.
-
-        **Arguments:**
-
-        - `chain`: the chain, or a sequence of chains.
-        - `steps`: number of steps; by default one per phase.
-        - `start`: the phase.
+        """Take the steps that begin at a phase, by default one per phase.
 
         **Raises:** `ValueError` for less than one step.
         """
@@ -112,12 +106,7 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
     several sets are closed. So the eigenvectors are deflated and the rest is searched again, until
     it has no eigenvalue that belongs to the leading ones.
 
-    **Arguments:**
-
-    - `product`: multiplies the matrix by columns.
-    - `rows`: number of rows of the matrix.
-    - `count`: number of eigenvalues; both of a conjugate pair are taken.
-    - `symmetric`: whether the matrix is symmetric.
+    `product` multiplies the matrix by columns. Both eigenvalues of a conjugate pair are taken.
 
     **Raises:** `RuntimeError` if the eigenvalues do not converge.
     """
