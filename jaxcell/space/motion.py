@@ -94,11 +94,7 @@ class Motion:
         return RULES[self.collision]
 
     def in_cells(self, cell: float) -> float:
-        """Compute the length of a step in cells.
-
-        **Arguments:**
-
-        - `cell`: side of a cell in metres.
+        """Compute the length of a step in cells of a side in metres.
 
         **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
         """

@@ -40,13 +40,7 @@ def stencil(directions: int, motion: Motion, grid: tuple[int, int]) -> Stencil:
     All directions in which a step leads off the grid from every square are one way. So a stencil is
     no larger than the grid, however long the step.
 
-    **Arguments:**
-
-    - `directions`: number of directions in a full turn.
-    - `motion`: how a robot moves; the side of a square is 1 m.
-    - `grid`: number of rows and of columns.
-
-    **Returns:** [`Stencil`][].
+    The side of a square is 1 m, and the grid has a number of rows and of columns.
 
     Steps of one square in 360 directions make 16 ways; North leads one row up:
 
@@ -80,11 +74,8 @@ def line_places(
     From each square to the next one on its line the number grows by one. The numbers of different
     lines do not mix.
 
-    **Arguments:**
-
-    - `square`: squares of a grid, or of several grids of one shape, one after the other.
-    - `grid`: number of rows and of columns.
-    - `step`: the offset, `(row, column)`.
+    Squares are of a grid, or of several grids of one shape, one after the other. The offset `step`
+    is `(row, column)`.
 
     In two rows of three squares, along the columns:
 

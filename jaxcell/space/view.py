@@ -25,16 +25,9 @@ def visibility_polygon(
     Sight is that of [`visible_cells`][], in the environment, without a margin for the radius of the
     robot. The polygon has several pieces only if obstacles meet in the point.
 
-    **Arguments:**
-
-    - `workspace`: the map.
-    - `point`: the point of the viewer, in metres.
-    - `reach`: range of sight, in metres; may be infinite.
-    - `field_of_view`, `heading`: the angle of a camera, and the heading of its middle, in radians.
-    - `quad_segs`: chords per quarter of the circle of radius `reach`. The chords lie within the
-        circle; 16 chords miss 0.16 percent of its area.
-
-    **Returns:** the polygon, in metres, or polygons that meet in the point.
+    Lengths are in metres, and the angles of a camera and of the middle of its view in radians. The
+    circle of the range of sight has `quad_segs` chords per quarter. The chords lie within the
+    circle; 16 chords miss 0.16 percent of its area.
 
     **Raises:** `ValueError` if a number is out of range, or if the point lies in an obstacle or
     outside the boundary.

@@ -60,11 +60,7 @@ def place(seed: int, environment: str, run: int) -> Placement:
     The source gives no sizes of obstacles. Ours are those of `data/maps/room_200x125.json`, and
     sides of 10 to 50 in E4. Random obstacles keep a cell from the boundary.
 
-    **Arguments:**
-
-    - `seed`: seed of the study.
-    - `environment`: E1, E2, E3 or E4.
-    - `run`: number of the placement, from 0.
+    Placements are numbered from 0.
     """
     # Each placement has a stream of its own, so a longer study begins with the shorter one.
     rng = np.random.default_rng([seed, int(environment[1:]), run])
@@ -94,12 +90,7 @@ def random_room(
     Rectangles may overlap and stand at walls. A room is drawn again if its free cells are not
     connected by their edges.
 
-    **Arguments:**
-
-    - `seed`: seed of the study.
-    - `number`: number of the room, from 0.
-    - `columns`, `rows`: size of the room in cells.
-    - `obstacles`: number of rectangles.
+    Rooms are numbered from 0, and have `columns` x `rows` cells and a number of `obstacles`.
 
     **Raises:** `ValueError` if such rooms are almost never in one piece.
     """
