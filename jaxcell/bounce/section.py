@@ -48,7 +48,7 @@ class AngleGroups:
     leader: Int32[np.ndarray, "slots"]
     "The slot that represents the group of each slot."
     lead: Int32[np.ndarray, "slots"]
-    "The number to add to the steps to the wall, as in [`jaxcell.mapping.SectionGroups`][]."
+    "The number to add to the steps to the wall, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
     "The groups of all directions."
     period: Int32[np.ndarray, "groups"]

@@ -1,11 +1,10 @@
-import dataclasses
 import math
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.certificate import Certificate
+from ..base.certificate import Certificate, Solution
 from ..base.limits import MAX_VERTICES
 from ..base.precision import require_x64
 from ..mapping.classes import PersistentGroups, persistent_groups
@@ -25,21 +24,12 @@ _TIE = 1e-12
 _SQUARINGS = 50
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PairTimes:
-    """An expected number of steps for every pair of cells, and its certificate."""
-
-    value: Float[Array, "cells cells"]
-    "The number from the cell of the row to that of the column."
-    certificate: Certificate
-
-
-def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
+def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other, by one inverse.
 
-    The chain is irreducible; for other chains, and for one target of a large chain, use
-    [`jaxcell.markov.hitting_times`][]. The residual of the certificate bounds the relative error of
-    every time.
+    Rows of the answer are starts. The chain is irreducible; for other chains, and for one target of
+    a large chain, use [`jaxcell.markov.hitting_times`][]. The residual of the certificate bounds
+    the relative error of every time.
 
     **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
     matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, as in a chain whose
@@ -56,12 +46,10 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
     return _hitting(chain, "hitting_matrix", throw)
 
 
-def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
+def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other and back.
 
-    Alam 2018, Eq. 4.3.
-
-    Arguments, certificate and errors are those of [`hitting_matrix`][].
+    This is Eq. 4.3 of Alam 2018. Certificate and errors are those of [`hitting_matrix`][].
 
     A random walk on a line of three cells:
 
@@ -72,16 +60,14 @@ def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
     """
     _check_irreducible(chain, "commute_times")
     there = _hitting(chain, "commute_times", throw)
-    return PairTimes(there.value + there.value.T, there.certificate)
+    return Solution(there.value + there.value.T, there.certificate)
 
 
 def kemeny_constant(chain: Chain) -> float:
     """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. A cell drawn where the chain is counts 0
-    steps; authors who count the return instead have 1 more.
-
-    It has nearly all its digits.
+    steps; authors who count the return instead have 1 more. It has nearly all its digits.
 
     **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
@@ -207,7 +193,7 @@ def _product(
     return product / product.sum(axis=1, keepdims=True)
 
 
-def _hitting(chain: Chain, what: str, throw: bool) -> PairTimes:
+def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
     value = np.array(_hitting_dense(_matrix(chain, what, _LARGEST_MATRIX)))
     np.fill_diagonal(value, 0)
     # With h = 1 + P h + r off the diagonal, the error is at most max |r| times the true time.
@@ -215,7 +201,7 @@ def _hitting(chain: Chain, what: str, throw: bool) -> PairTimes:
     np.fill_diagonal(gap, 0)
     certificate = Certificate(1, float(np.abs(gap).max()), _TIME_TOLERANCE)
     certificate.check(what, throw)
-    return PairTimes(jax.device_put(value), certificate)
+    return Solution(jax.device_put(value), certificate)
 
 
 def _matrix(chain: Chain, what: str, most: int) -> Float[np.ndarray, "cells cells"]:

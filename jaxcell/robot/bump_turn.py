@@ -18,7 +18,7 @@ _DRAWN, _BEST = 1000, 5
 _FAR = 0.5
 
 
-def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int = 0) -> float:
+def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
     """Estimate by how much a bump turns a robot, from the log of a robot that started anywhere.
 
     Where the sets are small, places and headings are drawn from them, and each drives on to the
@@ -36,21 +36,15 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int 
         lengths.append(math.inf if length is None else length)
         turns.append(turn or 0.0)
         states.append(follower.state if follower.extent <= _EXTENT else None)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     error, windows = np.zeros(_TURNS.size), 0
     for first, state in enumerate(states[: -_RUNS or None]):
         if state is not None and state.wall.size:
             windows += 1
             place, heading, _ = draw_places(filter, state, 1, _DRAWN, rng)
-            window = slice(first, first + _RUNS)
-            error += _error(
-                filter.boundary,
-                place,
-                heading,
-                turns[window],
-                lengths[first + 1 : first + 1 + _RUNS],
-                filter.errors.displacement / 2,
-            )
+            runs = lengths[first + 1 : first + 1 + _RUNS]
+            back = filter.errors.displacement / 2
+            error += _error(filter.boundary, place, heading, turns[first:], runs, back)
     if not windows:
         raise ValueError(
             f"the run never knows its robot to within {_EXTENT:g} m, with {_RUNS} more runs after "
@@ -72,7 +66,7 @@ def _error(
     place, heading = np.tile(place, (_TURNS.size, 1)), np.tile(heading, _TURNS.size)
     wall = _wall_at(boundary, place)
     error = np.zeros(by_bump.size)
-    for turn, length in zip(turns, lengths, strict=True):
+    for turn, length in zip(turns, lengths, strict=False):
         into = -boundary.normal[wall]
         incidence = np.arctan2(into[:, 1], into[:, 0]) - heading
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)

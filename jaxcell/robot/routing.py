@@ -9,16 +9,11 @@ from jaxtyping import Bool, Int
 def grid_steps(
     free: Bool[np.ndarray, "rows columns"], closed: Collection[tuple[int, int]] = ()
 ) -> Int[np.ndarray, "4 positions"]:
-    """Find the position after a step from each square of a grid; a blocked step stays.
+    """Find the position after each way from each square of a grid; a blocked step stays.
 
-    **Arguments:**
-
-    - `free`: the mask of free squares; row 0 is the lowest. The free squares are the positions,
-        counted row by row, as in [`jaxcell.space.CellSpace`][].
-    - `closed`: ways between free squares that do not exist either, as a position and one of the
-        four ways: 0 East, 1 North, 2 West, 3 South. Each is closed from both sides.
-
-    **Returns:** a row for each of the four ways.
+    Row 0 of the mask is the lowest. The free squares are the positions, counted row by row, as in
+    [`jaxcell.space.CellSpace`][]. The four ways are 0 East, 1 North, 2 West and 3 South. Those that
+    are `closed` do not exist either, from both sides.
 
     **Raises:** `ValueError` if a position or way does not exist.
 
@@ -53,9 +48,8 @@ def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> Non
 def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "positions"]:
     """Count the steps from each position to a goal, -1 if it cannot be reached (Lee 1961).
 
-    The wave starts at the goal and spreads to all neighbours at once.
-
-    The steps are those of [`grid_steps`][]: each way can be gone back.
+    The wave starts at the goal and spreads to all neighbours at once. The steps are those of
+    [`grid_steps`][]: each way can be gone back.
 
     **Raises:** `ValueError` if the goal does not exist.
 
@@ -88,9 +82,8 @@ def next_way(
     """Choose the way of the next step down a wave.
 
     It is the way straight ahead if that leads nearer, because turns take time and cost precision;
-    else the first of the four ways that leads nearer.
-
-    The robot is not at the goal, and has a way to it.
+    else the first of the four ways that leads nearer. The robot is not at the goal, and has a way
+    to it.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())

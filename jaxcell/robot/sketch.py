@@ -73,13 +73,9 @@ def filter_sketch(
     """
     if machine is None:
         text, tables = to_c_header(task.filter), table_bytes(task.filter)
-        count = len(task.filter.transition)
-    else:
-        text, tables = _machine_tables(task.filter, machine)
-        count = len(machine.transition)
-    bounces = f"by {math.degrees(task.bounce):g} degrees"
-    fields = "filter", "bounce_deg"
-    return _localizing(task, fields, bounces, direction, flash, count, text, tables)
+        return _localizing(task, direction, flash, len(task.filter.transition), text, tables)
+    tables_of_machine = _machine_tables(task.filter, machine)
+    return _localizing(task, direction, flash, len(machine.transition), *tables_of_machine)
 
 
 def policy_sketch(
@@ -112,31 +108,24 @@ def policy_sketch(
     """
     if machine is None:
         text = policy_to_c_header(task.policy, name="filter")
-        tables, count = policy_table_bytes(task.policy), task.policy.turn.size
-    else:
-        text, tables = _machine_tables(task.policy, machine)
-        count = len(machine.transition)
-    angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
-    fields = "policy", "bounces_deg"
-    bounces = f"by one of {angles} degrees"
-    return _localizing(task, fields, bounces, direction, flash, count, text, tables)
+        tables = policy_table_bytes(task.policy)
+        return _localizing(task, direction, flash, task.policy.turn.size, text, tables)
+    tables_of_machine = _machine_tables(task.policy, machine)
+    return _localizing(task, direction, flash, len(machine.transition), *tables_of_machine)
 
 
 def _localizing(
     task: FilterTask | PolicyTask,
-    fields: tuple[str, str],
-    bounces: str,
     direction: int | None,
     flash: int,
     states: int,
     text: str,
     tables: dict[str, int],
 ) -> str:
-    """Write the program of a filter or a policy with these tables.
-
-    `fields` are the kind of the task, and the field of its angles.
-    """
-    kind, field = fields
+    """Write the program of a filter or a policy with these tables."""
+    choosing = isinstance(task, PolicyTask)
+    kind, field = ("policy", "bounces_deg") if choosing else ("filter", "bounce_deg")
+    angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
     _check_direction(task, direction, field)
     strides = None if direction is None else task.strides
     stride_bytes = 0 if strides is None else 8 * len(strides)
@@ -146,13 +135,13 @@ def _localizing(
         source=[
             str(task.path),
             f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "
-            f"bounces {bounces}",
+            f"bounces by {'one of ' * choosing}{angles} degrees",
         ],
         tables=text,
         table_bytes=sum(tables.values()) + stride_bytes,
         step=task.step,
         bounces=task.bounces,
-        choosing=kind == "policy",
+        choosing=choosing,
         strides=strides,
         direction=direction or 0,
     )
@@ -183,12 +172,8 @@ def bounce_sketch(bounce: float, step: float) -> str:
     return _fill(
         title="Lets an iRobot Create 2 bounce: it turns by one angle at each bump.",
         source=[f"steps of {step:g} m, bounces by {math.degrees(bounce):g} degrees"],
-        tables=None,
-        table_bytes=0,
         step=step,
         bounces=(bounce,),
-        strides=None,
-        direction=0,
     )
 
 
@@ -217,11 +202,8 @@ def _machine_tables(source: Filter | Policy, machine: MooreMachine) -> tuple[str
     ends = whole.color >= whole.final
     known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))
     answers = [str(known[color]) for color in sorted(known)]
-    text = machine_to_c_header(machine) + _ANSWERS % (
-        len(answers),
-        ", ".join(answers),
-        whole.final,
-    )
+    text = machine_to_c_header(machine)
+    text += _ANSWERS % (len(answers), ", ".join(answers), whole.final)
     if isinstance(source, Policy):
         text += _TURNS % (whole.final - 1)
     return text, {"machine": machine_bytes(machine), "answers": 2 * len(answers)}
@@ -286,12 +268,12 @@ def _fill(
     *,
     title: str,
     source: list[str],
-    tables: str | None,
-    table_bytes: int,
     step: float,
     bounces: tuple[float, ...],
-    strides: Float[np.ndarray, "directions 2"] | None,
-    direction: int,
+    tables: str | None = None,
+    table_bytes: int = 0,
+    strides: Float[np.ndarray, "directions 2"] | None = None,
+    direction: int = 0,
     choosing: bool = False,
 ) -> str:
     placing = (

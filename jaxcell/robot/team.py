@@ -4,7 +4,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -20,6 +20,9 @@ from .walker import Walker
 FREE, WALL, ROBOT, LEFT, RIGHT = "0", "1", "2", "+", "-"
 
 KIND = "team"
+
+TRIES = 3
+"""Number of times that a robot of a team tries a blocked step."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,27 +153,23 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 class Member:
     """A robot along its actions, step by step, so that a log can be replayed."""
 
-    def __init__(self, actions: str, tries: int) -> None:
+    def __init__(self, actions: str) -> None:
         self.observations = ""
         self.index = 0
         "The index of the next action."
-        self._actions, self._tries, self._bumps = actions, tries, 0
-        self._refuted: Literal["bumps", "no wall"] | None = None
+        self._actions, self._bumps = actions, 0
+        self._refuted = ""
 
     @property
     def action(self) -> str | None:
         """The next action, `None` at the end."""
-        over = self._refuted is not None or self.index == len(self._actions)
+        over = self._refuted or self.index == len(self._actions)
         return None if over else self._actions[self.index]
 
     @property
     def waits(self) -> bool:
         """True if the last step failed, so that the robot tries it again."""
         return self._bumps > 0
-
-    def turn(self) -> None:
-        """Take in that an action without a step is done."""
-        self.index += 1
 
     def observe(self, bumped: bool) -> None:
         """Take in whether the step of the action bumped."""
@@ -179,38 +178,31 @@ class Member:
             self.index, self._bumps = self.index + 1, 0
         elif bumped:
             self._bumps += 1
-            self._refuted = "bumps" if self._bumps == self._tries else None
+            if self._bumps == TRIES:
+                self._refuted = f"the robot bumped {TRIES} times where its way is free"
         else:
-            self._refuted = "no wall"
+            self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
         """Take in all observations of a run."""
         for observation in observations:
             while self.action in (ROBOT, LEFT, RIGHT):
-                self.turn()
+                self.index += 1
             if self.action is None:
                 raise ValueError("the log has more observations than the robot has steps")
             self.observe(observation == "1")
         while self.action in (ROBOT, LEFT, RIGHT):
-            self.turn()
+            self.index += 1
 
     def outcome(self) -> RunOutcome:
         """Make the outcome of the part so far."""
         count = len(self._actions)
-        where = f"action {self.index} of {count}"
-        if self._refuted == "bumps":
-            reason = f"{where}: the robot bumped {self._bumps} times where its way is free"
-            return RunOutcome("refuted", self.observations, observed(reason, self.observations))
-        if self._refuted == "no wall":
-            reason = f"{where}: the robot met no wall where there is one"
+        if self._refuted:
+            reason = f"action {self.index} of {count}: {self._refuted}"
             return RunOutcome("refuted", self.observations, observed(reason, self.observations))
         if self.action is not None:
             return RunOutcome("unfinished", self.observations, f"{self.index} of {count} are done")
         return RunOutcome("arrived", self.observations, f"all {count} actions are done")
-
-
-TRIES = 3
-"""Number of times that a robot of a team tries a blocked step."""
 
 
 def run_member(
@@ -243,7 +235,7 @@ def run_member(
         >>> outcome.result, outcome.observations
         ('arrived', '001')
     """
-    member = Member(task.actions, TRIES)
+    member = Member(task.actions)
     direction = 2 * math.pi / task.directions
     turns = {WALL: task.bounce, ROBOT: task.bounce, LEFT: direction, RIGHT: -direction}
     while (action := member.action) is not None:
@@ -256,7 +248,7 @@ def run_member(
             if log is not None:
                 log.observation(walker, action=index)
         else:
-            member.turn()
+            member.index += 1
         if member.index > index and action in turns:
             walker.rotate(turns[action])
     return finished(member.outcome(), log)
@@ -264,6 +256,6 @@ def run_member(
 
 def replay_member(run: LoggedRun) -> RunOutcome:
     """Make the outcome of a robot of a team so far from its log."""
-    member = Member(run.header["actions"], TRIES)
+    member = Member(run.header["actions"])
     member.replay(run.observations)
     return member.outcome()

@@ -99,11 +99,8 @@ class Walker:
             raise ValueError(f"direction: expected 0 to {len(strides) - 1}, got {direction}")
         self.observations, self.recalled, self.drives = "", recalled, not recalled
         self._robot, self._step, self._strides = robot, step, strides
-        self._direction, self._tolerance, self._turn_tolerance = (
-            direction,
-            tolerance,
-            turn_tolerance,
-        )
+        self._direction = direction
+        self._tolerance, self._turn_tolerance = tolerance, turn_tolerance
         # The frame of the odometry has the start at 0, and its heading along the real axis.
         self._at, self._facing = 0j, 0.0
         self._centre, self._heading = 0j, 0.0

@@ -10,14 +10,7 @@ from typing import TypeVar
 
 from ...base.process import end_by_signals, leave_signals
 from .line import Port as Port, open_line, plain
-from .open_interface import (
-    SAFE,
-    START,
-    STOP,
-    StreamParser,
-    drive_direct,
-    stream,
-)
+from .open_interface import SAFE, START, STOP, StreamParser, drive_direct, stream
 from .packets import Mode
 from .reading import STREAM, Reading
 from .speeds import wheel_speeds
@@ -278,12 +271,9 @@ class Driver:
 
     def _hear(self, values: Mapping[str, int]) -> None:
         with self._news:
-            now = self._reading = Reading.of(
-                values,
-                time=self._now(),
-                previous=self._reading,
-                first_mode=self._first_mode,
-            )
+            time, before, first_mode = self._now(), self._reading, self._first_mode
+            now = Reading.of(values, time=time, previous=before, first_mode=first_mode)
+            self._reading = now
             if now.mode <= Mode.PASSIVE:
                 self._halting = False
             blocked = self._strain.observe(self._wheels, now)

@@ -144,10 +144,8 @@ class Body:
     def counts(self) -> tuple[int, int]:
         """The counts of the left and the right encoder, from 0 to 65535."""
         left, right = self.travelled.tolist()
-        return (
-            math.floor(left / METRES_PER_COUNT) % 65536,
-            math.floor(right / METRES_PER_COUNT) % 65536,
-        )
+        count = METRES_PER_COUNT
+        return math.floor(left / count) % 65536, math.floor(right / count) % 65536
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
@@ -208,14 +206,10 @@ class Body:
     def _incidence_slope(self) -> float:
         """Compute the tangent of the incidence of a bump here."""
         heading = np.array([self.theta])
-        before = np.array([self.pose[:2]]) - _HELD * np.stack(
-            [np.cos(heading), np.sin(heading)], axis=-1
-        )
+        ahead = math.cos(self.theta), math.sin(self.theta)
+        before = np.array([self.pose[:2]]) - _HELD * np.array([ahead])
         walls = edges(self._space)[:, 1:]
-
-        def ahead_of(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
-            return free_ahead(walls, place, heading)
-
+        ahead_of = functools.partial(free_ahead, walls)
         return float(incidence_slope(before, heading, ahead_of(before, heading), ahead_of)[0])
 
     def _feel(self, *, pushing: bool) -> None:

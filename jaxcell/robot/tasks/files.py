@@ -176,12 +176,8 @@ def _plan(path: Path, fields: Fields) -> PlanTask:
     if fields.get("positions") is not None:
         positions = fields.whole("positions", 1, MAX_CELLS)
         last = min(last, positions * common["directions"] - 1)
-    return PlanTask(
-        **common,
-        start=fields.whole("start", 0, last),
-        actions=actions,
-        positions=positions,
-    )
+    start = fields.whole("start", 0, last)
+    return PlanTask(**common, start=start, actions=actions, positions=positions)
 
 
 def _json(path: Path) -> dict[str, Any]:
