@@ -30,6 +30,11 @@ linear in the total size of the sets.
 **Running.** Each observation is one table look-up, for any map, so a microcontroller can run a
 filter. For `k` maps, `k` open-world filters run side by side, and the robot is in one of the maps
 not refuted (section 2.4.4).
+
+`subset_construction`, `minimize`, `fastest_localization`; `smallest`, `fewest_bytes`,
+`machine_bytes`; `equivalence`, `homing_sequence`, `adaptive_choice`; `credible`,
+`expected_entropy`; `to_c_header`, `policy_to_c_header`, `machine_to_c_header`, `to_dot`, `to_json`,
+`to_jflap`.
 """
 
 from ..base.hosted import attach_all as _attach_all

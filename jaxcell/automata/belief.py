@@ -140,8 +140,10 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
 
     Until that bump the robot observes only the number of its steps. Each number has a probability,
     and a distribution of the configuration of the bump; the result is the mean entropy of these
-    distributions, in bits. Runs without a bump, after up to a hundred steps, are one more outcome.
-    `weight` is the probability of each cell now, up to a factor; if all are 0, so is the entropy.
+    distributions. Runs without a bump, after up to a hundred steps, are one more outcome.
+
+    **Arguments:** a hidden map, and the probability of each cell now, up to a factor. **Returns:**
+    the entropy in bits, 0 if all probabilities are 0.
 
     A robot in one of three cells in a row always moves on and bumps at the end, so its steps
     identify its cell. A robot that always stays learns nothing:

@@ -6,8 +6,8 @@ from .filter import Filter
 def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str | None:
     """Find the shortest observation string that localizes a robot, the first in dictionary order.
 
-    `uncertainty` is the number of configurations of the knowledge cycles that count, by default
-    any. Returns `None` if no cycle has it.
+    **Arguments:** a filter, and the number of configurations of the knowledge cycles that count, by
+    default any. **Returns:** the string, or `None` if no cycle has that number.
 
     On a ring of three cells with one bump, the bump identifies the cell:
 

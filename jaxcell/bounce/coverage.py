@@ -181,6 +181,8 @@ def coverage_policy(
         [`jaxcell.markov.limiting_distribution`][].
     - `progress`: called with the number of finished angles.
 
+    **Returns:** [`CoveragePolicy`][], with the mixture and what it is made from.
+
     **Raises:** `RuntimeError` if a solve stalls, or if JAX is set to 32 bits; `MemoryError` if the
     noisy maps do not fit the free memory.
 
@@ -236,10 +238,12 @@ def coverage_policy(
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
     """Make a target for coverage, as a distribution over the positions.
 
-    `target` is the worth of each position, in any unit: `None` for equal worth; a function of
-    arrays `x, y` of centres in metres; an array over the positions; or an image `[rows, columns]`,
-    its first row at the top, which is stretched over all squares of the map and read at the
-    centres.
+    **Arguments:** a cell space, and the worth of each position, in any unit: `None` for equal
+    worth; a function of arrays `x, y` of centres in metres; an array over the positions; or an
+    image `[rows, columns]`, its first row at the top, which is stretched over all squares of the
+    map and read at the centres.
+
+    **Returns:** shares that sum to 1.
 
     The last of three squares is worth twice as much as the others:
 

@@ -34,6 +34,8 @@ class Moves:
 def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
     """Find the end of one step from the centre of every cell. The last few answers are kept.
 
+    **Arguments:** a cell space and a motion. **Returns:** [`Moves`][], for any bouncing angle.
+
     **Raises:** `ValueError` for a step that is too short; `MemoryError` where the moves would not
     fit the free memory.
 
@@ -57,7 +59,8 @@ def bounce_shift(
 ) -> Int[np.ndarray, "..."]:
     """Express bouncing angles as numbers of directions.
 
-    The numbers are at least 0 and less than the number of directions in a full turn.
+    **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
+    turn. **Returns:** numbers from 0 and less than that number.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions.
 
@@ -95,7 +98,8 @@ def bounce_map(
     robot turns in place: the image is the same position in the direction `bounce` farther
     (observation 1). This is Eq. 2.4 of Alam 2018.
 
-    `bounce` is in radians, counter-clockwise; an array of angles makes a batch of maps.
+    **Arguments:** a cell space, bouncing angles in radians, counter-clockwise, and a motion.
+    **Returns:** the map; a batch of maps for an array of angles.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions; `MemoryError`
     where the images would not fit the free memory; else as [`moves`][].
@@ -125,7 +129,8 @@ def bounce_map(
 def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
     """Compute the bounce map of known moves, under `jit` and under `vmap` over both arguments.
 
-    At a bump the robot turns by `shift` directions.
+    **Arguments:** the moves, and the number of directions by which the robot turns at a bump.
+    **Returns:** a map over all cells.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 

@@ -39,11 +39,11 @@ def grid_groups(
 ) -> GroupTotals:
     """Total the periodic groups of many grids of one shape, each with many bouncing angles.
 
-    The totals are those of [`jaxcell.bounce.group_summary`][] for each grid and angle.
+    **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
+    1 m; bouncing angles in radians, counter-clockwise; and as for [`walls`][].
 
-    Row 0 of `free` is the lowest, and the side of a square is 1 m. The bouncing angles are in
-    radians, counter-clockwise. The totals have the shape `[*rooms, angles]`, or `[*rooms]` for a
-    single angle.
+    **Returns:** the totals of [`jaxcell.bounce.group_summary`][] of the shape `[*rooms, angles]`,
+    or `[*rooms]` for a single angle.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions, a step shorter
     than a square, and a grid without a free square.
@@ -72,7 +72,8 @@ def grid_groups(
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
     """Total the periodic groups of grids with known walls.
 
-    At a bump the robot turns by `shift` directions. The totals have the shape `[grids, angles]`.
+    **Arguments:** the walls, and the turns at bumps as numbers of directions. **Returns:** totals
+    of the shape `[grids, angles]`.
 
     An open room of two rows of three squares, with turns to the left and right about:
 

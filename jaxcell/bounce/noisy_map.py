@@ -25,8 +25,9 @@ def noisy_bounce_map(
     with probability `reliability`. Otherwise it turns by another angle that differs by at most
     `error`, all whole directions with equal probability (Alg. 3.3).
 
-    Angles are in radians, counter-clockwise, and the error is a whole number of directions. The
-    reliability is above 0 and at most 1. The chain has no sink.
+    **Arguments:** a cell space; angles in radians, counter-clockwise, of which the error is a whole
+    number of directions; and a reliability above 0 and at most 1. **Returns:** a chain without
+    sink.
 
     **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.bounce_map`][]; `RuntimeError` if
     JAX is set to 32 bits.
@@ -52,7 +53,8 @@ def noisy_turns(
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
     """List the turns at a wall, in directions, the turn without error first.
 
-    Arguments are those of [`noisy_bounce_map`][]. Returns the turns, and the probability of each.
+    **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns, and the probability of
+    each.
 
     Mostly to the left, one in ten times a direction farther, and one in ten times a direction less:
 

@@ -49,6 +49,8 @@ def team_trajectory(
         of steps until they repeat a state; by default the number of cells, at most 100,000.
     - `progress`: called after each part with the numbers of parts and of visited positions.
 
+    **Returns:** [`TeamTrajectory`][], the cells of all robots over time.
+
     **Raises:** `ValueError` for starts, angles or numbers that do not fit, and as
     [`jaxcell.bounce.moves`][].
 
@@ -87,8 +89,9 @@ def team_trajectories(
 
     All runs are simulated side by side, each with all the turns that it tries.
 
-    Arguments are those of [`team_trajectory`][], but `starts` has a row for each run, and
-    `progress` is called with the most parts and the fewest positions of a run.
+    **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
+    is called with the most parts and the fewest positions of a run. **Returns:** a trajectory for
+    each run.
 
     The number of steps from two pairs of starts in a corridor of three squares:
 

@@ -87,7 +87,8 @@ def walls(
 ) -> Walls:
     """Tabulate the walls of grids whose blocked squares are the obstacles.
 
-    Row 0 of `free` is the lowest, and the side of a square is 1 m.
+    **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
+    1 m; the number of directions; and a motion. **Returns:** the walls of all grids.
 
     An open room of two rows of three squares; two of them lie at the East wall and three at the
     North wall:

@@ -20,6 +20,11 @@ itself from the groups, and results report the share of cells that are their own
 that differ with steps of half the length, and the cells that lead to a saddle. A map that preserves
 volumes has groups and no attractors: results then report that orbits had not settled, or that most
 cells are periodic.
+
+`images`, `basins`, `stored_basins`, `foretold`, `continuation`, `chain`; `refined`, `edge_states`,
+`unstable_set`, `relative_attractor`, `morse_sets`, `enclose`; `basin_stability`, `basin_entropy`,
+`uncertainty_exponent`, `wada`, `overlap`, `convergence_pace`, `minimal_critical_shock`,
+`noncritical_shocks`.
 """
 
 from ..base.hosted import attach

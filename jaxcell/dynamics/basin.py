@@ -232,6 +232,8 @@ def basins(
     - `seed`: seed of the points from which attractors are found.
     - `labels`: names of the axes.
 
+    **Returns:** [`Basins`][], the attractor of each cell.
+
     **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. Warns, before cells are mapped, if
     the map differs at the two ends of a periodic axis.
 

@@ -50,6 +50,8 @@ def chain(
         `2 n - 1` have exact means. With 0, each image has one random noise.
     - `key`: random key of JAX, by default `jax.random.key(0)`.
 
+    **Returns:** a chain over the cells of the box.
+
     A walk on a ring:
 
         >>> import jax

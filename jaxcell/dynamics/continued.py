@@ -108,8 +108,9 @@ def continuation(
     keeps its name, and gets it again if it reappears in its old place; until then it counts as
     merged with the attractor in whose basin it lies.
 
-    `params` has numbers, and arrays of one length for the parameters that vary. The other
-    arguments, and the errors, are those of [`jaxcell.dynamics.basins`][].
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], with its errors; but `params` has numbers,
+    and arrays of one length for the parameters that vary. **Returns:** the basins of all members,
+    and the names of their attractors.
 
     A second attractor appears, and takes half of the box:
 

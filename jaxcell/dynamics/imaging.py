@@ -44,7 +44,8 @@ def images(
     - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled one.
     - `out`: an `int32` array for the result, such as a `numpy.memmap`.
     - `say`: a function that is called with the activity and its progress.
-    The image of a cell is a cell, `box.outside` or `box.nowhere`.
+
+    **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
 
     **Raises:** `ValueError` if the map does not return a finite point of the box's dimension.
 

@@ -174,6 +174,8 @@ def flow(
     - `max_steps`: with `"crossing"`, the largest number of steps; a cell whose image is still
         nearer then most likely holds an equilibrium.
 
+    **Returns:** a map for all functions of this package.
+
     Half a turn of a harmonic oscillator:
 
         >>> import jax, jax.numpy as jnp, numpy as np
@@ -192,7 +194,8 @@ def flow(
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
     """Make the map of a forced field over one period of the force, from phase 0.
 
-    The velocity is `field(t, x, params)`, and a period has `steps` Runge-Kutta steps.
+    **Arguments:** the velocity, `field(t, x, params)`; the period; and the number of Runge-Kutta
+    steps in a period. **Returns:** a map for all functions of this package.
 
     A force whose effects cancel over a period:
 
@@ -229,6 +232,8 @@ def section(
     - `project`: the coordinates of a point of the surface.
     - `dt`: duration of a step.
     - `max_steps`: largest number of steps to a return.
+
+    **Returns:** a map of coordinates on the surface.
 
     A spiral, which returns to the positive x axis nearer to its centre by `exp(-pi / 5)`:
 

@@ -19,9 +19,11 @@ def basin_stability(
 ) -> Float[np.ndarray, "attractors"]:
     """Compute the share of starts that lead to each attractor, for a density of starts.
 
-    `weight` is the density at points `[cells, axes]`, perhaps not normalised; by default uniform.
-    Only starts count that reach the attractor `within` a time, in mappings if the map has no time.
-    The shares sum to less than 1 if starts leave the box.
+    **Arguments:** basins; the density at points `[cells, axes]`, perhaps not normalised, by default
+    uniform; and the time within which starts reach their attractor, in mappings if the map has no
+    time.
+
+    **Returns:** shares, which sum to less than 1 if starts leave the box.
 
     Cells to the right of the middle stay, the others go to the left end:
 
@@ -40,7 +42,8 @@ def basin_stability(
 def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the mean, over each basin, of the time to the attractor per distance from it.
 
-    Cells of the attractor have a pace of 0. For mean times see `basins.mean_time`.
+    **Arguments:** basins. **Returns:** the pace of each attractor, whose own cells count 0. For
+    mean times see `basins.mean_time`.
 
     It is a time, in mappings if the map has none, per length in the units of the box.
 
@@ -61,6 +64,8 @@ def noncritical_shocks(
     basins: Basins,
 ) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
     """Compute the mean and the largest distance of the cells of each basin from its attractor.
+
+    **Arguments:** basins. **Returns:** both distances for each attractor.
 
     Both are in the units of the box.
 
@@ -84,6 +89,8 @@ def _basins_with_distance(basins: Basins) -> Iterator[tuple[np.ndarray, np.ndarr
 
 def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the least distance from a cell of each attractor to a cell outside of its basin.
+
+    **Arguments:** basins. **Returns:** the distance for each attractor.
 
     An exact Euclidean distance transform between centres is used, so the result is accurate to a
     cell. Cells beyond the ends of an axis count only if it is periodic. It is `inf` for a single
@@ -118,6 +125,9 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
 def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
     """Compute the entropy of the basins in boxes of cells, in nats, and of boxes on a boundary.
 
+    **Arguments:** basins, and the number of cells along the side of a box. **Returns:** both
+    entropies.
+
     Boxes have `side` cells along each side; remaining cells at the ends are not used. Returns
     `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al. 2016). `S_bb
     > log 2` proves a fractal boundary; without a boundary both are 0.
@@ -146,6 +156,9 @@ def uncertainty_exponent(
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
     """Measure how the share of cells with another basin within a radius grows with the radius.
 
+    **Arguments:** basins, and radii in cells. **Returns:** the exponent, and the share for each
+    radius.
+
     Radii are in cells, along any axis. Returns the exponent, the slope of logarithms: 1 for a
     smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al. 1983); and the share
     of uncertain cells by radius.
@@ -170,8 +183,8 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     Each basin has a boundary with the union of all others; for Wada basins these boundaries are the
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.
 
-    Boundaries within `radius` cells of each other count as the same. The result is the largest
-    share of the cells of a boundary that are farther from another one.
+    **Arguments:** basins, and the distance in cells within which boundaries count as the same.
+    **Returns:** the largest share of the cells of a boundary that are farther from another one.
 
     **Raises:** `ValueError` for fewer than three basins.
 
@@ -202,6 +215,9 @@ def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
 
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
     """Compute the share of each basin that lies in each basin for other parameters in the same box.
+
+    **Arguments:** basins of two maps in one box. **Returns:** the share for each pair of
+    attractors.
 
     >>> from jaxcell import dynamics, examples
     >>> basins = examples.basins()

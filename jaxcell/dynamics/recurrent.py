@@ -24,8 +24,9 @@ def unstable_set(
     From equilibria it is a cover of their unstable manifolds (Dellnitz & Hohmann 1996), and so of
     the attractor that contains them.
 
-    The starting points are an array `[points, axes]`. A cell has `samples` points along each axis,
-    from face to face, at least 2. The cells are in ascending order, and include those of the start.
+    **Arguments:** a map, a box, starting points `[points, axes]`, parameters, and the number of
+    points of a cell along each axis, from face to face, at least 2. **Returns:** the cells in
+    ascending order, with those of the start.
 
     A map that doubles its point:
 

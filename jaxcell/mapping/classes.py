@@ -150,8 +150,10 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     other cells are transient. They are found on the host, in time proportional to the number of
     edges.
 
-    Of a sequence of chains the groups are those of its period map. That map is not computed: its
-    groups are the components of the unrolled chain, restricted to phase 0.
+    **Arguments:** a chain, or a sequence of chains, of which the groups are those of its period
+    map. That map is not computed: its groups are the components of the unrolled chain at phase 0.
+
+    **Returns:** the group of each cell, and what reaches it.
 
     Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to both groups:
 

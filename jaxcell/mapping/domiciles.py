@@ -66,6 +66,9 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     sets are stored once; so the number of groups is not limited by the memory of a table of groups
     and cells.
 
+    **Arguments:** a chain, and its persistent groups. **Returns:** the group of each cell, and the
+    domiciles of each group.
+
     **Raises:** `ValueError` if the groups belong to another chain.
 
     A random walk that stops at both ends of a line of four cells:

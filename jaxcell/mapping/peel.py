@@ -31,6 +31,8 @@ def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> Pe
     An accelerator doubles pointers: the number of rounds is about the binary logarithm of the
     longest transient or period, and each round is a few gathers.
 
+    **Arguments:** the image of each cell. **Returns:** the group and the step of each cell.
+
     Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to the first two:
 
         >>> import jax.numpy as jnp

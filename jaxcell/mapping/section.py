@@ -60,6 +60,8 @@ class SectionCycles:
 def section_cycles(section: Section) -> SectionCycles:
     """Find the periodic groups of the full space on one section.
 
+    **Arguments:** a section. **Returns:** the group that each of its slots reaches.
+
     On a ring of cells 0, 1, 2, the section of cells 0 and 2, in slots 0 and 1:
 
         >>> import jax.numpy as jnp

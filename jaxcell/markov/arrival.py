@@ -139,9 +139,12 @@ def first_arrival(
     The robots move independently, so the probability that none has arrived is the product of their
     probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.
 
-    Robots that move alike have the same object as their chain. Their starts are those of
-    [`jaxcell.markov.first_passage`][]; or [`Distinct`][] for robots of one chain. A robot that
-    begins in the target arrives at 0. The running sum is the probability of capture.
+    **Arguments:** a chain for each robot, the same object for robots that move alike; a start for
+    each, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for robots of one chain; a
+    target; and a number of steps.
+
+    **Returns:** the probability of `0, 1, ..., steps`, 0 for a robot that begins in the target. The
+    running sum is the probability of capture.
 
     **Raises:** `ValueError` for chains of different spaces, wrong starts, fewer cells than robots
     for distinct starts, and as [`jaxcell.markov.first_passage`][].
@@ -178,8 +181,10 @@ def mean_first_arrival(
     later steps. Two geometric series then enclose the rest of the sum, and they meet long before it
     is negligible: as soon as the robots have forgotten their starts.
 
-    It is `inf` if possibly no robot ever arrives. The residual of the certificate bounds the
-    relative error, up to rounding.
+    **Arguments:** as for [`first_arrival`][], and bounds of the relative error and of the steps.
+
+    **Returns:** the mean, `inf` if possibly no robot ever arrives. The residual of the certificate
+    bounds the relative error, up to rounding.
 
     **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if `max_steps` are not enough.
 

@@ -20,10 +20,12 @@ def arrival_probabilities(
 ) -> Solution:
     """Compute the probability that a chain ever comes to a set of cells.
 
-    It is exactly 1 where the chain cannot fail to arrive, and 0 where it cannot arrive.
+    **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells.
 
-    The residual of the certificate is the largest difference of the probability of a cell from the
-    mean over its images; `moved` is about the error that the samples of a chain cause.
+    **Returns:** probabilities, exactly 1 where the chain cannot fail to arrive, and 0 where it
+    cannot arrive. The residual of the certificate is the largest difference of the probability of a
+    cell from the mean over its images; `moved` is about the error that the samples of a chain
+    cause.
 
     **Raises:** `ValueError` for a wrong target; `RuntimeError` if the solve stalls.
 
@@ -50,8 +52,9 @@ def conditional_hitting_times(
     It is the mean over the paths that arrive. If all arrive, it equals
     [`jaxcell.markov.hitting_times`][], which is `inf` otherwise.
 
-    It is 0 on the target, and `inf` where the chain cannot arrive. The residual of the certificate
-    bounds the relative error of every finite time. Errors are those of [`arrival_probabilities`][].
+    **Arguments:** as for [`arrival_probabilities`][]. **Returns:** times, 0 on the target, and
+    `inf` where the chain cannot arrive. The residual of the certificate bounds the relative error
+    of every finite time. Errors are those of [`arrival_probabilities`][].
 
     A random walk between two ends, where it stays:
 

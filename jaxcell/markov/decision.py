@@ -144,8 +144,9 @@ def value_iteration(
     (MacQueen 1966): after a change of all values by at most `c`, at most
     `c * discount / (1 - discount)` is to come.
 
-    The discount is more than 0 and less than 1, because values may be infinite without a discount;
-    see [`jaxcell.markov.stochastic_shortest_path`][]. The tolerance is in units of the reward.
+    **Arguments:** a model; a discount of more than 0 and less than 1, without which values may be
+    infinite (see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance in units of the
+    reward; and the largest number of sweeps. **Returns:** values, and the best action in each cell.
 
     **Raises:** `RuntimeError` if rounding or `max_sweeps` ends the iteration before the tolerance
     is met.
@@ -173,6 +174,8 @@ def value_iteration(
 
 def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
     """Return the chain that follows a policy: the closed loop.
+
+    **Arguments:** a model, and an action for each cell. **Returns:** the chain.
 
     **Raises:** `ValueError` for an action that does not exist or is not allowed.
 

@@ -22,10 +22,12 @@ def first_passage(
 
     The law is exact: the distribution of the mass that has not arrived is moved step by step.
 
-    The start is a cell; a list of cells or a mask, of which one is drawn with equal probability; or
-    the probability of each cell as floating-point numbers. The target is a cell, a list of cells,
-    or a mask over the cells. Returns the probability that the first time is `0, 1, ..., steps`. The
-    rest, up to 1, has not arrived by then, or has left the space.
+    **Arguments:** a chain; a start: a cell; a list of cells or a mask, of which one is drawn with
+    equal probability; or the probability of each cell as floating-point numbers; a target: a cell,
+    a list of cells, or a mask over the cells; and a number of steps.
+
+    **Returns:** the probability that the first time is `0, 1, ..., steps`. The rest, up to 1, has
+    not arrived by then, or has left the space.
 
     **Raises:** `ValueError` for a wrong target, start or number of steps.
 
@@ -48,8 +50,9 @@ def survival(
 ) -> Float[Array, "{steps}+1 cells"]:
     """Compute the probability of not having been in a set by a time, from every start.
 
-    Returns the probability after `0, 1, ..., steps` steps, for a start in each cell. A chain that
-    has left the space never arrives. The target is that of [`first_passage`][].
+    **Arguments:** a chain, a target as in [`first_passage`][], and a number of steps. **Returns:**
+    the probability after `0, 1, ..., steps` steps, for a start in each cell. A chain that has left
+    the space never arrives.
 
     A random walk on a line of three cells:
 

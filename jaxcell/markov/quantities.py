@@ -2,7 +2,7 @@ import math
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ..base.certificate import Certificate, Solution
 from ..base.limits import MAX_VERTICES
@@ -27,9 +27,9 @@ _SQUARINGS = 50
 def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other, by one inverse.
 
-    Rows of the answer are starts. The chain is irreducible; for other chains, and for one target of
-    a large chain, use [`jaxcell.markov.hitting_times`][]. The residual of the certificate bounds
-    the relative error of every time.
+    **Arguments:** an irreducible chain; for other chains, and for one target of a large chain, use
+    [`jaxcell.markov.hitting_times`][]. **Returns:** times, whose rows are starts. The residual of
+    the certificate bounds the relative error of every time.
 
     **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
     matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, as in a chain whose
@@ -49,7 +49,8 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
 def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other and back.
 
-    This is Eq. 4.3 of Alam 2018. Certificate and errors are those of [`hitting_matrix`][].
+    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the times of Alam
+    2018, Eq. 4.3.
 
     A random walk on a line of three cells:
 
@@ -68,6 +69,8 @@ def kemeny_constant(chain: Chain) -> float:
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. A cell drawn where the chain is counts 0
     steps; authors who count the return instead have 1 more. It has nearly all its digits.
+
+    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the constant.
 
     **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
@@ -96,7 +99,7 @@ def kemeny_constant(chain: Chain) -> float:
 def entropy_rate(chain: Chain) -> float:
     """Compute the entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    The chain is irreducible, and of any size.
+    **Arguments:** an irreducible chain of any size. **Returns:** the entropy.
 
     A random walk on a line of three cells, which has a choice every second step:
 
@@ -115,11 +118,12 @@ def entropy_rate(chain: Chain) -> float:
 def slem(chain: Chain) -> float:
     """Compute the second largest eigenvalue modulus of the transition matrix.
 
-    It says how slowly the start is forgotten: 1 for a periodic chain, which never forgets it, and 0
-    for a chain of one cell.
+    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the modulus,
+    which says how slowly the start is forgotten: 1 for a periodic chain, which never forgets it,
+    and 0 for a chain of one cell.
 
     All eigenvalues are computed, which takes about 0.4 s for 750 cells; the time grows with the
-    cube of the number of cells. Errors are those of [`hitting_matrix`][].
+    cube of the number of cells.
 
     Two cells, with a step between them one time in four:
 
@@ -144,8 +148,8 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     matrix is squared until a power is that close, and `t` is found between the last two powers by
     bisection, because the distance never grows.
 
-    The distance is more than 0 and less than 1/2, within which no periodic chain ever comes; for
-    such a chain the time is `inf`.
+    **Arguments:** an irreducible chain, and a distance of more than 0 and less than 1/2.
+    **Returns:** the number of steps, `inf` for a periodic chain, which never comes within 1/2.
 
     **Raises:** `ValueError` if the chain is not irreducible or has more than 2,000 cells;
     `RuntimeError` if it mixes so slowly that rounding hides it.

@@ -55,7 +55,8 @@ def stochastic_shortest_path(
     paths that arrive. A policy is changed only where the change is strictly better, because it
     could otherwise begin to go around in circles.
 
-    The goal is a cell, a list of cells, or a mask over the cells; actions in it do not matter.
+    **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells; actions
+    in it do not matter. **Returns:** probabilities, times and the policy.
 
     **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
     1000 rounds or a solve stalls.

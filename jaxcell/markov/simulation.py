@@ -63,9 +63,9 @@ def simulate_arrival(
 ) -> Arrivals:
     """Move robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
 
-    `key` is a random key of JAX. The other arguments are those of
-    [`jaxcell.markov.first_arrival`][], which computes the law of these samples. A run is given up
-    after `horizon` steps.
+    **Arguments:** a random key of JAX; as for [`jaxcell.markov.first_arrival`][], which computes
+    the law of these samples; the number of runs; and the number of steps after which a run is given
+    up. **Returns:** the time of each run.
 
     **Raises:** `ValueError` for fewer than two runs, a horizon out of range, and as
     [`jaxcell.markov.first_arrival`][].

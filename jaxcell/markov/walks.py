@@ -11,7 +11,8 @@ def sample_walks(
 ) -> Int[np.ndarray, "times walks"]:
     """Draw independent walks along a chain that never leaves the space.
 
-    Returns the cell of each walk at each time, the starts first.
+    **Arguments:** a chain, a first cell for each walk, the number of steps, and a source of draws.
+    **Returns:** the cell of each walk at each time, the starts first.
 
     A walk around a ring of three cells:
 

@@ -48,7 +48,8 @@ def run_anywhere(
     The robot drives straight until it bumps, backs off by half of the displacement that its errors
     allow, and turns. It knows nothing but the lengths of its runs.
 
-    `log` has each run as soon as it ends, and `limit` is the largest number of bumps.
+    **Arguments:** a walker; the filter, the angles and the aim; the log, which gets each run as
+    soon as it ends; and the largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
     `"arrived"` at the goal, or `"refuted"` if no place explains what the robot did.
@@ -93,7 +94,8 @@ def run_anywhere(
 def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutcome:
     """Replay the runs of a robot through its filter.
 
-    Returns the outcome of the run if it was not cut off.
+    **Arguments:** a log, and the settings of its run. **Returns:** the outcome of the run if it was
+    not cut off.
 
     **Raises:** `ValueError` if a length or an angle in the log is not a number.
 

@@ -111,7 +111,7 @@ class Calibrated:
 def calibration_file() -> Path:
     """Get the default path of the calibration of a user's robot, in the folder for settings.
 
-    That is `~/.config` if the environment has no `XDG_CONFIG_HOME`.
+    **Returns:** a path in `XDG_CONFIG_HOME`, or in `~/.config` if the environment has none.
 
         >>> from jaxcell import robot
         >>> robot.calibration_file().name

@@ -237,9 +237,9 @@ def run_follower(
 ) -> RunOutcome:
     """Let a robot bounce until a filter, a policy or a belief ends the run.
 
-    The robot is at the centre of an unknown cell, and the follower at its start. `bounces` has the
-    angles that it chooses from, or the angle of the filter, in radians counter-clockwise. `limit`
-    is the largest number of observations.
+    **Arguments:** a robot at the centre of an unknown cell; a follower at its start; the angles
+    that it chooses from, or the angle of the filter, in radians counter-clockwise; the log; and the
+    largest number of observations. **Returns:** the outcome.
 
     A point robot in a corridor of three cells, without a serial line, and a filter for robots that
     go West in it and stay at the end:
@@ -266,7 +266,8 @@ def run_follower(
 def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     """Replay the observations of a logged run through the filter, policy or belief of the run.
 
-    The follower is at its start. Returns the outcome of the run if it was not cut off.
+    **Arguments:** a log, and a follower at its start. **Returns:** the outcome of the run if it was
+    not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or
     goes on after the end of the run: it is of another filter, policy or belief.

@@ -87,7 +87,8 @@ def find_cross(frame: Frame) -> Marker | None:
     outline, as near as they get. Where that is near enough, and the sheet could be seen so by a
     camera, the frame is rectified by the homography and correlated with the marker.
 
-    Pictures of 640 by 480 pixels are enough; the time grows with their number.
+    **Arguments:** a frame, of which 640 by 480 pixels are enough; the time grows with their number.
+    **Returns:** the marker, or `None`.
 
     **Raises:** `ValueError` if it is not a frame; `ModuleNotFoundError` without OpenCV.
 
@@ -118,6 +119,8 @@ def find_cross(frame: Frame) -> Marker | None:
 
 def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
     """Draw the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
+
+    **Arguments:** the side in pixels. **Returns:** 0 for the cross, and 255 around it.
 
     The smallest sheet that is exact:
 

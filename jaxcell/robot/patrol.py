@@ -188,6 +188,8 @@ def run_patrol(
         or a JSON value, which is reported as an intruder and ends the patrol.
     - `log`: the log to which each observation is written at once.
 
+    **Returns:** the outcome.
+
     A simulated robot, without a serial line, that patrols between the ends of a corridor:
 
         >>> from jaxcell import examples, robot
@@ -223,8 +225,8 @@ def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None)
 def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     """Replay the observations and reports of a logged run through a patrol.
 
-    The header of the log has the [`Patrol`][]'s settings. Returns the outcome of the run if it was
-    not cut off.
+    **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
+    **Returns:** the outcome of the run if it was not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere,
     because the log is of another policy.

@@ -11,9 +11,12 @@ def grid_steps(
 ) -> Int[np.ndarray, "4 positions"]:
     """Find the position after each way from each square of a grid; a blocked step stays.
 
-    Row 0 of the mask is the lowest. The free squares are the positions, counted row by row, as in
-    [`jaxcell.space.CellSpace`][]. The four ways are 0 East, 1 North, 2 West and 3 South. Those that
-    are `closed` do not exist either, from both sides.
+    **Arguments:** a mask of free squares, whose row 0 is the lowest, and ways that do not exist
+    either, as a position and a way: 0 East, 1 North, 2 West or 3 South. Each is closed from both
+    sides.
+
+    **Returns:** a row for each of the four ways. The free squares are the positions, counted row by
+    row, as in [`jaxcell.space.CellSpace`][].
 
     **Raises:** `ValueError` if a position or way does not exist.
 
@@ -48,8 +51,8 @@ def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> Non
 def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "positions"]:
     """Count the steps from each position to a goal, -1 if it cannot be reached (Lee 1961).
 
-    The wave starts at the goal and spreads to all neighbours at once. The steps are those of
-    [`grid_steps`][]: each way can be gone back.
+    The wave starts at the goal and spreads to all neighbours at once. **Arguments:** the steps of
+    [`grid_steps`][], and a position. **Returns:** the number of steps.
 
     **Raises:** `ValueError` if the goal does not exist.
 
@@ -94,8 +97,9 @@ def route(
 ) -> list[int]:
     """Find a shortest way through a grid (Lee 1961).
 
-    A way is 0 East, 1 North, 2 West or 3 South. `ahead` is the way that the robot faces at the
-    start; it goes straight ahead where that leads nearer.
+    **Arguments:** the steps of [`grid_steps`][]; two positions; and the way that the robot faces at
+    the start: it goes straight ahead where that leads nearer. **Returns:** ways, 0 East, 1 North, 2
+    West or 3 South.
 
     **Raises:** `ValueError` if a position does not exist, or no way leads to the goal.
 

@@ -159,6 +159,8 @@ def finished(outcome: _O, log: RunLog | None) -> _O:
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:
     """Read the log of a run, even of a run that was cut off.
 
+    **Arguments:** the path of the file. **Returns:** the run so far.
+
     **Raises:** `ValueError` that names the file and the line, if it is not such a log;
     `FileNotFoundError`.
 

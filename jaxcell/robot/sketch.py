@@ -55,6 +55,8 @@ def filter_sketch(
     - `machine`: a smaller machine with the default output of the filter or policy, to run in its
         place; see [`jaxcell.automata.fewest_bytes`][].
 
+    **Returns:** the text.
+
     **Raises:** `ValueError` if the tables are too large, or with a heading for a direction that is
     not one or a bouncing angle that is no whole number of directions.
 
@@ -89,7 +91,8 @@ def policy_sketch(
 
     It does what [`jaxcell.robot.PolicyFollower`][] does with a [`jaxcell.robot.Walker`][].
 
-    The other arguments, and the errors, are those of [`filter_sketch`][].
+    **Arguments:** the policy, and as for [`filter_sketch`][], with its errors. **Returns:** the
+    text.
 
     The policy of a robot that bumps after two steps, and is localized there:
 
@@ -153,8 +156,8 @@ def bounce_sketch(bounce: float, step: float) -> str:
     Any number of robots can run it, as in the coverage experiment of Alam 2018, section 3.5.4,
     where two robots with an Arduino each turn by the same angle at a wall or at each other.
 
-    `bounce` is in radians, counter-clockwise. After a bump the robot goes back to where the step of
-    `step` metres began, as in the model.
+    **Arguments:** the bouncing angle in radians, counter-clockwise, and the length of a step in
+    metres. After a bump the robot goes back to where the step began. **Returns:** the text.
 
     **Raises:** `ValueError` for an angle that is not finite, or a step that is not positive.
 

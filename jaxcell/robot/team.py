@@ -103,8 +103,9 @@ def save_team(
 ) -> None:
     """Write the parts of the robots of a team, for [`jaxcell.robot.load_task`][].
 
-    `common` has `cell_m`, `directions`, `step_m`, `robot_radius_m`, and further fields to keep.
-    Poses are in metres and radians, and actions those of [`member_actions`][].
+    **Arguments:** the path; `cell_m`, `directions`, `step_m`, `robot_radius_m`, and further fields
+    to keep; poses at the start in metres and radians; bouncing angles in radians; and actions of
+    [`member_actions`][].
 
     One robot, that makes two steps and turns at a wall:
 
@@ -221,6 +222,7 @@ def run_member(
     the trajectory, another robot may stand there: the robot goes back, waits, and tries again, up
     to 3 times in all.
 
+    **Arguments:** a walker; the task; the log; the seconds to wait; and a function that waits.
     **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that met no
     wall where there is one, or something three times where the way is free.
 

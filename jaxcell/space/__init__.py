@@ -38,6 +38,9 @@ each wall within reach of a centre is tested. So the moves of all cells cost `O(
 
 and a cell is *wholly visible* if the free part of its square is in `V(p)` (Alg. 4.3).
 
+`nearest_cell`, `stencil`, `free_steps`, `cell_strides`, `stride_legs`; `visible_cells`,
+`visible_centres`, `visibility_polygon`; `free_ahead`, `felt_walls`, `slipping_step`.
+
 No part of this package imports JAX.
 """
 

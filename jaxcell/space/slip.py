@@ -77,7 +77,8 @@ class Slip:
 def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
     """Move the walls back to where they stop a robot whose bumper goes in a little.
 
-    Returns the ends of each wall, in metres.
+    **Arguments:** a map, and the distance that the bumper goes in, in metres. **Returns:** the ends
+    of each wall, in metres.
 
     A room whose walls give 2 cm:
 
@@ -99,7 +100,8 @@ def free_ahead(
 
     It computes with arrays of NumPy or JAX, under `jit` and `vmap` too.
 
-    Lengths are in metres, and headings in radians; the distance is `inf` for no wall.
+    **Arguments:** the ends of each wall and places in metres, and headings in radians. **Returns:**
+    distances in metres, `inf` for no wall.
 
     In a room of 3 m, from its middle to the East:
 
@@ -184,10 +186,10 @@ def slipping_step(
     the step, by its wheels, and turns by the bouncing angle. It computes with arrays of NumPy or
     JAX, under `jit` and `vmap` too.
 
-    A pose is x and y in metres, and the heading in radians. `legs` are the stretches that the robot
-    intends, a row of [`stride_legs`][], and `walls` those of [`felt_walls`][]. The errors are
-    standard normal numbers. `ahead_of` is a function in place of [`free_ahead`][]. Returns the
-    poses, and a mask of the robots that bumped.
+    **Arguments:** poses, x and y in metres and the heading in radians; the stretches that the robot
+    intends, a row of [`stride_legs`][]; the bouncing angle in radians; standard normal numbers; the
+    walls of [`felt_walls`][]; the slip; and a function in place of [`free_ahead`][]. **Returns:**
+    the poses, and a mask of the robots that bumped.
 
     A robot that does not slip, in a room of 3 m, with a step of 1 m:
 

@@ -40,7 +40,8 @@ def stencil(directions: int, motion: Motion, grid: tuple[int, int]) -> Stencil:
     All directions in which a step leads off the grid from every square are one way. So a stencil is
     no larger than the grid, however long the step.
 
-    The side of a square is 1 m, and the grid has a number of rows and of columns.
+    **Arguments:** the number of directions; a motion, for squares with sides of 1 m; and the number
+    of rows and of columns. **Returns:** the squares that each way crosses.
 
     Steps of one square in 360 directions make 16 ways; North leads one row up:
 

@@ -166,7 +166,8 @@ def free_steps(
 ) -> Int[np.ndarray, "directions positions"]:
     """Find the position at the end of a step from each centre, among walls of any shape.
 
-    A step that is not possible leads to the same position.
+    **Arguments:** a cell space and a motion. **Returns:** positions by direction; a step that is
+    not possible leads to the same position.
 
     **Raises:** `ValueError` for a space made from a grid, which has no walls of other shapes.
 

@@ -116,8 +116,8 @@ $trap
 def to_c_header(filter: Filter, *, name: str = "filter") -> str:
     """Write the filter as a C99 header for a microcontroller: small tables, and functions for them.
 
-    A comment at its top shows its use. `name` is the prefix of every name in the header; characters
-    that C does not allow become underscores.
+    **Arguments:** a filter, and the prefix of every name in the header, in which characters that C
+    does not allow become underscores. **Returns:** the text, with a comment that shows its use.
 
     The filter of a ring of three cells:
 

@@ -70,6 +70,8 @@ def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
     observations, 0 for a step and 1 for a bump, to each kind of machine. Its output then stays the
     same from bump to bump.
 
+    **Arguments:** a machine, and the prefix of every name. **Returns:** the text.
+
     The smallest filter of a ring of three cells:
 
         >>> from jaxcell import automata, examples
@@ -113,8 +115,11 @@ def fewest_bytes(
 ) -> Smallest:
     """Find the smallest machine in observations and that in runs, and take the smaller tables.
 
-    Of equal tables, those of observations are taken. Arguments are as in [`MooreMachine.of`][], and
-    as in [`smallest`][] for each of the two machines.
+    **Arguments:** as for [`MooreMachine.of`][], and as for [`smallest`][] for each of the two
+    machines.
+
+    **Returns:** the search for the machine that was taken; of equal tables, for that in
+    observations.
 
     For three cells in a ring one state per run takes more bytes than one per observation:
 
@@ -139,6 +144,8 @@ def table_bits(machine: MooreMachine) -> dict[str, int]:
 
 def machine_bytes(machine: MooreMachine) -> int:
     """Count the bytes of all tables of [`machine_to_c_header`][] together.
+
+    **Arguments:** a machine. **Returns:** the number of bytes.
 
     The smallest filter of a ring has three states of three bytes:
 

@@ -103,6 +103,8 @@ _NO_TURN = 255
 def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
     """Write the policy as a C99 header for a microcontroller, as [`to_c_header`][].
 
+    **Arguments:** a policy, and the prefix of every name. **Returns:** the text.
+
     **Raises:** `ValueError` for more than 255 angles.
 
     A policy without a choice, for a robot that bumps after two steps:

@@ -16,9 +16,10 @@ def to_jflap(
 ) -> str:
     """Write the filter as a `.jff` file of JFLAP 7.
 
-    The file has a Moore machine whose output is the colour, or, of kind `"fa"`, a finite automaton
-    whose final states are those of the knowledge cycles. States are in columns by their distance
-    from the start. `name` is a note in the drawing.
+    **Arguments:** a filter; a note in the drawing; and a kind: a `"moore"` machine whose output is
+    the colour, or `"fa"`, a finite automaton whose final states are those of the knowledge cycles.
+
+    **Returns:** the text, with states in columns by their distance from the start.
 
     **Raises:** `ValueError` for another `kind`.
 

@@ -24,7 +24,8 @@ def heading_filter_sizes(
     Sums of 64 bits distinguish the sets. Among a million states two have equal sums with a
     probability of 3e-8.
 
-    At a bump the robot turns by `shift` directions.
+    **Arguments:** the walls of grids, and the turns at bumps as numbers of directions. **Returns:**
+    the number of states for each grid and turn.
 
     An open room of two rows of three squares, with turns to the left and right about:
 

@@ -257,6 +257,8 @@ def localization_policy(
         the best that was found, at least as good as the greedy policy, and `least` is a bound.
     - `metadata`: kept with the policy, and saved with it.
 
+    **Returns:** [`LocalizationPolicy`][], with one sequence of angles for all starts beside it.
+
     In the laboratory of the dissertation a robot that turns by 45 degrees only ends in one of up to
     four cells. One that may also turn by 135 degrees is always localized:
 

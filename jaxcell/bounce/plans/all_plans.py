@@ -181,6 +181,8 @@ def all_plans(
         them from, for spaces whose plans do not fit the memory. By default plans stay in memory.
     - `progress`: called with the number of solved entries, and the number of all entries.
 
+    **Returns:** [`AllPlans`][], in memory or in the store.
+
     **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `MemoryError` if the plans do not fit the
     free memory and there is no store; `FileNotFoundError` if the parent folder of the store does
     not exist.

@@ -167,8 +167,10 @@ def plan(
     change` there and `3 keep + change` here. (In graphs that are joined at their cells, as in the
     pseudo-code, an edge could not depend on the bump before.)
 
-    Angles are in radians, counter-clockwise. With whole costs all plans cost whole numbers; without
-    a path the cost is -1.
+    **Arguments:** a cell space, the first and the last cell, the angles to choose from in radians,
+    counter-clockwise, the two costs, a motion and a method.
+
+    **Returns:** the plan. With whole costs its cost is a whole number; without a path it is -1.
 
     **Raises:** `ValueError` for cells, angles or costs that do not fit, and as
     [`jaxcell.bounce.moves`][]; `MemoryError` if the roadmap does not fit the free memory.
@@ -229,8 +231,8 @@ def replay(
 ) -> Int[np.ndarray, "visited"]:
     """Run an action string in the bounce dynamics.
 
-    An action is 0 for a step forward, and an angle in radians for a bump. Returns the visited
-    cells.
+    **Arguments:** a cell space, a first cell, and actions: 0 for a step forward, and an angle in
+    radians for a bump. **Returns:** the visited cells.
 
     **Raises:** `ValueError` if an action is not possible in its cell.
 

@@ -25,14 +25,16 @@ def bounded_map(
 ) -> Bounded:
     """Find the possible cells of a robot after a step from each cell, if its errors are bounded.
 
-    The numbers of `slip` are bounds of the relative errors of stretches and turns, and of the drift
-    of the heading along a metre. The result contains everything that is possible: the ends of steps
-    lie in boxes, and a bump is possible unless all boxes along the step are free, and certain only
-    if a box lies wholly in a wall. So a set that is followed through it never loses the robot while
-    its heading is off by at most `cells.reach` directions.
+    The result contains everything that is possible: the ends of steps lie in boxes, and a bump is
+    possible unless all boxes along the step are free, and certain only if a box lies wholly in a
+    wall. So a set that is followed through it never loses the robot while its heading is off by at
+    most `cells.reach` directions.
 
-    The bouncing angle is in radians, counter-clockwise, and the length of a step in metres, by
-    default one cell of the map. The robot starts at the centre of any cell. Each observation has
+    **Arguments:** the fine cells; the bouncing angle in radians, counter-clockwise; bounds of the
+    relative errors of stretches and turns, and of the drift of the heading along a metre; and the
+    length of a step in metres, by default one cell of the map.
+
+    **Returns:** the sets of a robot that starts at the centre of any cell. Each observation has
     three images: the possible moves to the right, in walls too, then up, and then, among the rows
     of fine cells only, the possible headings.
 

@@ -168,8 +168,9 @@ def slip_map(
     [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). The points are
     a Sobol sequence, the same in each cell, so that a map is the same each time.
 
-    Angles are in radians, counter-clockwise, and the length of a step in metres, by default one
-    cell of the map. The hidden map has no sink, and its robot starts at the centre of any cell.
+    **Arguments:** the fine cells; bouncing angles in radians, counter-clockwise; the slip; and the
+    length of a step in metres, by default one cell of the map. **Returns:** a hidden map without
+    sink, whose robot starts at the centre of any cell.
 
     **Raises:** `MemoryError` if the map does not fit the free memory.
 

@@ -20,9 +20,11 @@ def plan_runs(
 ) -> Float[np.ndarray, "foretold 3"]:
     """Simulate runs of a robot that slips and follows a plan, in continuous space.
 
-    The robot starts at the centre of a cell. An action is 0 for a step forward, or the angle to
-    turn by at a bump, in radians. The length of a step is in metres, by default one cell of the
-    map. Returns the last poses of the robots whose observations are those of the plan.
+    **Arguments:** a cell space and the cell of the start; actions, 0 for a step forward or the
+    angle to turn by at a bump, in radians; the slip; the number of runs; the length of a step in
+    metres, by default one cell; and a seed.
+
+    **Returns:** the last poses of the robots whose observations are those of the plan.
 
     A robot without errors goes to the end of a corridor and turns there:
 

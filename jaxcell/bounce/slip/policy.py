@@ -41,8 +41,9 @@ def slip_policy(
     bounded from both sides: times `T` of a sweep are too small, and with `d` the most that one more
     sweep adds, `T / (1 - d)` are too large (and prove that the policy arrives).
 
-    Only cells that can be reached from the start count. The certificate fails if no policy is
-    certain to arrive.
+    **Arguments:** a hidden map, and masks of the goal and the start; only cells that can be reached
+    from the start count. **Returns:** the policy, whose certificate fails if no policy is certain
+    to arrive.
 
     A robot that moves on one time of two, or bumps and stays:
 
@@ -80,7 +81,8 @@ def arrival_by(
 ) -> Float[np.ndarray, "_"]:
     """Compute the probability that a policy has arrived after each observation.
 
-    `choice` is the number of the angle in each fine cell. The first probability is that of the
+    **Arguments:** a hidden map, the number of the angle in each of its cells, masks of the goal and
+    the start, and a number of times. **Returns:** probabilities, the first of which is that of the
     start.
 
     A robot that moves on one time of two, or bumps and stays:

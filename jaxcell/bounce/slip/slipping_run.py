@@ -149,6 +149,8 @@ def slipping_run(
     - `limit`: the largest number of observations.
     - `about`: `fine_side` and `fine_directions` of the result.
 
+    **Returns:** [`Slipped`][], the run and its beliefs.
+
     A corridor of three cells looks the same from its other end:
 
         >>> import math

@@ -61,6 +61,8 @@ def foretold(
 ) -> Foretold:
     """Estimate what [`jaxcell.dynamics.stored_basins`][] takes, by mapping one chunk of cells.
 
+    **Arguments:** as for [`jaxcell.dynamics.stored_basins`][]. **Returns:** time, memory and disk.
+
     Henon's map:
 
         >>> from jaxcell import dynamics, space
@@ -105,9 +107,11 @@ def stored_basins(
     per cell and 16 per cell that remains after the passes; few cells remain of a dissipative map,
     and all remain of a map that preserves volumes. The same call continues an interrupted one.
 
-    `numpy.load("basin.npy", mmap_mode="r")` opens an array of the folder. The result is that in
-    memory, with arrays that stay in the files, but without the times of a flow whose durations
-    differ between cells. Other arguments are those of [`jaxcell.dynamics.basins`][].
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], and a folder for the files.
+
+    **Returns:** basins with arrays that stay in the files, without the times of a flow whose
+    durations differ between cells. `numpy.load("basin.npy", mmap_mode="r")` opens an array of the
+    folder.
 
     **Raises:** `ValueError` if the folder has arrays of another map, or if the disk has too little
     room; `MemoryError` if too many cells remain.

@@ -177,7 +177,8 @@ def morse_sets(
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
-    Sets that lead to no other set come first.
+    **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets]; sets that lead to no other set come
+    first.
 
     **Raises:** `ValueError` for a primitive without a rule for intervals; `RuntimeError` without
     64-bit numbers; `MemoryError` for too many boxes.

@@ -32,9 +32,12 @@ def enclose(
     The map is the one in real numbers whose constants are the numbers of the program. Its points
     with an image that is not a real number, such as a logarithm of a number below 0, have none.
 
-    The corners have 64 bits. `mean_value` intersects the image with that of the mean value theorem,
-    `f(centre) + f'(box) (box - centre)`, which is much smaller for small boxes. It is left out
-    where the program compares numbers of the box, and both results are possible.
+    **Arguments:** a map, its parameters, and the corners of a box, of 64 bits. `mean_value`
+    intersects the image with that of the mean value theorem, `f(centre) + f'(box) (box - centre)`,
+    which is much smaller for small boxes. It is left out where the program compares numbers of the
+    box, and both results are possible.
+
+    **Returns:** the lower and upper corners of the image.
 
     **Raises:** `ValueError` that names a primitive without a rule.
 

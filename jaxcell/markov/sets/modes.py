@@ -40,9 +40,10 @@ def leading_modes(
     A mode with eigenvalue `x` decays by a factor e in `-steps / log |x|` steps. Mass that leaves
     for the sink is lost: if the space has an open edge, even the first eigenvalue is less than 1.
 
-    There is one more than `count` if the last two are conjugate. `steps` are taken together, by
-    default one per phase, from the phase `start`. The residual of the certificate is the largest
-    2-norm of `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
+    **Arguments:** a chain or a sequence of chains; the number of eigenvalues; and the number of
+    steps taken together, by default one per phase, and their first phase. **Returns:** the modes,
+    one more if the last two are conjugate. The residual of the certificate is the largest 2-norm of
+    `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
 
     **Raises:** `ValueError` for a number out of range; `RuntimeError` if the eigenvalues do not
     converge.

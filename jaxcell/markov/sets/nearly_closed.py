@@ -83,8 +83,8 @@ def almost_invariant_sets(
         cells. Without it a single cell that is mapped to itself is a set. The leakage is without
         it.
 
-    Sets have an `end` equal to `begin`. The residual of the certificate is the largest 2-norm by
-    which the matrix moves orthonormal vectors out of the span of the eigenvectors.
+    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
+    2-norm by which the matrix moves orthonormal vectors out of the span of the eigenvectors.
 
     **Raises:** `ValueError` for arguments out of range or of another size; `RuntimeError` if the
     eigenvalues do not converge.
@@ -119,7 +119,8 @@ def coherent_sets(
     `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010), with one rotation
     for both sides; otherwise as [`almost_invariant_sets`][].
 
-    Values are singular values. Arguments and errors are those of [`almost_invariant_sets`][].
+    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** sets, and
+    singular values.
 
     Two pairs of cells that exchange nine tenths of their mass:
 
@@ -150,8 +151,8 @@ def attracting_regions(
     left eigenvectors are large where the mass that stays in the basin gathers (Froyland, Stuart and
     van Sebille 2014). The region is the fewest cells with nine tenths of that mass.
 
-    `begin` has the basins, and `end` the regions in them. Arguments and errors are those of
-    [`almost_invariant_sets`][].
+    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the basins as
+    `begin`, and the regions in them as `end`.
 
     Cells 0 and 3 gather the mass of cells 1 and 2, and lose a little to each other:
 

@@ -4,7 +4,7 @@ from .driver import Port
 from .open_interface import RESET, START
 
 
-# Reading ends after so many seconds in all, or without a byte; a reboot takes about five.
+# Reading ends after 10 seconds in all, or 2 without a byte; a reboot takes about five.
 _SECONDS, _QUIET = 10.0, 2.0
 
 

@@ -108,6 +108,8 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         `patrol.json` of `jaxcell patrol map --out`.
     - `robot`: number of the robot in a team or patrol, by default the first.
 
+    **Returns:** the task.
+
     **Raises:** `ValueError` that names the file and the field, if it is none of them, or there is
     no such robot in it, or no plan; `FileNotFoundError`.
 
