@@ -218,15 +218,10 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
 def _fit(
     points: Float[np.ndarray, "points 2"], unit: float, width: int
 ) -> Float[np.ndarray, "3 3"] | None:
-    """Fit the homography that takes an outline to that of the cross.
+    """Fit the homography that takes an outline to that of the cross, `None` if it does not fit.
 
-    In each round a point belongs to the edge nearest to it. `None` if the outline does not fit.
-
-    **Arguments:**
-
-    - `points`: the points of the outline, normalized so that the homography is near the identity.
-    - `unit`: pixels per unit.
-    - `width`: the width of the frame, in pixels.
+    In each round a point belongs to the edge nearest to it. The points are normalized so that the
+    homography is near the identity; a unit has `unit` pixels, and the frame is `width` pixels wide.
     """
     homography, inset = np.eye(3), 0.0
     for reach in (*_ROUNDS, 0.0):

@@ -57,15 +57,10 @@ class Patrol:
         most_bumps: int,
         limit: int,
     ) -> None:
-        """**Arguments:**
+        """Put the robot at a position, facing a way, 0 East to 3 South.
 
-        - `task`: the policy, and the grid.
-        - `start`: the first position of the robot.
-        - `facing`: the way that the robot faces, 0 East to 3 South.
-        - `seed`: seed of the draws; the robots of a team draw differently with the same seed.
-        - `visits`: number of drawn cells to visit before the patrol ends.
-        - `most_bumps`: number of bumps at which the patrol ends.
-        - `limit`: number of steps at which the patrol ends.
+        The patrol ends after a number of visits to drawn cells, of bumps, or of steps. The robots
+        of a team draw differently with the same seed.
 
         **Raises:** `ValueError` for a number out of range.
         """

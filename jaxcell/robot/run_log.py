@@ -42,12 +42,9 @@ class RunLog:
     "Called with the name and the fields of each event after it is written, or `None`."
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
-        """**Arguments:**
+        """Create the file, with a JSON object that describes the run as its header.
 
-        - `path`: the file, which must not exist: a log is never overwritten.
-        - `header`: a JSON object that describes the run.
-
-        **Raises:** `FileExistsError`.
+        **Raises:** `FileExistsError`, because a log is never overwritten.
         """
         self.on_event = None
         self._began = time.monotonic()

@@ -146,10 +146,8 @@ def incidence_slope(
 ) -> Float[Any, "*batch"]:
     """Compute the tangent of the incidence at the wall ahead, by a second ray beside the first.
 
-    It is positive where the wall is on the left of the robot.
-
-    `ahead` is the distance to the wall, in metres, and `ahead_of` measures it from other places
-    with these headings.
+    It is positive where the wall is on the left of the robot. `ahead` is the distance to the wall,
+    in metres, and `ahead_of` measures it from other places with these headings.
 
     At a wall that the robot meets at 45 degrees, on its right:
 

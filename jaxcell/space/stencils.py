@@ -77,13 +77,6 @@ def line_places(
 
     Squares are of a grid, or of several grids of one shape, one after the other. The offset `step`
     is `(row, column)`.
-
-    In two rows of three squares, along the columns:
-
-        >>> import numpy as np
-        >>> from jaxcell.space.stencils import line_places
-        >>> line_places(np.array([0, 3, 1, 4]), (2, 3), (1, 0)).tolist()
-        [0, 1, 5, 6]
     """
     rows, columns = grid
     # The number of steps from where the line begins.

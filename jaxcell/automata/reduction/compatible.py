@@ -37,13 +37,11 @@ def incompatible_pairs(
     return apart
 
 
-def large_clique(
-    adjacent: Bool[np.ndarray, "vertices vertices"], starts: int = 32
-) -> Int[np.ndarray, "clique"]:
-    """Find a large clique of a graph greedily, from each of the vertices with most neighbours."""
+def large_clique(adjacent: Bool[np.ndarray, "vertices vertices"]) -> Int[np.ndarray, "clique"]:
+    """Find a large clique of a graph greedily, from each of 32 vertices with most neighbours."""
     degree = adjacent.sum(axis=1, dtype=np.int64)
     best: list[int] = []
-    for first in np.argsort(-degree, kind="stable")[:starts].tolist():
+    for first in np.argsort(-degree, kind="stable")[:32].tolist():
         clique, candidate, inside = [], np.ones(degree.size, bool), degree.copy()
         chosen = first
         while True:

@@ -256,11 +256,9 @@ def replay(
             wrong = "cannot go forward" if action == 0 else "does not bump, so it cannot turn"
             raise ValueError(f"actions[{i}]: in cell {path[-1]} the robot {wrong}")
         try:
-            direction = (
-                direction + bounce_shift(action, cells.directions).item()
-            ) % cells.directions
+            direction += bounce_shift(action, cells.directions).item()
         except ValueError as error:
             raise ValueError(f"actions[{i}]: {error}") from None
-        position = ahead
+        direction, position = direction % cells.directions, ahead
         path.append(direction * cells.positions + position)
     return np.array(path, np.int32)

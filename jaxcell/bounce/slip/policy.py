@@ -142,18 +142,6 @@ def driven(
     The functions `step` and `rotate` drive the robot as the methods of a walker, and `arrived`
     tests whether it is at the goal. The angles are in radians. Returns the number of observations
     until the robot arrived, or `None` after `limit` observations.
-
-    A robot that arrives with its first step:
-
-        >>> import numpy as np
-        >>> from jaxcell import automata, bounce
-        >>> from jaxcell.bounce.slip.policy import PolicyRobot, driven
-        >>> start = np.array([1.0, 0.0])
-        >>> hidden = automata.HiddenMap.of(np.eye(2), np.zeros((2, 2)), np.arange(2), start)
-        >>> policy = bounce.slip_policy(hidden, np.array([True, False]), start)
-        >>> robot = PolicyRobot(hidden, policy, start)
-        >>> driven(lambda: False, print, lambda: True, robot, [0.0], 5)
-        1
     """
     for count in range(1, limit + 1):
         bumped = step()

@@ -156,16 +156,12 @@ class Driver:
             return reading
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels, to be renewed within `patience`.
+        """Set the speeds of the wheels, -0.5 to 0.5 m/s, to be renewed within `patience`.
 
-        **Arguments:**
-
-        - `right`, `left`: metres per second, -0.5 to 0.5. A pair of which a byte would be a command
-            if the line lost those before it gives way to the next slower one on the same arc. No
-            turn on the spot does at 0.008 to 0.082 and 0.174 to 0.248, and no straight way forward
-            up to 0.127 either.
-        - `stop_on_bump`: whether a bumper stops the wheels, without waiting for the caller. They
-          stay still until a call without it, or `stop`.
+        A pair of which a byte would be a command if the line lost those before it gives way to the
+        next slower one on the same arc. No turn on the spot does at 0.008 to 0.082 and 0.174 to
+        0.248, and no straight way forward up to 0.127 either. With `stop_on_bump` a bumper stops
+        the wheels, without waiting for the caller, until a call without it, or `stop`.
 
         **Returns:** whether the robot drives: `False` after a bump.
 

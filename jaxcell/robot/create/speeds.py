@@ -15,12 +15,6 @@ def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
 
     The wanted speeds are in m/s, -0.5 to 0.5. The speeds to send are in mm/s, and have their ratio
     to half a mm/s of the slower wheel.
-
-    A turn on the spot, of which the left wheel alone would be harmless:
-
-        >>> from jaxcell.robot.create.speeds import wheel_speeds
-        >>> wheel_speeds(right=0.118, left=-0.118)
-        (82, -82)
     """
     return _pair(_millimetres("right", right), _millimetres("left", left))
 

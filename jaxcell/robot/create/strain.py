@@ -13,15 +13,6 @@ class Strain:
 
     A wheel is blocked if it should turn but stands still for a second, or if its motor draws too
     much current for a third of a second. Shorter times are normal at a bump or a start.
-
-        >>> from jaxcell.robot.create.packets import PACKETS
-        >>> from jaxcell.robot.create.reading import Reading
-        >>> values = {packet.name: 0 for packet in PACKETS.values()}
-        >>> reading = Reading.of(values, time=0.0, previous=None)
-        >>> from jaxcell.robot.create.strain import Strain
-        >>> strain = Strain()
-        >>> [strain.observe((100, 0), reading) for _ in range(68)][-1]
-        'the right wheel is blocked: it does not turn'
     """
 
     def __init__(self) -> None:

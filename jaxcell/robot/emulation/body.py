@@ -75,14 +75,11 @@ class Body:
         noise: Noise | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        """**Arguments:**
+        """Put a body at a pose, x and y in metres and the heading in radians.
 
-        - `workspace`: the map; its `robot_radius` is that of the body, 0 for a point.
-        - `pose`: x and y in metres, and the heading in radians.
-        - `give`: the distance that the bumper goes in before the wall stops the body, in metres. It
-            lets a body that is millimetres off its line graze a corner.
-        - `noise`: slip and encoder errors.
-        - `rng`: source of the noise.
+        The `robot_radius` of the map is that of the body, 0 for a point. The bumper goes in by
+        `give` metres before the wall stops the body, so that a body that is millimetres off its
+        line grazes a corner.
 
         **Raises:** `ValueError` if the body would be in a wall, or for a `give` below 0.
         """

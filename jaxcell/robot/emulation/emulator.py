@@ -118,15 +118,11 @@ class Emulator:
         standby: float = 200.0,
         seed: int = 0,
     ) -> None:
-        """**Arguments:**
+        """Take a body, and by default a line without faults, in real time.
 
-        - `body`: the body that the robot moves, such as a
-            [`Body`][jaxcell.robot.emulation.body.Body], at its place.
-        - `line`: the serial line; by default a line without faults, in real time.
-        - `charge`, `capacity`: charge and capacity of the battery, in mAh. With an empty battery
-            the robot ignores all commands.
-        - `standby`: current that the robot draws at rest, in mA; its motors draw 1000 mA more.
-        - `seed`: seed of the draws of lost bytes.
+        Charge and capacity of the battery are in mAh; with an empty battery the robot ignores all
+        commands. At rest it draws `standby` mA, and its motors draw 1000 mA more. The seed is that
+        of the draws of lost bytes.
         """
         if not 0 < charge <= capacity <= 65535:
             raise ValueError(f"charge: expected above 0, to the capacity {capacity}, got {charge}")

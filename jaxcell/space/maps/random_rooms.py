@@ -21,16 +21,11 @@ _SIDES = (10, 50)
 _MAX_ATTEMPTS = 1000
 
 
-def _scaled_square(rng: np.random.Generator) -> Bool[np.ndarray, "side side"]:
-    side = rng.integers(*_SIDES, endpoint=True)
-    return np.ones((side, side), bool)
-
-
 ENVIRONMENTS: dict[str, Callable[[np.random.Generator], list[np.ndarray]]] = {
     "E1": lambda rng: [_SQUARE],
     "E2": lambda rng: [_SQUARE, _RECTANGLE],
     "E3": lambda rng: [_SQUARE, _RECTANGLE, _RECTILINEAR],
-    "E4": lambda rng: [_scaled_square(rng)],
+    "E4": lambda rng: [np.ones((rng.integers(*_SIDES, endpoint=True),) * 2, bool)],
 }
 "The obstacles of the environments of Figure 2.7 of Alam 2018, section 2.5.1."
 
