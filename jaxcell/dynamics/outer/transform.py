@@ -175,12 +175,9 @@ def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
 
 def _scan(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
     params = step.params
-    consts, carries = params["num_consts"], params["num_carry"]
-    fixed, first, rows = (
-        values[:consts],
-        values[consts : consts + carries],
-        values[consts + carries :],
-    )
+    carries = params["num_carry"]
+    fixed, varying = values[: params["num_consts"]], values[params["num_consts"] :]
+    first, rows = varying[:carries], varying[carries:]
 
     def body(state, row):  # type: ignore[no-untyped-def]
         carry, known = state
@@ -286,10 +283,6 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
     return Interval(*(x.reshape(output.shape) for x in whole))
 
 
-def _converted(step: JaxprEqn, decided: list[Any], a: Any) -> Interval:
-    return _of_ends(step, [a], decided)[0]
-
-
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
     """Make a rule of a function of intervals; whole numbers are intervals of one point."""
     return lambda _, __, *values: function(
@@ -329,7 +322,7 @@ _PLAIN: dict[str, Callable[..., Interval]] = {
 _RULES: dict[str, Callable[..., Interval]] = {
     **{name: _plain(rule) for name, rule in _PLAIN.items()},
     "abs": _absolute,
-    "convert_element_type": _converted,
+    "convert_element_type": lambda step, decided, a: _of_ends(step, [a], decided)[0],
     "dot_general": _dot,
     "integer_pow": lambda step, _, a: interval.power(a, step.params["y"]),
     "mul": _product,
