@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..base.quantities import Checks, Result, derived, quantity
+from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..mapping import GroupTotals, PeriodicGroups
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.steps import Steps
@@ -213,9 +213,7 @@ class RoomGroups(BounceGroups):
         ),
     ]
 
-    @derived("", "free cells of the room", "1", kind="count")
-    def positions(self) -> int:
-        return self.cells.positions
+    positions = from_part("cells.positions", "", "free cells of the room", "1", kind="count")
 
     @classmethod
     def of_room(

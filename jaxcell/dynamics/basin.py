@@ -117,9 +117,7 @@ class Basins(Result):
     def attractors(self) -> int:
         return len(self.attractor_cells)
 
-    @derived("", "number of periodic groups", kind="count")
-    def groups(self) -> int:
-        return self.group_period.size
+    groups = from_part("group_period.size", "", "number of periodic groups", kind="count")
 
     @derived("", "cells of periodic groups", kind="count")
     def periodic_cells(self) -> int:

@@ -20,7 +20,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from ...automata import Filter
-from ...base.quantities import derived
+from ...base.quantities import derived, from_part
 from ...mapping import SimpleMap
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
@@ -130,13 +130,12 @@ class OffsetLocalized(LocalizationFilter):
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
-    @derived("", "starts anywhere in the cells that are refuted", kind="share")
-    def lost_share(self) -> float:
-        return self.shares.lost
-
-    @derived("", "starts anywhere in the cells that are placed wrongly", kind="share")
-    def wrong_share(self) -> float:
-        return self.shares.wrong
+    lost_share = from_part(
+        "shares.lost", "", "starts anywhere in the cells that are refuted", kind="share"
+    )
+    wrong_share = from_part(
+        "shares.wrong", "", "starts anywhere in the cells that are placed wrongly", kind="share"
+    )
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
         """Make the filter with the possible cells of each state instead of its configurations."""

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from ...automata import Decisions, Homing, Policy, Smallest, adaptive_choice, homing_sequence
 from ...automata.adaptive import Aim, levels
-from ...base.quantities import Checks, derived, quantity
+from ...base.quantities import Checks, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
 from ..plans.roadmap import Roadmap
@@ -131,9 +131,7 @@ class LocalizationPolicy(States):
     def localized_to_one(self) -> float:
         return float((self.policy.uncertainty[self.end_state] == 1).mean())
 
-    @derived("", "states of the policy", "1", kind="count")
-    def policy_states(self) -> int:
-        return self.policy.turn.size
+    policy_states = from_part("policy.turn.size", "", "states of the policy", "1", kind="count")
 
     @derived("", "bumps of one sequence for all starts", "1", kind="count")
     def fixed_bumps(self) -> int:
@@ -156,25 +154,15 @@ class LocalizationPolicy(States):
         turns = self.policy.turn
         return np.bincount(turns[turns >= 0], minlength=self.bounces.size)
 
-    @derived("state", "number of the angle to turn by, -1 for none", kind="index")
-    def turn(self) -> Int[np.ndarray, "states"]:
-        return self.policy.turn
-
-    @derived("state", "colour: 1 until it is localized", kind="count")
-    def color(self) -> Int[np.ndarray, "states"]:
-        return self.policy.color
-
-    @derived("state_bound", "where a state begins in bump_steps", kind="count")
-    def bump_offset(self) -> Int[np.ndarray, "bounds"]:
-        return self.policy.first
-
-    @derived("next_bump", "steps until the next bump", kind="count")
-    def bump_steps(self) -> Int[np.ndarray, "bumps"]:
-        return self.policy.steps
-
-    @derived("next_bump", "state at that bump", kind="index")
-    def bump_state(self) -> Int[np.ndarray, "bumps"]:
-        return self.policy.target
+    turn = from_part(
+        "policy.turn", "state", "number of the angle to turn by, -1 for none", kind="index"
+    )
+    color = from_part("policy.color", "state", "colour: 1 until it is localized", kind="count")
+    bump_offset = from_part(
+        "policy.first", "state_bound", "where a state begins in bump_steps", kind="count"
+    )
+    bump_steps = from_part("policy.steps", "next_bump", "steps until the next bump", kind="count")
+    bump_state = from_part("policy.target", "next_bump", "state at that bump", kind="index")
 
     @property
     def cell_class(self) -> Int[np.ndarray, "cells"]:

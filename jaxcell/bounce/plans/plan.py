@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...base.quantities import Checks, Result, derived, quantity
+from ...base.quantities import Checks, Result, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift, motion_violations, moves
 from .roadmap import Method, Roadmap
@@ -64,9 +64,7 @@ class Plan(Result):
     def steps(self) -> int:
         return int((self.actions == 0).sum())
 
-    @derived("", "bumps", kind="count")
-    def bumps(self) -> int:
-        return self.turns.size
+    bumps = from_part("turns.size", "", "bumps", kind="count")
 
     @derived("", "different angles that are used", kind="count")
     def angles_used(self) -> int:

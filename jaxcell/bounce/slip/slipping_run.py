@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ...automata import Belief, HiddenMap
 from ...automata.belief import NOWHERE, SMALL
-from ...base.quantities import PROBABILITY, Checks, derived, quantity
+from ...base.quantities import PROBABILITY, Checks, derived, from_part, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
 from ..dynamics import bounce_shift
@@ -86,9 +86,7 @@ class Slipped(Candidates):
         """The events of the run, numbered as by [`jaxcell.automata.HiddenMap.leaving`][]."""
         return 1 + self.turned_by[1:]
 
-    @derived("", "fine cells", kind="count")
-    def fine_cells(self) -> int:
-        return self.hidden.cells
+    fine_cells = from_part("hidden.cells", "", "fine cells", kind="count")
 
     @derived("", "cell at the start", kind="index")
     def start(self) -> int:
