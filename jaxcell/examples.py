@@ -54,9 +54,7 @@ def walker(x: float = 0.5, direction: int = 0) -> "Walker":
     from .robot.emulation.body import Body
     from .robot.emulation.simulated import SimulatedCreate
 
-    workspace = corridor().workspace
-    assert workspace is not None
-    robot = SimulatedCreate(Body(workspace, (x, 0.5, direction * np.pi / 2)))
+    robot = SimulatedCreate(Body(corridor().room, (x, 0.5, direction * np.pi / 2)))
     return Walker(robot, 1.0, strides=cell_strides(4, 1.0, 1.0), direction=direction)
 
 

@@ -123,6 +123,13 @@ class CellSpace:
         """
         return cls(None, float(cell), directions, origin, np.array(free))
 
+    @property
+    def room(self) -> Workspace:
+        """The map of the cells; a space made from a grid, which has none, raises `ValueError`."""
+        if self.workspace is None:
+            raise ValueError("cells: expected those of a map, got those of a grid without one")
+        return self.workspace
+
     @functools.cached_property
     def square(self) -> Int[np.ndarray, "positions"]:
         """The square of each position, `row * columns + column`."""
@@ -158,9 +165,7 @@ class CellSpace:
 
         The unit is a cell, from the origin. The free space lies to the left of an edge.
         """
-        if self.workspace is None:
-            raise ValueError("a space made from a grid has no walls except edges of squares")
-        return (edges(self.workspace.free_space) - np.array(self.origin)) / self.cell
+        return (edges(self.room.free_space) - np.array(self.origin)) / self.cell
 
     def centre(
         self, z: Int[np.ndarray, "..."] | int

@@ -35,9 +35,8 @@ def _endpoint(
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
     """Test ends of steps. `near` and `wall` are the pairs of a centre and a wall in reach."""
-    assert cells.workspace is not None
     near = np.unique(near)
-    closed = cells.workspace.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
+    closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)
     ends = (centres[near][:, None] + steps) * cells.cell + np.array(cells.origin)
     return near, ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])

@@ -52,10 +52,9 @@ def bounded_map(
         [0, 1]
     """
     coarse, fine = cells.cells, cells.fine
-    assert coarse.workspace is not None
     size = cells.size
     memory.check(_BYTES * size, f"a bounded map of {size} cells", "use fewer cells")
-    felt = coarse.workspace.free_space.buffer(slip.give, join_style="mitre")
+    felt = coarse.room.free_space.buffer(slip.give, join_style="mitre")
     # A wall is felt somewhere between these.
     soon, late = (felt.buffer(by, join_style="mitre") for by in (-slip.bumper, slip.bumper))
     legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)

@@ -72,10 +72,8 @@ class FineCells:
             raise ValueError(f"directions: expected at least 1, got {directions}")
         if reach < 0:
             raise ValueError(f"reach: expected a number from 0, got {reach}")
-        if cells.workspace is None:
-            raise ValueError("cells: expected those of a map, got those of a grid without one")
         number = cells.directions * directions
-        fine = CellSpace.of(cells.workspace, cells.cell / squares, number)
+        fine = CellSpace.of(cells.room, cells.cell / squares, number)
         return cls(cells, fine, min(reach, number // 2))
 
     @classmethod
@@ -88,10 +86,9 @@ class FineCells:
         There are at most `most` cells, by default `MAX_CELLS`, and at least one per cell of the
         map.
         """
-        assert cells.workspace is not None
         pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
         legs = np.repeat(stride_legs(cells.directions, cells.cell, cells.cell), cells.positions, 0)
-        walls, exact = felt_walls(cells.workspace, slip.give), np.zeros((cells.size, ERRORS))
+        walls, exact = felt_walls(cells.room, slip.give), np.zeros((cells.size, ERRORS))
         bumps = _STEPS * slipping_step(pose, legs, 0.0, exact, walls, slip)[1].mean()
         drift = _DRIFT * math.hypot(
             math.sqrt(_STEPS) * slip.heading, _TURN * math.sqrt(bumps) * slip.turn
@@ -184,7 +181,6 @@ def slip_map(
         ([2], [1.0])
     """
     coarse, fine = cells.cells, cells.fine
-    assert coarse.workspace is not None
     size = cells.size
     memory.check(
         needed(size, len(bounces)),
@@ -201,7 +197,7 @@ def slip_map(
     turned[:, 2] = offsets[:, 2] * _spread(cells, slip, length, points[:, 2] - 0.5, errors[:, 1])
     offsets[:, 2] = 0
     legs = stride_legs(coarse.directions, coarse.cell, length)
-    walls = felt_walls(coarse.workspace, slip.give)
+    walls = felt_walls(coarse.room, slip.give)
     shifts = bounce_shift(np.asarray(bounces, float), coarse.directions).tolist()
     parts: list[list[scipy.sparse.csr_array]] = [[] for _ in range(1 + len(shifts))]
     squares = np.stack(fine.centre(np.arange(fine.positions)), axis=1)

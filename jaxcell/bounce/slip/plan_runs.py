@@ -36,10 +36,9 @@ def plan_runs(
         ... ).round(2).tolist()
         [[2.5, 0.5, 1.57]]
     """
-    assert cells.workspace is not None
     draw = np.random.default_rng(seed)
     legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
-    walls = felt_walls(cells.workspace, slip.give)
+    walls = felt_walls(cells.room, slip.give)
     pose = np.tile(np.stack(cells.centre(np.asarray(start)), axis=-1), (runs, 1))
     direction = start // cells.positions
     for action in actions:

@@ -162,10 +162,9 @@ def slipping_run(
         >>> bool(run.credible[-1] <= 4), run.truth_is_a_candidate
         (True, True)
     """
-    assert cells.workspace is not None
     rng = np.random.default_rng([seed, start])
     legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
-    walls, belief = felt_walls(cells.workspace, slip.give), Belief(hidden)
+    walls, belief = felt_walls(cells.room, slip.give), Belief(hidden)
     shifts = bounce_shift(np.asarray(bounces, float), cells.directions).tolist()
     pose, believed = np.stack(cells.centre(start)), start // cells.positions
     state = belief.start()

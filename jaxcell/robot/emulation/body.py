@@ -126,11 +126,10 @@ class Body:
         `error` is the slip of straight stretches, of turns, and of the heading. The bumper goes in
         by `give` metres, by default by `bumper_give` of the cells.
         """
-        assert cells.workspace is not None
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
         give = bumper_give(cells.cell) if give is None else give
-        return cls(cells.workspace, (x, y, theta), give=give, noise=noise, rng=rng)
+        return cls(cells.room, (x, y, theta), give=give, noise=noise, rng=rng)
 
     @property
     def pose(self) -> tuple[float, float, float]:

@@ -81,8 +81,7 @@ def save_patrols(
         ...     robot.load_task(path).image.tolist()
         [[2, 1, 0]]
     """
-    assert cells.workspace is not None
-    plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
+    plane = CellSpace(cells.room, cells.cell, 4, cells.origin, cells.free)
     open_, grid = free_steps(plane), grid_steps(cells.free)
     way, position = np.nonzero(open_ != grid)
     write_task(
@@ -92,7 +91,7 @@ def save_patrols(
         cell_m=cells.cell,
         directions=4,
         step_m=cells.cell,
-        robot_radius_m=cells.workspace.robot_radius,
+        robot_radius_m=cells.room.robot_radius,
         range_m=reach,
         origin_m=list(cells.origin),
         free=["".join(".#"[not square] for square in row) for row in cells.free],
