@@ -275,7 +275,9 @@ class _Part:
         states = steps.state[: self.limit - self.length]
         stop = len(states)
         self.growing = self.length + stop < self.limit
-        for i, state in enumerate(_hashable(states)):
+        whole = np.ascontiguousarray(states)
+        keys = whole.view(f"V{whole.itemsize * whole.shape[1]}").ravel().tolist()
+        for i, state in enumerate(keys):
             if state in self.visited or state in self.run.visited:
                 stop, self.growing = i + 1, False
                 break
@@ -288,11 +290,6 @@ class _Part:
         self.steps.append(_Steps(*(field[:stop] for field in steps)))
         self.length += stop
         self.collisions += int(steps.collisions[:stop].sum())
-
-
-def _hashable(states: Int[np.ndarray, "steps robots"]) -> list[bytes]:
-    states = np.ascontiguousarray(states)
-    return states.view(f"V{states.itemsize * states.shape[1]}").ravel().tolist()
 
 
 def _simulate(

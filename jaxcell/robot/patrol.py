@@ -142,7 +142,8 @@ class Patrol:
     def outcome(self) -> PatrolOutcome:
         """Return the outcome of the patrol so far."""
         visits, bumps = len(self.visited), len(self.obstacles)
-        place = _place(self._task, self.position)
+        x, y, _ = map(float, self._task.cells.centre(self.position))
+        place = f"({x:g} m, {y:g} m)"
         met = f"; something was in the way {_times(bumps)} where the map is free" if bumps else ""
         match self._result:
             case "reported":
@@ -252,11 +253,6 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
             patrol.observe(way, event["observation"] == 1)
     patrol.next()
     return patrol.outcome()
-
-
-def _place(task: PatrolTask, position: int) -> str:
-    x, y, _ = task.cells.centre(position)
-    return f"({float(x):g} m, {float(y):g} m)"
 
 
 def _times(count: int, what: str = "time") -> str:

@@ -236,10 +236,6 @@ def _not(a: Interval) -> Interval:
     return Interval(~a.upper, ~a.lower)
 
 
-def _product(_: Any, decided: list[Any], a: Interval, b: Interval) -> Interval:
-    return interval.square(a) if a is b else interval.mul(a, b)
-
-
 def _absolute(_: Any, decided: list[Any], a: Interval) -> Interval:
     decided.append(jnp.all((a.lower >= 0) | (a.upper <= 0)))
     return interval.absolute(a)
@@ -325,7 +321,7 @@ _RULES: dict[str, Callable[..., Interval]] = {
     "convert_element_type": lambda step, decided, a: _of_ends(step, [a], decided)[0],
     "dot_general": _dot,
     "integer_pow": lambda step, _, a: interval.power(a, step.params["y"]),
-    "mul": _product,
+    "mul": lambda _, __, a, b: interval.square(a) if a is b else interval.mul(a, b),
     "reduce_sum": _sum,
     "rem": _remainder,
     "select_n": _select,

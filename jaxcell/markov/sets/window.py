@@ -111,22 +111,17 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
     **Raises:** `RuntimeError` if the eigenvalues do not converge.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
-        matrix = product(np.eye(rows))
-        basis, products = _dense(matrix, count, symmetric=symmetric), rows
+        matrix, products = product(np.eye(rows)), rows
+        if symmetric:
+            basis = np.linalg.eigh((matrix + matrix.T) / 2)[1][:, ::-1][:, :count]
+        else:
+            basis = _real_basis(*np.linalg.eig(matrix), count)
     else:
         basis, products = _iterated(product, rows, count, symmetric=symmetric)
     image = product(basis)
     block = basis.T @ image
     left = np.linalg.norm(image - basis @ block, axis=0)
     return Subspace(basis, block, float(left.max()), products + basis.shape[1])
-
-
-def _dense(
-    matrix: Float[np.ndarray, "rows rows"], count: int, *, symmetric: bool
-) -> Float[np.ndarray, "rows vectors"]:
-    if symmetric:
-        return np.linalg.eigh((matrix + matrix.T) / 2)[1][:, ::-1][:, :count]
-    return _real_basis(*np.linalg.eig(matrix), count)
 
 
 def _iterated(

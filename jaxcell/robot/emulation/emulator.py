@@ -191,8 +191,10 @@ class Emulator:
         """
         with self._lock:
             self._pass(seconds)
-            self._receive(data)
-            self._obey()
+            commands = self._parser.feed(self._lossy(data))
+            self._pending.extend((self._now + self.line.latency, command) for command in commands)
+            while self._pending and self._pending[0][0] <= self._now:
+                self._do(self._pending.popleft()[1])
             self._keep_safe()
             if self._now >= self._frame_due:
                 self._frame_due = max(self._frame_due + STREAM_PERIOD, self._now)
@@ -232,14 +234,6 @@ class Emulator:
         if self._charge <= 0:
             self._charge = 0.0
             self._close_interface()
-
-    def _receive(self, data: bytes) -> None:
-        due = self._now + self.line.latency
-        self._pending.extend((due, command) for command in self._parser.feed(self._lossy(data)))
-
-    def _obey(self) -> None:
-        while self._pending and self._pending[0][0] <= self._now:
-            self._do(self._pending.popleft()[1])
 
     def _do(self, command: Command) -> None:
         if self._charge <= 0:

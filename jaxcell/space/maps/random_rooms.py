@@ -93,7 +93,10 @@ def random_room(
     for _ in range(_MAX_ATTEMPTS):
         free = np.ones((rows, columns), bool)
         for _ in range(obstacles):
-            width, height = (_side(rng, size) for size in (columns, rows))
+            width, height = (
+                int(rng.integers(max(1, size // 20), max(1, size // 5), endpoint=True))
+                for size in (columns, rows)
+            )
             x, y = int(rng.integers(columns - width + 1)), int(rng.integers(rows - height + 1))
             free[y : y + height, x : x + width] = False
         if scipy.ndimage.label(free)[1] == 1:
@@ -102,7 +105,3 @@ def random_room(
         f"obstacles: {obstacles} obstacles leave a room of {columns} x {rows} cells in several "
         "pieces; expected fewer"
     )
-
-
-def _side(rng: np.random.Generator, size: int) -> int:
-    return int(rng.integers(max(1, size // 20), max(1, size // 5), endpoint=True))
