@@ -49,7 +49,7 @@ def one_thread():
 def commands_of_tests():
     """Make the output of commands independent of the speed of the machine; keep JAX as above."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.cli.terminal._FIRST_LINE", 3600.0)
+        patch.setattr("jaxcell.cli.terminal.FIRST_LINE", 3600.0)
         patch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
         yield
 

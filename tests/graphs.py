@@ -14,6 +14,15 @@ def graph_of(network):
     return Graph(np.array(network.edges), network.number_of_nodes())
 
 
+def random_graph(vertices, edges, seed):
+    """A random tree, and random edges more."""
+    network = nx.random_labeled_tree(vertices, seed=seed)
+    random = np.random.default_rng(seed)
+    while network.number_of_edges() < edges:
+        network.add_edge(*random.choice(vertices, 2, replace=False).tolist())
+    return graph_of(network)
+
+
 def grid(rows, columns):
     return graph_of(nx.grid_2d_graph(rows, columns))
 

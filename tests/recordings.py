@@ -1,9 +1,13 @@
 """Recordings, read back from their files."""
 
 import re
+import tempfile
+from pathlib import Path
 
 import numpy as np
 from rerun.chunk import RrdReader
+
+from jaxcell.record import save_recording
 
 
 class Recording:
@@ -84,3 +88,10 @@ def _picture(buffer, layout):
 def packed(color):
     """A colour as Rerun stores it."""
     return int.from_bytes(bytes(color if len(color) == 4 else (*color, 255)))
+
+
+def read_back(result, spec=None):
+    """Record a result in a file, and read that."""
+    with tempfile.TemporaryDirectory() as folder:
+        save_recording(result, path := Path(folder, "result.rrd"), spec=spec)
+        return Recording(path)

@@ -1,6 +1,7 @@
 """Files that robots run, of the dissertation's Lab A, and commands that run them in its map."""
 
 import dataclasses
+import json
 import math
 
 import numpy as np
@@ -38,3 +39,9 @@ def save_belief(folder):
 
 def simulated(file, name="lab_a.json", **fields) -> RobotRun:
     return RobotRun(file=file, simulate=MAPS / name, speedup=1e6, json=True, **fields)
+
+
+def run(command, capsys) -> tuple[int, dict]:
+    """The exit status of a command, and what it prints."""
+    code = command.run()
+    return code, json.loads(capsys.readouterr().out)

@@ -11,9 +11,8 @@ from jaxcell.base import memory
 @pytest.fixture
 def system(tmp_path, monkeypatch):
     """Writes files of a system that tells as little as is written."""
-    monkeypatch.setattr(memory, "_PROC", tmp_path / "proc")
-    monkeypatch.setattr(memory, "_GROUPS", tmp_path / "groups")
-    monkeypatch.setattr(memory, "_addresses", lambda: iter(()))
+    monkeypatch.setattr(memory, "PROC", tmp_path / "proc")
+    monkeypatch.setattr(memory, "GROUPS", tmp_path / "groups")
     monkeypatch.delenv(memory.LIMIT, raising=False)
 
     def write(name, text):
@@ -61,7 +60,7 @@ def test_the_limit_of_the_user_includes_the_memory_in_use(system, monkeypatch):
     monkeypatch.setenv(memory.LIMIT, "2G")
     assert memory.free() == 2_000_000_000 - memory.LIBRARIES
     pages = 1_000_000_000 // os.sysconf("SC_PAGE_SIZE")
-    system("proc/self/statm", f"9999999 {pages} 5 1 0 7 0\n")
+    system("proc/self/statm", f"0 {pages} 5 1 0 7 0\n")
     assert memory.free() == 2_000_000_000 - pages * os.sysconf("SC_PAGE_SIZE")
     monkeypatch.setenv(memory.LIMIT, "100M")
     assert memory.free() == 0

@@ -5,7 +5,6 @@ import pytest
 import shapely
 
 from jaxcell import bundled
-from jaxcell.cli import main
 from jaxcell.study.loading import load_study
 
 
@@ -48,16 +47,3 @@ def test_shares_and_times_solve_their_equations(asked, walk):
     inside = np.eye(others.sum()) - walk[np.ix_(others, others)]
     steps[others] = np.linalg.solve(inside, np.ones(others.sum()))
     np.testing.assert_allclose(found.steps, steps.reshape(4, -1).mean(axis=0))
-
-
-def test_it_is_a_command_and_a_sweep(tmp_path, capsys):
-    out = tmp_path / "mine"
-    assert main(["run", REFERENCE, str(LAB), "--directions", "4", "--out", str(out)]) == 0
-    assert {"result.nc", "result.rrd", "summary.json"} <= {one.name for one in out.iterdir()}
-    spec = tmp_path / "goals.toml"
-    spec.write_text(
-        f'task = "{REFERENCE}"\n[grid]\ngoal = [0, 5]\n[fixed]\nmap = "{LAB}"\ndirections = 4\n'
-    )
-    assert main(["sweep", str(spec), "--out", str(tmp_path / "goals")]) == 0
-    assert main(["sweep", "status", str(tmp_path / "goals")]) == 0
-    assert "2 goal" in capsys.readouterr().out

@@ -60,7 +60,7 @@ from ..shared.data import MAPS
 from ..shared.report import Rows, emit
 
 
-SLIP, BUMP_TURN, BUMP_SKID = 0.01, 2.0, 0.012
+SLIP, BUMP_TURN, BUMP_SKID = 0.003, 2.0, 0.012
 BOUNDS = "run=0.01 distance=0.05 turn=3 displacement=0.06"
 FILTER, PARTICLES, POLICY = "filter, 135°", "particles, 135°", "policy, 45° and 135°"
 PLAIN, BELIEF, ANYWHERE = "belief, slip only", "belief, calibrated", "sets, from anywhere"

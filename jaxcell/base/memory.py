@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 
-_PROC = Path("/proc")
-_GROUPS = Path("/sys/fs/cgroup")
+PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+"""Folders in which Linux reports the memory, and the limits of control groups."""
 # Version 1 of control groups has a number near 2^63 for a group without a limit.
 _NO_LIMIT = 2**60
 LIBRARIES = 200_000_000
@@ -104,7 +104,7 @@ def _known() -> list[tuple[int, str]]:
 def _wished() -> Iterator[tuple[int, str]]:
     """The rest of the limit of the user when all libraries are loaded."""
     if text := os.environ.get(LIMIT):
-        pages = [int(line.split()[1]) for line in _lines(_PROC / "self" / "statm")]
+        pages = [int(line.split()[1]) for line in _lines(PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
         taken = max(taken, LIBRARIES)
         libraries = f"of which Python and its libraries take {gigabytes(taken)}"
@@ -113,7 +113,7 @@ def _wished() -> Iterator[tuple[int, str]]:
 
 
 def _machine() -> Iterator[tuple[int, str]]:
-    for line in _lines(_PROC / "meminfo"):
+    for line in _lines(PROC / "meminfo"):
         if line.startswith("MemAvailable:"):
             yield int(line.split()[1]) * 1024, ""
             return
@@ -125,7 +125,7 @@ def _machine() -> Iterator[tuple[int, str]]:
 
 def _control_groups() -> Iterator[tuple[int, str]]:
     """The rest of the limits of the control groups of this process, and of their parents."""
-    for folder, most, used, cache in _limits(_PROC, _GROUPS):
+    for folder, most, used, cache in _limits(PROC, GROUPS):
         stat = _lines(folder / "memory.stat")
         # The system frees pages of files that are not in use.
         spare = [int(line.split()[1]) for line in stat if line.startswith(cache + " ")]
@@ -165,7 +165,7 @@ def _addresses() -> Iterator[tuple[int, str]]:
 
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY:
-        for line in _lines(_PROC / "self" / "statm"):
+        for line in _lines(PROC / "self" / "statm"):
             left = limit - int(line.split()[0]) * resource.getpagesize()
             yield left, f"ulimit -v allows {gigabytes(limit)} of addresses"
 

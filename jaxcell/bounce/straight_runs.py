@@ -10,8 +10,8 @@ from ..space import CellSpace
 from ..space.steps import Steps
 
 
-# Squares that are followed to their walls at once.
-_AT_ONCE = 2**20
+AT_ONCE = 2**20
+"""Squares that are followed to their walls at once."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class Runs:
         square, hop = self.square[self.of_way(way)], self.steps.hop(way)
         count = self.behind[self.of_way(way)] + 1
         end = np.cumsum(count)
-        cuts = np.unique(np.searchsorted(end, np.arange(0, end[-1], _AT_ONCE)))
+        cuts = np.unique(np.searchsorted(end, np.arange(0, end[-1], AT_ONCE)))
         for part in np.split(np.arange(count.size), cuts[1:]):
             wall = np.repeat(part, count[part])
             left = end[wall] - 1 - np.arange(end[part[0]] - count[part[0]], end[part[-1]])

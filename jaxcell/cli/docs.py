@@ -8,7 +8,8 @@ from ..base.process import has_display
 from .terminal import say
 
 
-_BUILT = Path(__file__).parents[2] / "docs" / "site" / "index.html"
+BUILT = Path(__file__).parents[2] / "docs" / "site" / "index.html"
+"""The first page of the documentation in a clone of the repository."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -31,8 +32,8 @@ def _address() -> str:
 
     **Raises:** `FileNotFoundError` if there is none.
     """
-    if _BUILT.exists():
-        return _BUILT.as_uri()
+    if BUILT.exists():
+        return BUILT.as_uri()
     named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []
     urls = dict(one.split(", ", 1) for one in named)
     if "Documentation" not in urls:

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ..base.quantities import Result
 
 
-# Bytes of memory above which the estimate is printed.
-_MUCH = 1e9
+MUCH = 1e9
+"""Bytes of memory above which the estimate is printed."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ class StudyCommand(Printing):
         try:
             with status(f"reading for {self.command}"):
                 needed = question.memory(written=self.out is not None)
-                if needed > _MUCH:
+                if needed > MUCH:
                     note(f"{self.command} needs about {gigabytes(needed)} of memory")
             with starting():
                 from .. import record  # noqa: F401

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from ..base.quantities import Result
 
 
-# Seconds until the first line of progress, and between lines, if the output is no terminal.
-_FIRST_LINE, _LINES = 1.5, 60.0
+FIRST_LINE, LINES = 1.5, 60.0
+"""Seconds until the first line of progress, and between lines, if the output is no terminal."""
 
 
 @contextlib.contextmanager
@@ -78,9 +78,9 @@ def _in_lines(line: Callable[[], str], clock: Callable[[], float]) -> Iterator[N
     ended, began = threading.Event(), clock()
 
     def report() -> None:
-        wait = _FIRST_LINE
+        wait = FIRST_LINE
         while not ended.wait(wait):
-            wait = _LINES
+            wait = LINES
             note(f"{line()} ... ({duration(clock() - began)})")
 
     reporter = threading.Thread(target=report, daemon=True)

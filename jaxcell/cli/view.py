@@ -22,8 +22,8 @@ from .terminal import note, own_command
 # The viewer's own default is three quarters of all memory.
 _MEMORY = "2GB"
 _HERE = "127.0.0.1"
-# The default ports of Rerun: of its page, and of the recordings.
-_PAGE_PORT, _DATA_PORT = 9090, 9876
+PAGE_PORT, DATA_PORT = 9090, 9876
+"""The default ports of Rerun: of its page, and of the recordings."""
 _MAX_WAIT = 60.0
 
 
@@ -91,7 +91,7 @@ def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes
 
     **Yields:** the process of the server, and the address that takes more recordings.
     """
-    page, data = _free_port(_PAGE_PORT), _free_port(_DATA_PORT)
+    page, data = _free_port(PAGE_PORT), _free_port(DATA_PORT)
     ports = ["--web-viewer-port", str(page), "--port", str(data)]
     served = f"rerun+http://{_HERE}:{data}/proxy"
     address = f"http://{_HERE}:{page}?url={urllib.parse.quote(served, safe='')}"

@@ -57,8 +57,6 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
 
     **Returns:** [`Cover`][].
 
-    **Raises:** `ValueError` for a negative choice.
-
     The first two of three sets hold all elements:
 
         >>> import numpy as np

@@ -40,8 +40,6 @@ class Graph:
             more than the largest end of an edge.
         - `xy`: array `[vertices, 2]`, the positions, in metres.
         - `ways`: array `[edges]`, the lengths of the edges, in metres; by default the distances.
-
-        **Raises:** `ValueError` for wrong shapes, numbers or ends, loops, and parallel edges.
         """
         ends = np.asarray(edges)
         if ends.ndim != 2 or ends.shape[1] != 2 or ends.shape[0] == 0:

@@ -41,10 +41,7 @@ def pseudo_inverse(
 def resistance_gains(
     vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
 ) -> tuple[float, Float[np.ndarray, "edges"]]:
-    """Compute the sum of the reciprocal eigenvalues, and its decrease per unit of each weight.
-
-    **Raises:** as [`pseudo_inverse`][].
-    """
+    """Compute the sum of the reciprocal eigenvalues, and its decrease per unit of each weight."""
     inverse = pseudo_inverse(vertices, edges, weights)
     tail, head = edges.T
     gain = np.empty(len(edges))

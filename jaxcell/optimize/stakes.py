@@ -36,9 +36,6 @@ def payoffs(
 
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
-    **Raises:** `ValueError` for rows that do not order the vertices, and for stakes of another
-    shape.
-
     Two strategies on two vertices, each nearest to another:
 
         >>> import numpy as np

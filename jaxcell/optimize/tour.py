@@ -29,9 +29,6 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
     **Returns:** the vertices of the walk in order, from the first of `through`, which is not
     repeated at the end. A walk may pass a vertex or an edge more than once.
 
-    **Raises:** `ValueError` for fewer than two vertices, and for a vertex that does not exist,
-    occurs twice, or cannot be reached from the first.
-
     A square; opposite corners are not joined by an edge:
 
         >>> from jaxcell import optimize

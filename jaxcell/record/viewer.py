@@ -10,7 +10,8 @@ import rerun as rr
 from ..base.process import has_display
 
 
-_PORT = 9876
+PORT = 9876
+"""The port on which Rerun listens for recordings."""
 
 
 def viewer_sink(viewer: str) -> rr.GrpcSink:
@@ -28,8 +29,8 @@ def viewer_sink(viewer: str) -> rr.GrpcSink:
     or if none can be started here.
     """
     if viewer == "here":
-        url = f"rerun+http://127.0.0.1:{_PORT}/proxy"
-        if _refusal("127.0.0.1", _PORT) is not None:
+        url = f"rerun+http://127.0.0.1:{PORT}/proxy"
+        if _refusal("127.0.0.1", PORT) is not None:
             _start()
         return rr.GrpcSink(url)
     parts = urllib.parse.urlsplit(viewer)
@@ -40,7 +41,7 @@ def viewer_sink(viewer: str) -> rr.GrpcSink:
     if not parts.scheme.startswith("rerun") or not parts.hostname or port is None:
         raise ValueError(
             f"viewer {viewer!r}: expected here, or the address of a viewer, such as "
-            f"rerun+http://127.0.0.1:{_PORT}/proxy"
+            f"rerun+http://127.0.0.1:{PORT}/proxy"
         )
     if (refusal := _refusal(parts.hostname, port)) is not None:
         raise OSError(f"viewer {viewer}: no viewer answers there: {refusal}")
@@ -57,7 +58,7 @@ def _start() -> None:
     beside = Path(sys.executable).with_name("rerun")
     try:
         rr.spawn(
-            port=_PORT,
+            port=PORT,
             connect=False,
             memory_limit="1GB",
             hide_welcome_screen=True,

@@ -12,8 +12,10 @@ from .run_log import LoggedRun
 _TURNS = np.radians(np.arange(-2.0, 8.01, 0.5))
 # A window begins where the robot is known to within this, and has this many runs.
 _EXTENT, _RUNS = 1.5, 3
-# Places that are drawn from a set, and those of them that explain the runs of a window best.
-_DRAWN, _BEST = 1000, 5
+# Places that are drawn from a set, those of them that explain the runs of a window best, and the
+# spreads by which others are drawn around the best, in metres along the wall and in radians.
+_DRAWN, _BEST = 1000, 10
+_SPREADS = (0.03, 0.02), (0.01, 0.007), (0.003, 0.002)
 # Runs that are off by more are those to another wall, in metres.
 _FAR = 0.5
 
@@ -23,7 +25,8 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
 
     Where the sets are small, places and headings are drawn from them, and each drives on to the
     next walls with each possible turn by bumps. The turn is chosen whose best places explain the
-    lengths of the logged runs with the least squared error.
+    lengths of the logged runs with the least squared error; more places are drawn around the best,
+    ever closer to them.
 
     **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
     [`jaxcell.space.Slip`][].
@@ -42,9 +45,16 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
         if state is not None and state.wall.size:
             windows += 1
             place, heading, _ = draw_places(filter, state, 1, _DRAWN, rng)
-            runs = lengths[first + 1 : first + 1 + _RUNS]
-            back = filter.errors.displacement / 2
-            error += _error(filter.boundary, place, heading, turns[first:], runs, back)
+            window = slice(first, first + _RUNS)
+            error += _least_error(
+                filter.boundary,
+                np.tile(place, (_TURNS.size, 1, 1)),
+                np.tile(heading, (_TURNS.size, 1)),
+                turns[window],
+                lengths[first + 1 : first + 1 + _RUNS],
+                filter.errors.displacement / 2,
+                rng,
+            )
     if not windows:
         raise ValueError(
             f"the run never knows its robot to within {_EXTENT:g} m, with {_RUNS} more runs after "
@@ -53,20 +63,42 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
     return float(_TURNS[error.argmin()])
 
 
-def _error(
+def _least_error(
     boundary: Boundary,
-    place: Float[np.ndarray, "places 2"],
-    heading: Float[np.ndarray, "places"],
+    place: Float[np.ndarray, "turns places 2"],
+    heading: Float[np.ndarray, "turns places"],
     turns: list[float],
     lengths: list[float],
     back: float,
+    rng: np.random.Generator,
 ) -> Float[np.ndarray, "turns"]:
-    """Sum the squared errors of the runs from the best places, for each turn by bumps."""
-    by_bump = np.repeat(_TURNS, len(place))
-    place, heading = np.tile(place, (_TURNS.size, 1)), np.tile(heading, _TURNS.size)
+    """Find the least squared error of the runs, for each turn by bumps, around the best places."""
+    error = _error(boundary, place, heading, turns, lengths, back)
+    for along, aside in _SPREADS:
+        best = np.argsort(error, axis=1)[:, :_BEST]
+        place = np.take_along_axis(place, best[:, :, None], axis=1).repeat(_BEST, axis=1)
+        heading = np.take_along_axis(heading, best, axis=1).repeat(_BEST, axis=1)
+        tangent = boundary.tangent[_wall_at(boundary, place.reshape(-1, 2))].reshape(place.shape)
+        place = place + along * rng.standard_normal(heading.shape)[:, :, None] * tangent
+        heading = heading + aside * rng.standard_normal(heading.shape)
+        error = _error(boundary, place, heading, turns, lengths, back)
+    return error.min(axis=1)
+
+
+def _error(
+    boundary: Boundary,
+    place: Float[np.ndarray, "turns places 2"],
+    heading: Float[np.ndarray, "turns places"],
+    turns: list[float],
+    lengths: list[float],
+    back: float,
+) -> Float[np.ndarray, "turns places"]:
+    """Sum the squared errors of the runs from each place, for each turn by bumps."""
+    shape = heading.shape
+    by_bump, place, heading = _TURNS.repeat(shape[1]), place.reshape(-1, 2), heading.ravel()
     wall = _wall_at(boundary, place)
     error = np.zeros(by_bump.size)
-    for turn, length in zip(turns, lengths, strict=False):
+    for turn, length in zip(turns, lengths, strict=True):
         into = -boundary.normal[wall]
         incidence = np.arctan2(into[:, 1], into[:, 0]) - heading
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
@@ -74,8 +106,7 @@ def _error(
         wall, arc, run = run_to_wall(boundary, place - back * ahead, heading)
         place = boundary.point(wall, arc)
         error += np.minimum((run - length) ** 2, _FAR**2)
-    best = np.sort(error.reshape(_TURNS.size, -1), axis=1)[:, :_BEST]
-    return best.mean(axis=1)
+    return error.reshape(shape)
 
 
 def _wall_at(boundary: Boundary, place: Float[np.ndarray, "places 2"]) -> Int[np.ndarray, "places"]:

@@ -118,14 +118,3 @@ def test_any_name_makes_identifiers(labs, name):
     assert re.fullmatch("[A-Za-z][A-Za-z0-9_]*", prefix)
     plain = to_c_header(Filter.of(subset_construction(*labs["a", 45])), name="filter")
     assert text == plain.replace("filter_", f"{prefix}_").replace("FILTER_", f"{prefix.upper()}_")
-
-
-def test_names_become_identifiers():
-    filter = Filter(
-        transition=np.array([[0, -1]], np.int32),
-        uncertainty=np.ones(1, np.int32),
-        offsets=np.array([0, 1]),
-        members=np.zeros(1, np.int32),
-    )
-    for name, prefix in [("lab a", "lab_a"), ("2nd", "filter_2nd"), ("", "filter"), ("__x", "x")]:
-        assert f"typedef uint8_t {prefix}_state;" in to_c_header(filter, name=name)

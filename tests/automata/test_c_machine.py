@@ -36,19 +36,6 @@ int main(void) {
 }
 """
 
-# The tables are the only constants of this program, so that they are all of .text that it adds.
-AVR = """
-#include "lab.h"
-volatile uint8_t pin;
-int main(void) {
-    lab_state state = LAB_START;
-    for (;;) {
-        state = lab_next(state, pin);
-        pin = (uint8_t)(lab_color(state) + lab_localized(state));
-    }
-}
-"""
-
 
 def words(graph, count=20, length=60):
     """Observations of robots from random cells."""
@@ -101,29 +88,6 @@ def test_tables_have_the_counted_bytes(labs):
             sizes.append(sum(int(b) // 8 * int(n) * (2 if pair else 1) for b, n, pair in tables))
             assert machine_bytes(machine) == sizes[-1]
         assert machine_bytes(fewest_bytes(filter).machine) == min(sizes)
-
-
-@pytest.mark.parametrize("runs", [False, True])
-def test_avr_compiler_counts_the_bytes_of_the_tables(labs, tmp_path, runs):
-    if shutil.which("avr-gcc") is None:
-        pytest.skip("no avr-gcc to count bytes with; it is in the Debian package gcc-avr")
-    filter = Filter.of(subset_construction(*labs["b", 135]))
-    machine = smallest(MooreMachine.of(filter, runs=runs)).machine
-    (tmp_path / "lab.h").write_text(machine_to_c_header(machine, name="lab"))
-    (tmp_path / "main.c").write_text(AVR)
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Os", "-mmcu=atmega328p"]
-    place = [str(tmp_path / "main.c"), "-o", str(tmp_path / "main.elf")]
-    subprocess.run(["avr-gcc", *flags, "-DJAXCELL_PROGMEM", *place], check=True)
-    symbols = subprocess.run(
-        ["avr-nm", "-S", str(tmp_path / "main.elf")], capture_output=True, text=True, check=True
-    ).stdout
-    sizes = [int(size, 16) for size in re.findall(r"^\S+ (\S+) . lab_\w+$", symbols, re.M)]
-    assert sum(sizes) == machine_bytes(machine)
-    sections = subprocess.run(
-        ["avr-size", "-A", str(tmp_path / "main.elf")], capture_output=True, text=True, check=True
-    ).stdout
-    # The tables stay in flash.
-    assert re.search(r"^\.data +0 ", sections, re.M)
 
 
 def test_machine_becomes_a_graph_and_json(labs):

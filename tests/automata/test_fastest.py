@@ -1,7 +1,6 @@
 import itertools
 
 import hypothesis.strategies as st
-import pytest
 from hypothesis import given
 
 from jaxcell.automata import Filter, fastest_localization, subset_construction
@@ -31,12 +30,3 @@ def test_string_is_the_first_of_all_that_localize(graphs, data, open_world):
         else:
             assert first_string(filter, uncertainty, 6) is None
     assert fastest_localization(filter, 10**6) is None
-
-
-@pytest.mark.parametrize("room", ["a", "b"])
-def test_strings_of_labs(labs, room):
-    filter = Filter.of(subset_construction(*labs[room, 45]))
-    for cycle in filter.cycles:
-        string = fastest_localization(filter, cycle.uncertainty)
-        assert string == first_string(filter, cycle.uncertainty, 12)
-        assert filter.run(string).localized_at == len(string)

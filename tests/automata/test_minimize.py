@@ -1,7 +1,5 @@
 import hypothesis.strategies as st
 import numpy as np
-import pytest
-from automata.fa.dfa import DFA
 from hypothesis import given
 
 from jaxcell.automata import Filter, minimize, subset_construction
@@ -52,48 +50,6 @@ def test_merges_the_blocks_of_moores_partition(graphs, data, open_world):
         assert quotient.uncertainty[merged] == filter.uncertainty[states].max()
         union = sorted({cell for state in states for cell in filter.cells(state).tolist()})
         assert quotient.cells(merged).tolist() == union
-
-
-@given(data=st.data(), open_world=st.booleans())
-def test_has_as_many_states_as_in_automata_lib(graphs, data, open_world):
-    # The library knows no colours: a letter for each colour, out of the states that have it, stands
-    # for them. With it every state is live, so that missing edges count.
-    filter = filter_of(data.draw(graphs), open_world)
-    transitions = {"end": {}}
-    for state, (row, color) in enumerate(zip(filter.transition, filter.color, strict=True)):
-        transitions[state] = {str(i): int(t) for i, t in enumerate(row) if t >= 0}
-        transitions[state][chr(ord("a") + color)] = "end"
-    dfa = DFA(
-        states=set(transitions),
-        input_symbols={letter for row in transitions.values() for letter in row},
-        transitions=transitions,
-        initial_state=0,
-        final_states={"end"},
-        allow_partial=True,
-    )
-    assert len(minimize(filter).transition) == len(dfa.minify().states) - 1
-
-
-@pytest.mark.parametrize("open_world", [False, True])
-def test_quotients_of_labs_give_the_same_colours(labs, open_world):
-    rng = np.random.default_rng(0)
-    for graph in labs.values():
-        filter = filter_of(graph, open_world)
-        quotient = minimize(filter)
-        assert len(quotient.transition) == len(set(moore_blocks(filter)))
-        assert quotient.open_world == open_world
-        image, observation = graph
-        for cell in rng.integers(0, image.size, 20):
-            string = []
-            for _ in range(60):
-                string.append(int(observation[cell]))
-                cell = image[cell]
-            np.testing.assert_array_equal(quotient.run(string).colors, filter.run(string).colors)
-        if open_world:
-            for string in rng.integers(0, 2, (50, 30)):
-                ours, theirs = quotient.run(string), filter.run(string)
-                np.testing.assert_array_equal(ours.colors, theirs.colors)
-                assert ours.refuted_at == theirs.refuted_at
 
 
 @given(data=st.data(), open_world=st.booleans())

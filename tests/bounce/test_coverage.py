@@ -108,24 +108,6 @@ def test_policies_agree_with_dense_linear_algebra(motion):
     )
 
 
-def test_a_mirrored_room_has_mirrored_policies():
-    free = np.ones((4, 5), bool)
-    free[1, 1] = free[3, 4] = False
-    mirrored = free[:, ::-1]
-    here = coverage_policy(CellSpace.of_grid(free, 8), np.radians([45, 90]), math.pi / 4, 0.6)
-    there = coverage_policy(
-        CellSpace.of_grid(mirrored, 8), np.radians([315, 270]), math.pi / 4, 0.6
-    )
-
-    def on_grid(policy, mask):
-        image = np.zeros(mask.shape)
-        image[mask] = policy.mixture
-        return image
-
-    np.testing.assert_allclose(here.alpha, there.alpha, atol=1e-9)
-    np.testing.assert_allclose(on_grid(here, free), on_grid(there, mirrored)[:, ::-1], atol=1e-12)
-
-
 def test_a_target_that_a_policy_meets_gets_that_policy_alone():
     cells = room()
     bounces = np.radians([45, 135, 270])
@@ -252,10 +234,3 @@ def test_progress_is_told():
     angles = np.radians([45, 90, 135])
     coverage_policy(room(), angles, math.pi / 4, 0.5, progress=done.append)
     assert done == [1, 2, 3]
-
-
-def test_the_largest_error_turns_everywhere():
-    cells = CellSpace.of_grid(np.ones((2, 2), bool), 9)
-    chain = noisy_bounce_map(cells, 0.0, 4 * 2 * math.pi / 9, 0.5)
-    branches = (chain.to_scipy().toarray() > 0).sum(axis=1)
-    assert set(branches.tolist()) <= {1, 9}

@@ -62,29 +62,6 @@ def test_image_follows_the_equation(grid, shift):
     np.testing.assert_array_equal(result.bumped, [bumped for _, bumped in pairs])
 
 
-def test_a_bump_turns_in_place_and_a_move_keeps_the_direction():
-    cells = CellSpace.of(CURVED, 0.4, 24)
-    result = bounce_map(cells, math.pi / 3)
-    z = np.arange(cells.size)
-    direction, position = np.divmod(z, cells.positions)
-    to_direction, to_position = np.divmod(np.asarray(result.image), cells.positions)
-    bumped = np.asarray(result.bumped)
-    assert 0 < bumped.sum() < cells.size
-    np.testing.assert_array_equal(to_position[bumped], position[bumped])
-    np.testing.assert_array_equal(to_direction[bumped], (direction[bumped] + 4) % 24)
-    np.testing.assert_array_equal(to_direction[~bumped], direction[~bumped])
-    assert (to_position[~bumped] != position[~bumped]).all()
-
-
-def test_swept_moves_are_endpoint_moves():
-    cells = CellSpace.of(CURVED, 0.4, 24)
-    swept, endpoint = (moves(cells, motion=Motion(0.7, c)) for c in ("swept", "endpoint"))
-    swept, endpoint = (np.asarray(m.target)[np.asarray(m.way)] for m in (swept, endpoint))
-    still = np.arange(cells.positions)
-    assert ((swept == endpoint) | (swept == still)).all()
-    assert (swept != endpoint).any()
-
-
 @pytest.mark.parametrize(
     ("cells", "motion"),
     [
@@ -179,14 +156,6 @@ def test_steps_shorter_than_a_cell_or_not_finite_are_refused(step):
     cells = CellSpace.of_grid(np.ones((3, 3), bool), 8)
     with pytest.raises(ValueError, match=f"step: expected at least one cell, 1 m, got {step} m"):
         moves(cells, motion=Motion(step))
-
-
-def test_a_step_of_many_cells_is_blocked_on_the_way():
-    free = np.array([[1, 1, 0, 1, 1]], bool)
-    cells = CellSpace.of_grid(free, 4)
-    over, on_the_way = (moves(cells, motion=Motion(3.0, c)) for c in ("endpoint", "swept"))
-    assert np.asarray(over.target)[0, 0] == 2
-    assert np.asarray(on_the_way.target)[0, 0] == 0
 
 
 @pytest.mark.parametrize("collision", ["swept", "endpoint"])

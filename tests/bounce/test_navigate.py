@@ -227,15 +227,6 @@ def test_a_goal_is_reached_on_the_way_to_a_wall():
     assert found.actions.tolist() == [0, math.pi, 0, 0, 0, 0, math.pi, 0]
 
 
-def test_start_and_goal_may_coincide():
-    for start in range(room(6, 9).size):
-        found = plan(room(6, 9), LAB, start, start)
-        assert (found.cost, found.visited.tolist(), found.actions.size) == (0, [start], 0)
-        assert found.found
-        if start > 5:
-            break
-
-
 def test_there_is_no_path_between_rooms():
     cells = two_rooms()
     goal = int(cells.index(4.5, 1.5))
@@ -368,14 +359,3 @@ def test_arguments_that_do_not_fit_are_refused(arguments, message):
 def test_impossible_actions_are_refused(start, actions, message):
     with pytest.raises(ValueError, match=message):
         replay(two_rooms(), start, np.array(actions, float))
-
-
-def test_replay_follows_the_bounce_map():
-    cells = room(9, 13)
-    simple = bounce_map(cells, math.pi / 4)
-    image, bumped = np.asarray(simple.image), np.asarray(simple.bumped)
-    path, actions = [5], []
-    for _ in range(60):
-        actions.append(math.pi / 4 if bumped[path[-1]] else 0.0)
-        path.append(int(image[path[-1]]))
-    assert replay(cells, 5, np.array(actions)).tolist() == path

@@ -265,11 +265,3 @@ def test_headings_drift_no_further_than_fine_cells_reach(error):
         believed = (believed + 3 * bumped) % 8
     off = np.abs((pose[:, 2] - believed * math.pi / 4 + math.pi) % (2 * math.pi) - math.pi)
     assert np.mean(off < (fine.reach + 0.5) * 2 * math.pi / fine.fine.directions) > 0.97
-
-
-def test_fine_directions_are_not_much_wider_than_the_errors_of_turns():
-    # As many positions as a large map has.
-    large = space.CellSpace.of(space.Workspace([(0, 0), (14, 0), (14, 14), (0, 14)]), 1.0, 8)
-    for error in (0.01, 0.02, 0.05):
-        fine = bounce.FineCells.within(large, space.Slip.of(error))
-        assert 2 * math.pi / fine.fine.directions < 4 * error * TURN

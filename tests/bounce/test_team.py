@@ -316,19 +316,6 @@ def room():
     return CellSpace.of_grid(free, 8)
 
 
-def test_a_team_covers_a_room_without_being_twice_in_a_joint_state():
-    cells = room()
-    start = states_of(cells, 4, 0, 1)[0]
-    result = team_trajectory(cells, start, 3 * math.pi / 4)
-    assert result.outcome is TeamOutcome.COVERED
-    assert result.uncovered == 0
-    assert result.covered[-1] == cells.positions > result.covered[-2]
-    # Only the last states of parts, except the last part, can repeat a state.
-    ends = np.append(result.part_begin[1:] - 1, len(result.cell))
-    kept = np.delete(result.cell, ends[:-1], axis=0)
-    assert len(np.unique(kept, axis=0)) == len(kept)
-
-
 def test_other_pieces_of_the_free_space_stay_uncovered():
     free = np.ones((3, 7), bool)
     free[:, 3] = False

@@ -18,7 +18,7 @@ def opened(monkeypatch):
 def test_documentation_built_in_a_checkout_is_opened(opened, tmp_path, monkeypatch, capsys):
     built = tmp_path / "index.html"
     built.write_text("")
-    monkeypatch.setattr(docs, "_BUILT", built)
+    monkeypatch.setattr(docs, "BUILT", built)
     assert main(["docs"]) == 0
     assert opened == [built.as_uri()] == capsys.readouterr().out.split()
 
@@ -26,7 +26,7 @@ def test_documentation_built_in_a_checkout_is_opened(opened, tmp_path, monkeypat
 def test_without_a_build_the_address_of_the_package_is_opened(
     opened, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(docs, "_BUILT", tmp_path / "index.html")
+    monkeypatch.setattr(docs, "BUILT", tmp_path / "index.html")
     about = Message()
     monkeypatch.setattr(importlib.metadata, "metadata", lambda _: about)
     assert main(["docs"]) == 2

@@ -1,10 +1,10 @@
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import run
 
 from jaxcell import drift
 from jaxcell.cli import main
@@ -16,13 +16,6 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 STEP = ("--duration", 3400, "--method", "source")
 
 pytestmark = pytest.mark.usefixtures("few_drifters")
-
-
-def run(capsys, *args, file=GYRES):
-    """Exit status, the JSON object on standard output, and standard error."""
-    status = main(["drift", str(file), *map(str, args), "--json"])
-    captured = capsys.readouterr()
-    return status, json.loads(captured.out) if captured.out else None, captured.err
 
 
 @pytest.fixture(scope="module")
@@ -65,23 +58,22 @@ def test_velocities_and_grid_may_be_in_separate_files(capsys, stream, tmp_path):
     assert found.attrs["source"] == "east.nc, north.nc"
     assert "lon, lat: from grid.nc" in found.attrs["notes"]
     files = [tmp_path / "east.nc", tmp_path / "north.nc"]
-    status, _, error = run(
-        capsys, files[1], "--grid", grid, "--variables", "east", "south", file=files[0]
-    )
+    args = ("--grid", grid, "--variables", "east", "south")
+    status, _, error = run(capsys, "drift", *files, *args)
     assert status == 2
     line = f"jaxcell drift: {files[0]}, {files[1]}: variables: 'south' is not in the file, which "
     assert error == f"{line}has east, north\n"
 
 
 def test_a_goal_upstream_has_no_answer(capsys, stream):
-    args = ("--method", "source", "--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
-    status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0", file=stream)
+    args = "drift", stream, "--method source --edge exit --rho 1 --start 0.04,0.01"
+    status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0")
     assert status == 1
     assert found["surest"]["start_probability"] == 0
     assert found["surest"]["start_hours"] is None
     assert found["surest"]["start_hours_if_it_arrives"] is None
     assert error == "No policy brings a drifter from the start to the goal.\n"
-    status, found, error = run(capsys, *args, "--goal", "0.07,0.01,0", file=stream)
+    status, found, error = run(capsys, *args, "--goal", "0.07,0.01,0")
     assert (status, error) == (0, "")
     assert found["voyage"]["start_probability"] == 1
     # Four cells, a kilometre each, at a kilometre an hour.
@@ -126,20 +118,9 @@ def test_a_current_around_the_earth_is_periodic(capsys, tmp_path):
             "lon": ("lon", lon, {"units": "degrees_east"}),
         },
     )
-    jet.to_netcdf(tmp_path / "jet.nc")
-    args = (
-        "--method",
-        "source",
-        "--edge",
-        "exit",
-        "--rho",
-        1,
-        "--duration",
-        1.1e6,
-        "--out",
-        tmp_path / "out",
-    )
-    status, found, error = run(capsys, *args, "--verify", file=tmp_path / "jet.nc")
+    jet.to_netcdf(file := tmp_path / "jet.nc")
+    args = "--method source --edge exit --rho 1 --duration 1.1e6 --verify --out"
+    status, found, error = run(capsys, "drift", file, args, tmp_path / "out")
     assert (status, error) == (0, "")
     (layer,) = found["layers"]
     assert [group["cells"] for group in layer["groups"]] == [lon.size] * lat.size
@@ -147,10 +128,10 @@ def test_a_current_around_the_earth_is_periodic(capsys, tmp_path):
     assert any("goes round the Earth" in note for note in found["notes"])
     # A land cell and disturbances, too.
     jet["u"][1, 3] = np.nan
-    jet.to_netcdf(tmp_path / "jet.nc")
+    jet.to_netcdf(file)
     for spread in ("turned", "all", "sampled"):
-        args = ("--edge", "exit", "--spread", spread, "--verify")
-        status, found, error = run(capsys, *args, file=tmp_path / "jet.nc")
+        args = f"--edge exit --spread {spread} --verify"
+        status, found, error = run(capsys, "drift", file, args)
         assert status == 0, error
 
 

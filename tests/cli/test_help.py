@@ -8,9 +8,6 @@ from jaxcell.cli.app import COMMANDS, read
 from jaxcell.cli.help import example
 
 
-LAB = ("@lab_a", "--collision", "endpoint")
-
-
 def page(capsys, *args):
     with pytest.raises(SystemExit) as ended:
         main(args)
@@ -149,27 +146,6 @@ def test_other_shells_have_a_script_too(capsys, shell):
         main(["--tyro-print-completion", shell])
     assert not ended.value.code
     assert "_tyro_jaxcell" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("args", "directions"),
-    [
-        (["localize", *LAB, "--bounce", "100"], 18),
-        (["groups", *LAB, "--bounce", "45", "100"], 72),
-        (["cover", *LAB, "--bounces", "90", "--error", "2.5", "--reliability", "0.8"], 144),
-    ],
-)
-def test_an_angle_between_directions_is_refused_with_a_fitting_number(capsys, args, directions):
-    assert main([*args, "--directions", "8"]) == 2
-    said = capsys.readouterr().err
-    assert "deg is not a whole number of the 8 directions" in said
-    assert said.endswith(f"; --directions {directions} would do\n")
-
-
-@pytest.mark.parametrize("angle", ["nan", "0.01"])
-def test_an_angle_that_fits_no_number_of_directions_is_refused_without_advice(capsys, angle):
-    assert main(["groups", *LAB, "--bounce", angle]) == 2
-    assert capsys.readouterr().err.endswith("which are 45 deg apart\n")
 
 
 def test_help_into_a_closed_pipe_is_quiet():

@@ -48,7 +48,7 @@ def test_a_limit_is_an_option_of_all_commands(capsys, monkeypatch, place, option
     monkeypatch.setenv(memory.LIMIT, "")
     monkeypatch.setattr(CellSpace, "of", None)
     # As much as a process takes that ran no test before.
-    monkeypatch.setattr(memory, "_PROC", Path("/nowhere"))
+    monkeypatch.setattr(memory, "PROC", Path("/nowhere"))
     args = ["groups", str(LAB), "--bounce", "45", "--cell", "0.001"]
     assert main([*args[:place], *option, *args[place:]]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -95,7 +95,7 @@ def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
 
 
 def test_much_memory_is_reported_on_standard_error_only(capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.cli.study_command._MUCH", 1e4)
+    monkeypatch.setattr("jaxcell.cli.study_command.MUCH", 1e4)
     assert main(["groups", str(LAB), "--bounce", "45", "--json"]) == 0
     told = capsys.readouterr()
     assert json.loads(told.out)["positions"] == 19
@@ -105,7 +105,7 @@ def test_much_memory_is_reported_on_standard_error_only(capsys, monkeypatch):
 def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_path):
     args = ["groups", str(LAB), "--bounce", "45", "--out"]
     assert main([*args, str(tmp_path / "few")]) == 0
-    monkeypatch.setattr("jaxcell.study.bounce.groups._MAX_AT_ONCE", 100)
+    monkeypatch.setattr("jaxcell.study.bounce.groups.MAX_AT_ONCE", 100)
     assert main([*args, str(tmp_path / "many")]) == 0
     names = {one.name for one in (tmp_path / "many").iterdir()}
     assert names == {"groups.zarr", "summary.json"}

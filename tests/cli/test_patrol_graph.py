@@ -6,19 +6,13 @@ import re
 from pathlib import Path
 
 import pytest
+from helpers import run
 
 from jaxcell.cli import main
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
 EIGHT = GRAPHS / "eight.json"
-
-
-def run(capsys, *args, file=EIGHT):
-    """Exit status, the JSON object on standard output, and standard error."""
-    status = main(["patrol", "graph", str(file), *map(str, args), "--json"])
-    captured = capsys.readouterr()
-    return status, json.loads(captured.out) if captured.out else None, captured.err
 
 
 def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
@@ -40,7 +34,7 @@ def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
 
 
 def test_a_periodic_walk_never_mixes(capsys):
-    status, found, _ = run(capsys, file=GRAPHS / "line.json")
+    status, found, _ = run(capsys, "patrol graph", GRAPHS / "line.json")
     assert (status, found["mixing_time"], found["slem"]) == (0, None, 1.0)
     assert main(["patrol", "graph", str(GRAPHS / "line.json")]) == 0
     assert re.search(
@@ -53,14 +47,14 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
         raise RuntimeError("the residual stayed above the tolerance")
 
     monkeypatch.setattr("jaxcell.optimize.minimum_commute", stalls)
-    status, found, error = run(capsys)
+    status, found, error = run(capsys, "patrol graph", EIGHT)
     assert (status, found) == (1, None)
     assert error == "jaxcell patrol graph: the residual stayed above the tolerance\n"
 
 
 def test_large_graphs_say_that_times_are_of_one_patroller(capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.patrol.walks.graph_patrol._MAX_ARRIVALS", 7)
-    status, found, said = run(capsys, "--robots", 2)
+    monkeypatch.setattr("jaxcell.patrol.walks.graph_patrol.MAX_ARRIVALS", 7)
+    status, found, said = run(capsys, "patrol graph", EIGHT, "--robots", 2)
     assert (status, "mean_first_arrival" in found) == (0, False)
     assert "on graphs of up to 7 vertices; other times are of one patroller" in said
 
@@ -79,7 +73,9 @@ def test_constraints_are_met_and_verified(capsys, tmp_path):
         {"edges": [["6", "7"], ["7", 8]], "factors": [2, 3], "most": 0.48},
         {"same": [["2", "3"], ["2", "8"], ["3", "4"]]},
     )
-    found = run(capsys, "--constraints", file, "--verify", "--out", tmp_path / "out")[1]
+    found = run(
+        capsys, "patrol graph", EIGHT, "--constraints", file, "--verify", "--out", tmp_path / "out"
+    )[1]
     weight = {frozenset(edge["ends"]): edge["weight"] for edge in found["edges"]}
     assert weight[frozenset("12")] + weight[frozenset("15")] <= 0.2 + 1e-9
     assert min(one["stationary"] for one in found["vertices"]) >= 0.09 - 1e-9
@@ -108,7 +104,7 @@ def test_constraints_that_contradict_are_status_1(capsys, tmp_path):
         {"label": "corridor", "edges": [["1", "2"], ["5", "1"]], "most": 0.1},
         {"vertices": ["1"], "least": 0.06},
     )
-    status, found, error = run(capsys, "--constraints", file)
+    status, found, error = run(capsys, "patrol graph", EIGHT, "--constraints", file)
     assert (status, found) == (1, None)
     assert error.endswith("constraints: these contradict each other: corridor, vertex 1\n")
 
@@ -135,7 +131,7 @@ def test_constraints_that_contradict_are_status_1(capsys, tmp_path):
 )
 def test_bad_constraints_are_one_line_and_status_2(capsys, tmp_path, constraint, message):
     file = constraints(tmp_path, constraint)
-    status, found, error = run(capsys, "--constraints", file)
+    status, found, error = run(capsys, "patrol graph", EIGHT, "--constraints", file)
     assert (status, found) == (2, None)
     assert error.count("\n") == 1
     assert re.search(rf"constraints\.json: .*{message}", error), error
@@ -160,13 +156,13 @@ def line(tmp_path):
 
 
 def test_steps_that_take_seconds_are_chosen_by_steps(capsys, line):
-    _, found, said = run(capsys, "--strategy", "entropy", "--speed", 1, file=line)
+    _, found, said = run(capsys, "patrol graph", line, "--strategy", "entropy", "--speed", 1)
     assert "the walk is chosen by steps; the times in seconds are those it then has" in said
     assert found["timed"]["mean_step"] > 2
 
 
 def test_the_game_is_in_steps(capsys, line):
-    status, found, said = run(capsys, "--game", "--speed", 1, file=line)
+    status, found, said = run(capsys, "patrol graph", line, "--game", "--speed", 1)
     assert status == 0
     assert found["game"]
     assert "the game counts steps, not seconds" in said
@@ -174,7 +170,7 @@ def test_the_game_is_in_steps(capsys, line):
 
 def test_walks_with_memory_stand_beside_a_tour_and_a_bound(capsys, line):
     args = "--strategy", "capture", "--attack-time", 5, "--memory-states", 2
-    status, found, said = run(capsys, *args, file=line)
+    status, found, said = run(capsys, "patrol graph", line, *args)
     assert status == 0
     part = found["walks_with_memory"]
     assert [row["patrol"] for row in part["patrols"]] == ["memory 1", "memory 2", "tour"]
@@ -185,33 +181,3 @@ def test_walks_with_memory_stand_beside_a_tour_and_a_bound(capsys, line):
     assert [row["vertex"] for row in part["vertices"]] == [
         row["vertex"] for row in found["vertices"]
     ]
-
-
-@pytest.mark.parametrize(
-    ("args", "message"),
-    [
-        (
-            ("--memory-states", 2),
-            "--memory-states: it has an effect only with --strategy capture and without",
-        ),
-        (
-            ("--strategy", "capture", "--attack-time", 9, "--memory-states", 300),
-            "--memory-states: 8 vertices times 300 are more than 2,000 states; expected fewer",
-        ),
-    ],
-)
-def test_memory_without_use_or_beyond_the_limit_is_refused(capsys, args, message):
-    status, _, error = run(capsys, *args)
-    assert status == 2
-    assert message in error
-
-
-def test_tables_of_news_and_of_charging_have_the_names_of_vertices(capsys):
-    status, found, _ = run(capsys, "--base", 1, "--charger", 3, "--every", 20)
-    assert status == 0
-    for part in ("news", "charged"):
-        rows = found[part]["vertices"]
-        assert [row["vertex"] for row in rows] == [row["vertex"] for row in found["vertices"]]
-    # News of the base itself are the newest.
-    ages = {row["vertex"]: row["mean_age"] for row in found["news"]["vertices"]}
-    assert min(ages, key=ages.get) == found["news"]["base"] == "1"

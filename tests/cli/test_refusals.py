@@ -4,9 +4,11 @@ Limits of single options, and options without effect, are tested for all studies
 `tests/study/test_every_study.py`.
 """
 
+import json
 import re
 import shlex
 
+import numpy as np
 import pytest
 
 from jaxcell.cli import main
@@ -18,6 +20,7 @@ FILES = {
     "apart.txt": "; cell 1\n...#...\n...#...\n",
     "constraints.json": '{"constraints": [{"edges": [["a", "c"]], "most": 0.1}]}',
     "crossed.json": MAP % "[[0, 0], [4, 4], [4, 0], [0, 4]]",
+    "hall.txt": "; cell 1\n............\n" + "....#.......\n" * 3 + "............\n",
     "number.py": "System = 3",
     "numbers.txt": "a 1\nb 1\n",
     "open.json": MAP % "[[0, 0], [4, 0]]",
@@ -195,6 +198,8 @@ patrol map @lab_a --range 3 --base auto --base-range 0.4
     --base: ... sees no other cell...
 patrol map @lab_a --range 3 --base auto --lost 5
     --lost: there is no robot 5; robots are 0 to 1
+patrol map hall.txt --range 2.5 --base 8.5,2.5 --base-range 2 --target 8.5,1.5
+    --target '8.5,1.5': the base station always sees it...
 patrol map @lab_a --range 3 --robots 1 --base auto --lost 0
     --lost: robot 0 is the only one; none would be left to patrol
 patrol map @lab_a --attack-times
@@ -215,8 +220,54 @@ robot run a.jxf --simulate @lab_a --physics --noise 0.1
     --noise: it has an effect only with --simulate and without --physics
 robot run a.jxf --simulate @lab_a --speed 0.7
     --speed: expected more than 0 and at most 0.5, got 0.7
+robot run filter.jxf --simulate @lab_a
+    ...because the steps of filter.jxf differ between directions...
+robot run plan.json --port none
+    ...because the steps of plan.json differ between directions...
+robot run filter.jxf --simulate @lab_a --heading 30
+    --heading 30: expected a multiple of the 45 degrees...
+robot run filter.jxf --simulate @lab_a --heading inf
+    --heading inf: expected a multiple of the 45 degrees...
+robot run filter.jxf --simulate @lab_a --heading 0 --live there
+    viewer 'there': expected here, or the address of a...
+robot run filter.jxf --simulate @lab_a --heading 0 --give -0.1
+    ...give: expected a finite number from 0, got -0.1
+robot run filter.jxf --simulate @lab_a --heading 0 --noise nan
+    ...distance: expected a finite number from 0...
+robot run filter.jxf --simulate @lab_a --heading 0 --start 0.5,9,0
+    --start '0.5,9,0'...
+robot run filter.jxf --simulate @lab_a --heading 0 --intruder 1,1
+    --intruder: it has an effect only for a patrol...
+robot run filter.jxf --simulate @lab_a --robot 0
+    ...it is for one robot...
+robot run plan.json --simulate @lab_a --heading 45 --until cycle
+    --until: it has an effect only for a filter...
+robot run plans.nc --simulate @lab_a
+    ...a robot does not read NetCDF...
+robot run patrol.json --simulate @lab_b --robot 3
+    ...there is no robot 3; robots are 0 to 0
+robot run patrol.json --simulate @lab_b --intruder x
+    --intruder 'x': expected...
+robot run patrol.json --simulate @lab_b --camera nothing
+    --camera nothing: No such file or directory
+robot run patrol.json --simulate @lab_b --camera . --intruder 1,1
+    --camera: it has an effect only without --intruder
+robot run patrol.json --simulate @lab_b --visits 0
+    --visits: expected at least 1, got 0
+robot run patrol.json --simulate @lab_b --tolerance -1
+    ...tolerance: expected a positive number...
 robot sketch
     expected one of FILE or --bounce
+robot sketch filter.jxf --heading 10
+    --heading 10: expected a multiple of the 45 degrees...
+robot sketch filter.jxf
+    ...because the steps of filter.jxf differ between directions...
+robot sketch filter.jxf --heading 0 --flash 15100
+    ...the tables have 580 bytes; there is room for 100, in 15,100...
+robot sketch filter.jxf --heading 0 --flash 100
+    ...there is room for 0, in 100...
+robot sketch plan.json
+    plan.json: expected a filter...
 robot sketch --bounce 90
     --step: it is needed with --bounce
 robot sketch --bounce 90 --step 0.2 --heading 0
@@ -233,6 +284,16 @@ sweep @rooms --engine ray
     ...expected local, processes, dask...
 sweep view @rooms --out a.nc
     --out a.nc: expected the name of a recording, FILE.rrd
+export filter.jxf f.jff --smallest
+    ...expected .dot, .json or .h with --smallest
+export filter.jxf f.h --smallest --output action
+    ...expected color, count, cells or localized...
+export filter.jxf f.h --output count
+    --output: it has an effect only with --smallest
+export filter.jxf f.h --smallest --minimal
+    --smallest: it has an effect only without --minimal
+export filter.jxf f.h --smallest --seconds -1
+    --seconds: expected at least 0 s, got -1
 export a.jxf a.exe
     a.exe: expected a suffix among .dot, .jff, .json, .h
 """
@@ -241,11 +302,28 @@ ROWS = REFUSALS.strip().splitlines()
 PAIRS = [(line, error.strip()) for line, error in zip(ROWS[::2], ROWS[1::2], strict=True)]
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the files of the commands, and with tasks of robots."""
+    from robot_files import SPEC, save_filter
+    from wheels import map_cells
+
+    from jaxcell.robot.tasks.patrol_task import save_patrols
+
+    folder = tmp_path_factory.mktemp("files")
+    plan = {**SPEC, "found": True, "start": 20, "actions_deg": [0]}
+    for name, text in {**FILES, "plan.json": json.dumps(plan)}.items():
+        (folder / name).write_text(text)
+    save_filter(folder)
+    cells = map_cells("lab_b.json")
+    walk = np.arange(cells.positions)[None], np.ones((1, cells.positions))
+    save_patrols(folder / "patrol.json", cells, [walk], [0], 1.6)
+    return folder
+
+
 @pytest.mark.parametrize(("line", "expected"), PAIRS, ids=ROWS[::2])
-def test_bad_input_is_refused_in_one_line(line, expected, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    for name, text in FILES.items():
-        (tmp_path / name).write_text(text)
+def test_bad_input_is_refused_in_one_line(line, expected, folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
     assert main(shlex.split(line)) == 2
     printed = capsys.readouterr()
     assert printed.out == ""

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 from rerun.chunk import RrdReader
-from wheels import MAPS, bounce_filter, map_cells
+from robot_files import LAB, save_filter
+from wheels import MAPS
 
 import jaxcell.record.robot
 from jaxcell import record
@@ -19,10 +20,7 @@ from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
 
 
-LAB = map_cells("lab_a.json")
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
-SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
-
 # Nothing can be imported but the standard library, jaxcell, and the packages that are named.
 ALONE = """
 import sys
@@ -40,7 +38,7 @@ sys.meta_path.insert(0, Blocked())
 from jaxcell.cli import main, terminal
 
 # Lines of work that lasts depend on the machine.
-terminal._FIRST_LINE = 3600.0
+terminal.FIRST_LINE = 3600.0
 raise SystemExit(main(sys.argv[2:]))
 """
 
@@ -77,10 +75,7 @@ def on_a_robot(*words):
 
 @pytest.fixture
 def filter_file(tmp_path):
-    about = {**SPEC, "map": str(MAPS / "lab_a.json"), "name": LAB.workspace.name}
-    path = tmp_path / "filter.jxf"
-    bounce_filter(LAB, 45, metadata=about).save(path)
-    return path
+    return save_filter(tmp_path, map=str(MAPS / "lab_a.json"), name=LAB.workspace.name)
 
 
 def test_dependencies_of_a_robot_are_among_all_dependencies():

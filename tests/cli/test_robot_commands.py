@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from robot_files import LAB, SPEC, simulated
+from robot_files import LAB, SPEC, run, simulated
 from wheels import bounce_filter, bounce_tables, map_cells, pose_of
 
 from jaxcell.cli import app, main
@@ -25,11 +25,6 @@ from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.run_log import RunLog
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.walker import Walker
-
-
-def run(command, capsys) -> tuple[int, dict]:
-    code = command.run()
-    return code, json.loads(capsys.readouterr().out)
 
 
 def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):
@@ -58,23 +53,6 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
     with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
         RobotReplay(log=out / "run.jsonl").run()
-
-
-def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
-    filter = bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45, "name": LAB.workspace.name})
-    filter.save(filter_file)
-    out = tmp_path / "out"
-    code, found = run(
-        simulated(filter_file, "lab_b.json", start="101", heading=225.0, out=out), capsys
-    )
-    # Its cells are not those of the map that the robot is in.
-    chunks = RrdReader(out / "run.rrd").stream().to_chunks()
-    beliefs = [c for c in chunks if c.entity_path == "/map/belief" and not c.is_static]
-    assert not beliefs
-    assert any(chunk.entity_path == "/filter/uncertainty" for chunk in chunks)
-    assert code == 1
-    assert found["result"] == "refuted"
-    assert found["observations"] in found["reason"]
 
 
 PLAN_START = 20
@@ -192,25 +170,6 @@ def test_a_line_that_does_not_open_is_refused_without_error_numbers(
     with pytest.raises(OSError, match=re.escape(message.format(port=port))) as caught:
         RobotCheck(port=port, firmware=firmware).run()
     assert "rrno" not in str(caught.value)
-
-
-def test_bad_options(filter_file):
-    with pytest.raises(ValueError, match="one of `port`, `ros` or `simulate`"):
-        RobotRun(file=filter_file).run()
-    with pytest.raises(ValueError, match="viewer 'there': expected here, or the address of a"):
-        simulated(filter_file, heading=0.0, live="there").run()
-    with pytest.raises(ValueError, match="--heading 30: expected a multiple of the 45 degrees"):
-        simulated(filter_file, heading=30.0).run()
-    with pytest.raises(ValueError, match="--heading inf: expected a multiple of the 45 degrees"):
-        simulated(filter_file, heading=math.inf).run()
-    with pytest.raises(ValueError, match=r"give: expected a finite number from 0, got -0\.1"):
-        simulated(filter_file, heading=0.0, give=-0.1).run()
-    with pytest.raises(ValueError, match="--until: it has an effect only for a filter"):
-        simulated(plan_file(filter_file.parent), heading=45.0, until="cycle").run()
-    with pytest.raises(ValueError, match=r"--start '0\.5,9,0'"):
-        simulated(filter_file, start="0.5,9,0", heading=0.0).run()
-    with pytest.raises(ValueError, match="distance: expected a finite number from 0"):
-        simulated(filter_file, heading=0.0, noise=math.nan).run()
 
 
 def test_the_command_that_resumes_has_the_options_of_the_run(filter_file, tmp_path):

@@ -7,14 +7,11 @@ import subprocess
 import sys
 
 import pytest
-from robot_files import LAB, save_belief, save_filter
+from robot_files import LAB, run, save_belief, save_filter, simulated
 from waiting import wait_until
 from wheels import MAPS, bounce_tables
 
 from jaxcell.cli.robot.replay import RobotReplay
-from jaxcell.cli.robot.run import RobotRun
-from jaxcell.robot.create.packets import Contact
-from jaxcell.robot.emulation.emulator import Emulator
 
 
 START, HEADING = 70, 135.0
@@ -35,20 +32,9 @@ def file(request, tmp_path_factory):
 @pytest.fixture(scope="module")
 def whole(file, tmp_path_factory):
     """The summary of a run that nothing stops."""
-    return run(simulated(file, tmp_path_factory.mktemp("whole") / "out"))[1]
-
-
-def simulated(file, out, start=START, **fields):
-    # A run that is resumed has the heading of its log.
-    heading = None if "resume" in fields else HEADING
-    told = {"start": str(start), "heading": heading, "speedup": 1e6, "out": out}
-    return RobotRun(file=file, simulate=MAPS / "lab_a.json", **told, **fields)
-
-
-def run(command):
-    """The exit status, and the summary that lies beside the log."""
-    code = command.run()
-    return code, json.loads((command.out / "summary.json").read_text())
+    out = tmp_path_factory.mktemp("whole") / "out"
+    simulated(file, start=str(START), heading=HEADING, out=out).run()
+    return json.loads((out / "summary.json").read_text())
 
 
 def await_observations(log, count):
@@ -63,8 +49,9 @@ def stand(count):
 
 def replay(log, capsys):
     capsys.readouterr()
-    assert RobotReplay(log=log, json=True).run() == 0
-    return json.loads(capsys.readouterr().out)
+    code, found = run(RobotReplay(log=log, json=True), capsys)
+    assert code == 0
+    return found
 
 
 def goes_on(log, file, whole, capsys, tmp_path):
@@ -75,7 +62,7 @@ def goes_on(log, file, whole, capsys, tmp_path):
     assert whole["observations"].startswith(before["observations"])
     assert set(whole["cells"]) != set(before["cells"])
     on = tmp_path / "on"
-    code, found = run(simulated(file, on, stand(count), resume=log))
+    code, found = run(simulated(file, start=str(stand(count)), out=on, resume=log), capsys)
     again = replay(on / "run.jsonl", capsys)
     assert code == 0
     for name in ENDS:
@@ -85,7 +72,6 @@ def goes_on(log, file, whole, capsys, tmp_path):
 
 
 @pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
-@pytest.mark.parametrize("file", [save_filter], indirect=True, ids=["filter"])
 def test_a_run_whose_program_was_ended_can_be_resumed(file, whole, tmp_path, capsys, kill):
     out = tmp_path / "out"
     log = out / "run.jsonl"
@@ -114,40 +100,3 @@ def test_a_run_whose_program_was_ended_can_be_resumed(file, whole, tmp_path, cap
         with log.open("a") as lines:
             lines.write('{"event": "observation", "obs')
     goes_on(log, file, whole, capsys, tmp_path)
-
-
-class Ending(Emulator):
-    """A robot that something happens to after 20 seconds of its time."""
-
-    happens: str
-
-    def exchange(self, seconds, data=b""):
-        if self.seconds > 20:
-            getattr(self, self.happens)()
-        return super().exchange(seconds, data)
-
-    def low(self):
-        self._charge = 269.0
-
-    def flat(self):
-        self._charge = 0.0
-
-    def lifted(self):
-        self.contact = Contact.WHEEL_DROP_LEFT
-
-
-@pytest.mark.parametrize(
-    ("happens", "why"),
-    [("low", "the battery is low (10%)"), ("flat", ""), ("lifted", "a wheel hangs in the air")],
-)
-def test_a_run_whose_robot_stopped_can_be_resumed(
-    file, whole, tmp_path, capsys, monkeypatch, happens, why
-):
-    out = tmp_path / "out"
-    monkeypatch.setattr(Ending, "happens", happens, raising=False)
-    with monkeypatch.context() as patched:
-        patched.setattr("jaxcell.robot.emulation.emulator.Emulator", Ending)
-        code, found = run(simulated(file, out))
-    assert (code, found["result"]) == (1, "stopped")
-    assert found["reason"].startswith(f"the robot was stopped: {why}")
-    goes_on(out / "run.jsonl", file, whole, capsys, tmp_path)

@@ -51,21 +51,6 @@ def test_smallest_machines_are_exported_with_their_proof(filter_file, tmp_path, 
     assert "#define FILTER_STATES 44u\n" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("options", "cause"),
-    [
-        (["f.jff", "--smallest"], "expected .dot, .json or .h with --smallest"),
-        (["f.h", "--smallest", "--output", "action"], "expected color, count, cells or localized"),
-        (["f.h", "--output", "count"], "--output: it has an effect only with --smallest"),
-        (["f.h", "--smallest", "--minimal"], "it has an effect only without --minimal"),
-        (["f.h", "--smallest", "--seconds", "-1"], "--seconds: expected at least 0 s, got -1"),
-    ],
-)
-def test_wrong_options_of_smallest_machines_are_refused(filter_file, capsys, options, cause):
-    assert main(["export", str(filter_file), *options]) == 2
-    assert cause in capsys.readouterr().err
-
-
 def test_a_choice_of_angles_becomes_a_sketch_and_a_header(tmp_path, capsys):
     file, header = tmp_path / "policy.jxf", tmp_path / "policy.h"
     spec = {**SPEC, "bounces_deg": [45.0, 135.0]}
@@ -89,31 +74,3 @@ def test_a_choice_of_angles_becomes_a_sketch_and_a_header(tmp_path, capsys):
 def test_a_policy_becomes_a_sketch(capsys):
     assert RobotSketch(bounce=135.0, step=0.4).run() == 0
     assert capsys.readouterr().out == bounce_sketch(math.radians(135), 0.4)
-
-
-def test_bad_filters(filter_file, tmp_path):
-    for fields, message in [
-        ({"heading": 30.0}, "--heading 30: expected a multiple of the 45 degrees"),
-        ({"heading": math.inf}, "--heading inf: expected a multiple"),
-        ({"flash": 15_100}, "the tables have 580 bytes; there is room for 100, in 15,100"),
-        ({"flash": 100}, "there is room for 0, in 100"),
-        ({"out": tmp_path / "sketch.c"}, r"sketch\.c: expected a name that ends in \.ino"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            RobotSketch(file=filter_file, **{"heading": 0.0} | fields).run()
-    plan = tmp_path / "summary.json"
-    plan.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]}))
-    with pytest.raises(ValueError, match=r"summary\.json: expected a filter"):
-        RobotSketch(file=plan).run()
-    with pytest.raises(FileNotFoundError):
-        RobotSketch(file=tmp_path / "none.jxf").run()
-
-
-def test_sketches_are_made_from_the_command_line(filter_file, tmp_path, capsys):
-    assert main(["robot", "sketch", str(filter_file), "--heading", "10"]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("jaxcell robot sketch: --heading 10: ")
-    assert error.count("\n") == 1
-    out = tmp_path / "a.ino"
-    assert main(["robot", "sketch", "--bounce", "45", "--step", "1", "--out", str(out)]) == 0
-    assert "#define FILTERED 0" in out.read_text()

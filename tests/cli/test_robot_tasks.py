@@ -1,10 +1,12 @@
+import functools
 import json
 import math
 
 import numpy as np
 import pytest
-from robot_files import SPEC, save_filter
-from wheels import MAPS, map_cells
+import robot_files
+from robot_files import SPEC, run
+from wheels import map_cells
 
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
@@ -15,6 +17,7 @@ from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
 
 
 LAB = map_cells("lab_b.json")
+simulated = functools.partial(robot_files.simulated, name="lab_b.json")
 
 
 @pytest.fixture
@@ -30,36 +33,12 @@ def patrol_file(tmp_path):
     return path
 
 
-def run(command, capsys) -> tuple[int, dict]:
-    code = command.run()
-    return code, json.loads(capsys.readouterr().out)
-
-
-def simulated(file, name="lab_b.json", **fields) -> RobotRun:
-    return RobotRun(file=file, simulate=MAPS / name, speedup=1e6, json=True, **fields)
-
-
 def replayed(out, found, capsys) -> dict:
     code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
     assert code == 0
     same = set(again) - {"log", "whole"}
     assert {name: again[name] for name in same} == {name: found[name] for name in same}
     return again
-
-
-def test_robots_of_a_patrol_run_independently(patrol_file, capsys):
-    found = []
-    for i in range(3):
-        code, one = run(simulated(patrol_file, robot=i, seed=10 + i, visits=6), capsys)
-        assert code == 0
-        found.append(one)
-    for i, one in enumerate(found):
-        assert one["result"] == "patrolled"
-        assert len(one["visited"]) == 6
-        assert one["observations"].count("1") == 0
-        assert one["emulated"]["start"] == [0, 7, 18][i]
-        assert one["emulated"]["end"] % LAB.positions == one["position"] == one["visited"][-1]
-    assert len({tuple(one["visited"]) for one in found}) == 3
 
 
 def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
@@ -105,30 +84,6 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
     assert len(found["observations"]) == 2
 
 
-def test_a_camera_is_for_patrols(patrol_file, tmp_path, capsys):
-    with pytest.raises(ValueError, match=r"--camera .*nothing: No such file"):
-        run(simulated(patrol_file, camera=str(tmp_path / "nothing")), capsys)
-    with pytest.raises(ValueError, match="camera: it has an effect only without `intruder`"):
-        run(simulated(patrol_file, camera=str(tmp_path), intruder="1,1"), capsys)
-
-
-def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
-    hall = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)])
-    cells = CellSpace.of(hall, 1.0, 8)
-    image = np.arange(15)[None].copy()
-    image[0, [5, 9]] = [9, 5]
-    save_patrols(tmp_path / "patrol.json", cells, [(image, np.ones((1, 15)))], [5], 1.0)
-    boxed = tmp_path / "boxed.json"
-    Workspace(hall.boundary, [[(2, 1), (3, 1), (3, 2), (2, 2)]]).save(boxed)
-    command = RobotRun(
-        file=tmp_path / "patrol.json", simulate=boxed, visits=2, speedup=1e6, json=True
-    )
-    code, found = run(command, capsys)
-    assert (code, found["result"]) == (0, "patrolled")
-    assert found["obstacles"] == [[6, 0]]
-    assert "1 time where the map is free" in found["reason"]
-
-
 @pytest.mark.parametrize("steps", ["encoder", "clock"])
 def test_a_robot_of_a_team_runs_its_part(tmp_path, capsys, steps):
     # East until the wall, and back; then a meeting, a turn to the left, and the wall there.
@@ -158,30 +113,3 @@ def test_a_robot_of_a_team_runs_its_part(tmp_path, capsys, steps):
         replayed(out, found, capsys)
         if robot == 1:
             assert found["emulated"]["end"] == int(cells.index(*end))
-
-
-def test_a_filter_runs_with_distances_by_the_clock(tmp_path, capsys):
-    path = save_filter(tmp_path)
-    code, found = run(
-        simulated(path, "lab_a.json", start="70", heading=135.0, steps="clock"), capsys
-    )
-    assert (code, found["result"]) == (0, "localized")
-    assert found["emulated"]["truth_is_a_candidate"] is True
-
-
-def test_bad_options(patrol_file, tmp_path):
-    with pytest.raises(ValueError, match="there is no robot 3; robots are 0 to 2"):
-        simulated(patrol_file, robot=3).run()
-    with pytest.raises(ValueError, match="--intruder 'x': expected"):
-        simulated(patrol_file, intruder="x").run()
-    with pytest.raises(ValueError, match="visits: expected at least 1, got 0"):
-        simulated(patrol_file, visits=0).run()
-    with pytest.raises(ValueError, match="tolerance: expected a positive number"):
-        simulated(patrol_file, tolerance=-1.0).run()
-    path = save_filter(tmp_path)
-    with pytest.raises(ValueError, match="it is for one robot"):
-        simulated(path, robot=0).run()
-    with pytest.raises(ValueError, match="--intruder: it has an effect only for a patrol"):
-        simulated(path, heading=0.0, intruder="1,1").run()
-    with pytest.raises(ValueError, match="a robot does not read NetCDF"):
-        simulated(tmp_path / "plans.nc").run()

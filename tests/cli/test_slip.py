@@ -1,13 +1,11 @@
 """The commands for a robot that slips."""
 
-import json
-
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import run
 
 from jaxcell.automata import Belief, HiddenMap
-from jaxcell.cli import main
 
 
 ROOM = """; cell 1
@@ -32,12 +30,6 @@ def room(tmp_path):
     return path
 
 
-def run(capsys, *args):
-    status = main([*map(str, args), "--json"])
-    captured = capsys.readouterr()
-    return status, json.loads(captured.out) if captured.out else None, captured.err
-
-
 def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     out, again = tmp_path / "out", tmp_path / "run"
     args = ("localize", room, "--bounces", 90, 135, "--slip", 0.02, "--start", 3)
@@ -56,18 +48,8 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     for observation, turn in zip(found["word"], turned[1:].tolist(), strict=True):
         state = belief.observe(state, int(observation))
         assert state.turn == (None if turn < 0 else turn)
-    run_it = (
-        "robot",
-        "run",
-        out / "belief.jxb",
-        "--simulate",
-        room,
-        "--heading",
-        0,
-        "--noise",
-        0.02,
-    )
-    status, driven, _ = run(capsys, *run_it, "--out", again, "--speedup", 1000)
+    words = f"--simulate {room} --heading 0 --noise 0.02 --speedup 1000 --out {again}"
+    status, driven, _ = run(capsys, "robot run", out / "belief.jxb", words)
     assert status == 0
     status, replayed, _ = run(capsys, "robot", "replay", again / "run.jsonl")
     assert replayed["observations"] == driven["observations"]
@@ -88,11 +70,3 @@ def test_plan_and_emulated_robot_arrive_alike_despite_slips(capsys, room):
     # Runs of the emulated robot, of which there are 50, share no code with those of the plan.
     assert found["simulated_plan_arrives"] == pytest.approx(found["plan_arrives"], abs=0.2)
     assert found["simulated_policy_arrives"] > 0.3
-
-
-def test_a_damaged_belief_does_not_run(capsys, tmp_path, room):
-    path = tmp_path / "belief.jxb"
-    path.write_bytes(b"not a belief")
-    status, _, error = run(capsys, "robot", "run", path, "--simulate", room)
-    assert status == 2
-    assert "belief.jxb" in error

@@ -141,7 +141,7 @@ def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
 
 
 def test_a_running_sweep_reports_its_rate(spec, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.sweep.workers.progress._SECONDS_BETWEEN", 0)
+    monkeypatch.setattr("jaxcell.sweep.workers.progress.SECONDS_BETWEEN", 0)
     kept, out, seen = sweep_stub.stub, str(tmp_path / "out"), []
 
     def curious(batch, fixed, seed):

@@ -9,8 +9,8 @@ from jaxcell.cli import terminal
 @pytest.fixture
 def heard(monkeypatch, capsys):
     """A function that waits for a line on standard error; lines come as fast as they can."""
-    monkeypatch.setattr(terminal, "_FIRST_LINE", 0.0)
-    monkeypatch.setattr(terminal, "_LINES", 0.01)
+    monkeypatch.setattr(terminal, "FIRST_LINE", 0.0)
+    monkeypatch.setattr(terminal, "LINES", 0.01)
     text = ""
 
     def said(line):
@@ -31,7 +31,7 @@ def test_long_work_prints_a_line_every_minute(heard):
 
 
 def test_short_work_prints_nothing(capsys, monkeypatch):
-    monkeypatch.setattr(terminal, "_FIRST_LINE", 3600.0)
+    monkeypatch.setattr(terminal, "FIRST_LINE", 3600.0)
     with contextlib.suppress(ValueError), terminal.status("thinking"):
         raise ValueError
     assert capsys.readouterr() == ("", "")

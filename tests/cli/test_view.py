@@ -68,7 +68,7 @@ def test_a_browser_is_opened_at_the_one_address_that_is_printed(
     monkeypatch.setattr(view, "has_display", lambda: display)
     with socket.create_server(("127.0.0.1", 0)) as other:
         if taken:
-            monkeypatch.setattr(view, "_PAGE_PORT", other.getsockname()[1])
+            monkeypatch.setattr(view, "PAGE_PORT", other.getsockname()[1])
         assert main(["view", "--web", str(results / "b.rrd")]) == 0
     [command] = started
     assert command[-2:] == ["--serve-web", str(results / "b.rrd")]
@@ -125,8 +125,8 @@ def test_a_live_run_is_shown_in_a_window_or_on_a_page(monkeypatch, capsys, displ
     monkeypatch.setattr(subprocess, "Popen", start)
     monkeypatch.setattr(view, "has_display", lambda: display)
     # The usual ports may be taken by a page of another test at this moment.
-    monkeypatch.setattr(view, "_PAGE_PORT", 0)
-    monkeypatch.setattr(view, "_DATA_PORT", 0)
+    monkeypatch.setattr(view, "PAGE_PORT", 0)
+    monkeypatch.setattr(view, "DATA_PORT", 0)
     with view.shown_live("here") as viewer:
         said = capsys.readouterr().err
     if display:

@@ -116,7 +116,7 @@ def test_groups_without_orbits_get_the_attractors_of_their_cells(monkeypatch):
     box = Box([-1], [1], [40])
     slow = dynamics.flow(lambda x, p: -x, 0.1, 1)
     all_of_them = dynamics.basins(slow, box)
-    monkeypatch.setattr(attractors, "MAX_GROUPS", 3)
+    monkeypatch.setattr(attractors, "MAXGROUPS", 3)
     few = dynamics.basins(slow, box)
     assert few.groups == all_of_them.groups > 6
     assert all_of_them.basin.tolist() == few.basin.tolist() == [0] * 40
@@ -130,7 +130,7 @@ def test_groups_that_reach_no_known_attractor_are_reported(monkeypatch):
         return jnp.floor(x) + 0.5 + 0.3 * (x - jnp.floor(x) - 0.5)
 
     assert dynamics.basins(wells, box).attractors == 8
-    monkeypatch.setattr(attractors, "MAX_GROUPS", 2)
+    monkeypatch.setattr(attractors, "MAXGROUPS", 2)
     (few,) = basins_of_each(wells, box, [None], scattered=1, seed=1)
     assert few.attractors < 8
     assert few.nowhere_share == 1 - few.attractors / 8
@@ -171,18 +171,6 @@ def test_transient_chaos_is_followed_to_its_cycle():
     found = dynamics.basins(ikeda, Box([-2, -4], [6, 4], [201, 201]))
     assert found.settled
     assert found.period.tolist() == [1, 10]
-
-
-def test_remark_on_orbits_that_come_back_names_the_mappings_outside_that_help():
-    def out_and_back(x, p):
-        return jnp.where((x > 0.5) & (x < 1), 1.3, 0.25)
-
-    box = Box([0], [1], [20])
-    (remark,) = dynamics.basins(out_and_back, box).remarks[:1]
-    said = "take basins by orbits, which agree if points are followed outside the box (follow=1)"
-    assert said in remark
-    found = dynamics.basins(out_and_back, box, by="orbits", follow=1)
-    assert (found.fraction.tolist(), found.remarks) == ([1.0], ())
 
 
 def test_remark_names_cells_that_agree_with_orbits():

@@ -9,7 +9,6 @@ import pytest
 
 from jaxcell import dynamics
 from jaxcell.dynamics import systems
-from jaxcell.mapping import periodic_groups
 from jaxcell.space import Box
 
 
@@ -19,10 +18,6 @@ C, D = (1 - np.exp(-2 * MU)) / (2 * MU), np.exp(-2 * MU)
 
 def double_well(x, p):
     return jnp.stack([x[1], -1.2 * x[1] + x[0] - x[0] ** 3])
-
-
-def gingerbread(x, p):
-    return jnp.stack([1 - x[1] + jnp.abs(x[0]), x[0]])
 
 
 def kicked_bar(x, p):
@@ -103,28 +98,6 @@ def test_groups_equal_published_groups(name):
     assert sorted(basin[: found.groups])[::-1][: len(largest)] == largest
 
 
-def test_bijection_has_the_published_number_of_groups():
-    box = Box([-14, -14], [14, 14], [151, 151])
-    image = dynamics.images(gingerbread, box)
-    groups = periodic_groups(np.append(image, [box.outside, box.nowhere]).astype(np.int32))
-    period = np.asarray(groups.group_period)[: int(groups.count) - 2]
-    assert period.size == 90
-    assert period.sum() == 4454
-    assert {k: n for k, n in Counter(period.tolist()).items() if n > 14} == {6: 15, 30: 15, 84: 15}
-    assert np.count_nonzero(groups.group[: box.size] >= 90) == 18347
-
-
-@pytest.mark.parametrize("time", [0.5, 2.0])
-def test_pendulum_has_two_attractors_for_any_duration(time):
-    box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
-    found = dynamics.basins(dynamics.flow(pendulum, 0.05, int(time / 0.05)), box, {"T": 0.5})
-    assert found.groups > 2
-    assert found.attractors == 2
-    rest = found.basin[box.index(np.array([np.arcsin(0.5), 0.0]))]
-    assert found.period[rest] == 1 or time == 0.5
-    assert found.several_share < 0.01
-
-
 def test_basin_share_of_pendulum_equals_monte_carlo():
     box = Box([-np.pi, -10], [np.pi, 10], [151, 151], ["periodic", "sink"])
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})
@@ -147,15 +120,6 @@ def test_crossing_times_leave_few_cells_mapped_to_themselves():
     assert round(crossing.self_images * box.size) <= 1
     assert crossing.attractors == 2
     assert crossing.fraction.min() == pytest.approx(0.152, abs=0.04)
-
-
-def test_henon_map_has_one_attractor_and_other_cells_leave():
-    found = dynamics.basins(systems.henon.map, systems.henon.box, systems.henon.params)
-    assert (found.groups, found.attractors) == (4, 1)
-    # 0.43249 of grids of 1000^2 and 2000^2.
-    assert found.fraction[0] == pytest.approx(0.4325, abs=0.001)
-    assert found.fraction[0] + found.outside_share == pytest.approx(1)
-    assert found.period.tolist() == [0]
 
 
 def test_cycle_of_a_whole_number_of_steps_is_one_attractor():
@@ -328,31 +292,3 @@ def test_groups_of_product_maps_are_products_of_groups(axes):
     assert 0 < np.count_nonzero(~inside) < box.size
     expected = np.where(inside, np.ravel_multi_index(np.maximum(each, 0), box.cells), box.outside)
     np.testing.assert_array_equal(image, expected)
-
-
-@pytest.mark.parametrize("axes", [4, 5])
-def test_number_of_wells_is_a_power_of_2(axes):
-    box = Box([-2] * axes, [2] * axes, [4] * axes)
-    found = dynamics.basins(lambda x, p: jnp.sign(x) * 0.6 + 0.1 * x, box)
-    assert found.attractors == 2**axes
-    assert found.period.tolist() == [1] * 2**axes
-    np.testing.assert_allclose(found.fraction, 0.5**axes)
-    # Two cells of one attractor have the same signs along all axes.
-    signs = box.centre(np.arange(box.size, dtype=np.int32)) > 0
-    corner = signs @ 2 ** np.arange(axes)
-    assert len({*zip(corner.tolist(), found.basin.tolist(), strict=True)}) == 2**axes
-
-
-def test_turns_in_three_planes_have_a_common_period():
-    # By a quarter, a quarter the other way, and a half: four mappings, but in the middle.
-    box = Box([-1] * 6, [1] * 6, [3] * 6)
-
-    def turn(x, p):
-        return jnp.stack([-x[1], x[0], x[3], -x[2], -x[4], -x[5]])
-
-    image = dynamics.images(turn, box)
-    groups = periodic_groups(image)
-    moves = box.coordinates(np.arange(box.size, dtype=np.int32)) != 1
-    period = np.where(moves[:, :4].any(axis=1), 4, np.where(moves[:, 4:].any(axis=1), 2, 1))
-    assert (np.asarray(groups.period) == period).all()
-    assert (np.asarray(groups.step) == 0).all()

@@ -2,7 +2,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import norm
 
@@ -228,34 +227,3 @@ def test_groups_of_duffing_chain_equal_sun_and_xiong():
     assert int(groups.count) == 1
     assert np.count_nonzero(persistent) == pytest.approx(420, rel=0.03)
     assert 15 < sizes[sizes > 1].sum() < 35
-
-
-SLIP = (135, 16), (134, 17), (135, 17)
-
-
-def test_groups_of_uncertain_damping_equal_sun_and_xiong():
-    def well(x, p):
-        return jnp.stack([x[1], -x[2] * x[1] + x[0] - x[0] ** 3, 0.0 * x[2]])
-
-    # The damping is drawn from an axis of one cell.
-    box = Box([-1.5, -1.5, 1.15], [1.5, 1.5, 1.25], [141, 141, 1])
-    chain = dynamics.chain(dynamics.flow(well, 0.005, 20), box, samples=81)
-    matrix = chain.to_scipy()
-    groups = mapping.persistent_groups(chain)
-    # With 8 of its 81 samples taken off, see below, theirs has 75,625 images and these groups.
-    sizes = np.sort(np.bincount(np.asarray(groups.group)[np.asarray(groups.group) >= 0]))
-    assert matrix.nnz == pytest.approx(75_625, rel=0.02)
-    assert sizes.tolist() == [pytest.approx(393, rel=0.15)] * 2
-    # In each row of their matrix 8 samples are in the same three cells, wherever the row is, so
-    # that there is one persistent group, of 1365 cells, and 406 transient ones, 404 of one cell.
-    slip = [int(np.ravel_multi_index((*cell, 0), box.cells)) for cell in SLIP]
-    row, column = matrix.nonzero()
-    row = np.concatenate([row, np.repeat(np.arange(box.size), 3)])
-    column = np.concatenate([column, np.tile(slip, box.size)])
-    graph = csr_array((np.ones(row.size), (row, column)), shape=(box.size, box.size))
-    count, component = connected_components(graph, directed=True, connection="strong")
-    size, leads, loops = np.bincount(component), np.zeros(count, bool), np.zeros(count, bool)
-    leads[component[row[component[row] != component[column]]]] = True
-    loops[component[row[row == column]]] = True
-    assert size[~leads].tolist() == [pytest.approx(1365, rel=0.08)]
-    assert np.count_nonzero(leads & (loops | (size > 1))) == pytest.approx(406, rel=0.1)

@@ -3,9 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcell import dynamics
 from jaxcell.dynamics.sines import with_sines
-from jaxcell.space import Box
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -41,14 +39,3 @@ def test_only_sines_of_a_function_are_replaced():
     compiled = jax.jit(with_sines(field)).lower(*given).compile().as_text()
     assert " sine(" not in compiled
     assert " cosine(" not in compiled
-
-
-def test_compiled_flow_has_no_library_sine():
-    swing = dynamics.flow(lambda x, p: jnp.stack([x[1], p["T"] - jnp.sin(x[0])]), 0.1, 5)
-    points = Box([-3, -3], [3, 3], [9, 9]).centre(np.arange(81))
-    mapped = jax.jit(jax.vmap(lambda x: swing(x, {"T": 0.5})))
-    assert " sine(" not in mapped.lower(points).compile().as_text()
-    energy = points[:, 1] ** 2 / 2 - np.cos(points[:, 0]) - 0.5 * points[:, 0]
-    after = np.asarray(mapped(points))
-    kept = after[:, 1] ** 2 / 2 - np.cos(after[:, 0]) - 0.5 * after[:, 0]
-    np.testing.assert_allclose(kept, energy, atol=1e-4)

@@ -1,7 +1,5 @@
 """Command lines with impossible values, which are refused before a long computation."""
 
-import os
-
 import pytest
 from mutations import DATA, answers
 
@@ -71,24 +69,4 @@ HUGE = [
 @pytest.mark.parametrize(("name", "option", "value"), HUGE)
 def test_impossible_numbers_are_refused(capsys, tmp_path, name, option, value):
     args = [*name.split(), *COMMANDS[name], f"--{option}", value, "--out", tmp_path / "out"]
-    assert answers(main, capsys, *args, out=tmp_path) == 2
-
-
-TO_FOLDERS = ["demo", "drift", "patrol graph", "robot run", "sweep", *MAPPED]
-
-
-@pytest.mark.parametrize("name", TO_FOLDERS)
-@pytest.mark.parametrize("out", ["file", "file/below", "file/far/below"])
-def test_outputs_below_a_file_are_refused(capsys, tmp_path, name, out):
-    (tmp_path / "file").write_bytes(b"kept")
-    args = [*name.split(), *COMMANDS.get(name, []), "--out", tmp_path / out]
-    assert answers(main, capsys, *args, out=tmp_path) == 2
-    assert (tmp_path / "file").read_bytes() == b"kept"
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
-@pytest.mark.parametrize("name", TO_FOLDERS)
-def test_outputs_in_protected_folders_are_refused(capsys, tmp_path, name):
-    (tmp_path / "theirs").mkdir(mode=0o500)
-    args = [*name.split(), *COMMANDS.get(name, []), "--out", tmp_path / "theirs" / "out"]
     assert answers(main, capsys, *args, out=tmp_path) == 2

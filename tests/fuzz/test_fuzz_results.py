@@ -1,62 +1,18 @@
-"""Damaged recordings, sweeps, and pictures to cover."""
+"""Damaged recordings and sweeps."""
 
-import io
 import shutil
 
-import numpy as np
 import pytest
 import rerun as rr
 from hypothesis import given, strategies as st
-from mutations import DATA, answers, cases, damaged, limits, reads_or_refuses, tree
-from PIL import Image
+from mutations import answers, cases, damaged, limits, reads_or_refuses, tree
 
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
-from jaxcell.space import CellSpace
-from jaxcell.study.bounce.target import read_target
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 
 
 SPEC = 'task = "sweep_stub:stub"\nchunk = 2\n[grid]\nx = [1, 2, 3]\n[fixed]\nfail = 3\n'
-CELLS = CellSpace.load(DATA / "maps/lab_a.json")
-
-
-def encoded(form, mode="L", size=(5, 4)):
-    file = io.BytesIO()
-    pixels = np.arange(size[0] * size[1], dtype=np.uint8).reshape(size[::-1])
-    Image.fromarray(pixels).convert(mode).save(file, form)
-    return file.getvalue()
-
-
-IMAGES = {
-    "a.png": encoded("PNG"),
-    "a.pgm": encoded("PPM"),
-    "a.tif": encoded("TIFF", "F"),
-    "a.gif": encoded("GIF"),
-    "a.jpg": encoded("JPEG"),
-    "a.bmp": encoded("BMP", "RGB"),
-}
-
-
-@cases()
-@given(damaged(IMAGES))
-def test_pictures_to_cover(tmp_path, file):
-    name, content = file
-    path = tmp_path / name
-    path.write_bytes(content)
-    reads_or_refuses(lambda one: read_target(CELLS, str(one)), path)
-
-
-@pytest.mark.parametrize("name", sorted(IMAGES))
-def test_the_undamaged_pictures_are_read(tmp_path, name):
-    (tmp_path / name).write_bytes(IMAGES[name])
-    assert read_target(CELLS, str(tmp_path / name)).sum() == pytest.approx(1)
-
-
-def test_a_picture_that_claims_to_be_huge(tmp_path):
-    path = tmp_path / "a.pgm"
-    path.write_bytes(b"P5 300000 300000 255\n" + bytes(100))
-    assert not reads_or_refuses(lambda one: read_target(CELLS, str(one)), path)
 
 
 @pytest.fixture(scope="module")

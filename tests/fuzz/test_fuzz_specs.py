@@ -2,7 +2,7 @@
 
 import pytest
 from hypothesis import example, given, strategies as st
-from mutations import cases, damaged, limits, reads_or_refuses
+from mutations import cases, damaged, limits, place, reads_or_refuses
 
 from jaxcell.sweep import Spec
 
@@ -47,12 +47,6 @@ def use(path):
     chunk = spec.chunk(spec.chunk_count - 1)
     assert len(spec.batch(chunk)) == len(spec.parameters)
     assert spec.places(chunk).size
-
-
-def place(folder, name, content):
-    path = folder / name
-    path.write_bytes(content)
-    return path
 
 
 @cases()

@@ -144,7 +144,7 @@ def _call(words):
         mock.patch.dict(os.environ, place),
         mock.patch("jaxcell.base.runtime.configure_jax"),
         # Lines about the progress of long work depend on the machine.
-        mock.patch("jaxcell.cli.terminal._FIRST_LINE", 3600.0),
+        mock.patch("jaxcell.cli.terminal.FIRST_LINE", 3600.0),
         contextlib.redirect_stdout(io.StringIO()) as out,
         contextlib.redirect_stderr(io.StringIO()) as err,
     ):

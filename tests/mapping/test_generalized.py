@@ -73,15 +73,6 @@ def test_leaving_separates_leaks_from_rounding():
     assert leaving[0] == 0.0
 
 
-@pytest.mark.parametrize("cells", [1, 9])
-def test_small_and_large_chains(cells):
-    matrix = np.triu(np.ones((cells, cells))) / cells
-    chain, v = Chain.from_scipy(matrix), np.arange(1.0, cells + 1)
-    np.testing.assert_array_equal(chain.to_scipy().toarray(), matrix)
-    np.testing.assert_allclose(chain.push(jax.device_put(v)), v @ matrix, rtol=1e-13)
-    np.testing.assert_allclose(chain.pull(jax.device_put(v)), matrix @ v, rtol=1e-13)
-
-
 def test_chain_does_not_share_memory_with_its_arguments():
     # JAX would share memory at some addresses only.
     for cells in range(1000, 1020):

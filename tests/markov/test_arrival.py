@@ -64,20 +64,6 @@ def test_two_robots_equal_the_joint_chain(matrix, seed):
     assert (found >= 0).all()
 
 
-def test_three_robots_equal_the_joint_chain():
-    walks = [random_walk(5, seed) for seed in range(3)]
-    there = np.arange(5) == 4
-    starts = [np.eye(5)[0], np.eye(5)[1], np.full(5, 0.2)]
-    chains = [Chain.from_scipy(walk) for walk in walks]
-    found = first_arrival(chains, [0, 1, range(5)], 4, 300)
-    np.testing.assert_allclose(found, joint_law(walks, starts, there, 300), atol=1e-14)
-    matrix, start, arrived = joint(walks, starts, there)
-    times = np.asarray(hitting_times(Chain.from_scipy(matrix), arrived).value)
-    mean = mean_first_arrival(chains, [0, 1, range(5)], 4)
-    assert mean.value == pytest.approx(start @ times, rel=1e-9)
-    assert mean.certificate.outcome is Outcome.CONVERGED
-
-
 def test_one_robot_is_a_first_passage():
     chain = Chain.from_scipy(random_walk(6, 1))
     found = first_arrival([chain], [[1, 2]], [0, 5], 500)

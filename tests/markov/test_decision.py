@@ -91,12 +91,6 @@ def test_gap_is_small_if_nothing_leaves():
     np.testing.assert_allclose(found.value, -2 * 0.9999 / (1 - 0.9999), rtol=1e-12)
 
 
-def test_first_reward_is_discounted():
-    chain = Chain.from_scipy(np.array([[0, 1.0], [0, 0]]))
-    found = value_iteration(DecisionModel.of([chain], [[-1.0, 100]]), 0.5)
-    np.testing.assert_allclose(found.value, [0.5 * (-1 + 0.5 * 100), 0.5 * 100], rtol=1e-12)
-
-
 def test_first_of_equal_actions_is_taken():
     image = np.zeros((1, 3), int)
     chains = [Chain(image, np.ones((1, 3)))] * 3

@@ -63,24 +63,6 @@ def test_hitting_equals_the_definition(matrix, data):
     np.testing.assert_allclose(found.value, expected, rtol=1e-9)
 
 
-def test_gamblers_ruin_has_known_values():
-    n, up = 12, 0.6
-    ups, downs = np.full(n, up), np.full(n, 1 - up)
-    ups[0] = downs[-1] = 0
-    chain = Chain.from_scipy(birth_and_death(ups, downs))
-    groups = persistent_groups(chain)
-    assert groups.group.tolist() == [0] + [-1] * (n - 1) + [1]
-    i, odds = np.arange(n + 1), (1 - up) / up
-    wins = (1 - odds**i) / (1 - odds**n)
-    found = absorption_probabilities(chain, groups)
-    np.testing.assert_allclose(found.value, [1 - wins, wins], rtol=1e-12, atol=1e-14)
-    assert not np.asarray(found.leaving).any()
-    time = (n * wins - i) / (2 * up - 1)
-    np.testing.assert_allclose(absorption_times(chain, groups).value, time, rtol=1e-12)
-    # The other end may catch the gambler first.
-    assert hitting_times(chain, 0).value.tolist() == [0.0] + [np.inf] * n
-
-
 def test_birth_and_death_chain_has_known_values():
     # Reflected at 0: from i to n takes n^2 - i^2 steps.
     n = 200
@@ -94,21 +76,6 @@ def test_times_around_a_cycle_are_distances():
     n = 500
     found = hitting_times(Chain((np.arange(n)[None] + 1) % n, np.ones((1, n))), 0)
     np.testing.assert_array_equal(found.value, (n - np.arange(n)) % n)
-
-
-def test_leak_makes_arrival_uncertain_but_not_absorption():
-    chain = Chain.from_scipy(np.array([[0, 0.5, 0.0], [0, 0, 1], [0, 0, 1]]))
-    groups = persistent_groups(chain)
-    assert hitting_times(chain, 2).value.tolist() == [np.inf, 1, 0]
-    assert absorption_times(chain, groups).value.tolist() == [1.5, 1, 0]
-    found = absorption_probabilities(chain, groups)
-    assert found.value.tolist() == [[0.5, 1, 1]]
-    assert found.leaving.tolist() == [0.5, 0, 0]
-
-
-def test_leak_beyond_the_target_does_not_matter():
-    chain = Chain.from_scipy(np.array([[0, 1.0], [0, 0.5]]))
-    assert hitting_times(chain, 1).value.tolist() == [1, 0]
 
 
 @pytest.mark.parametrize("target", [2, [2], np.int32(2), np.arange(4) == 2, jnp.arange(4) == 2])

@@ -40,14 +40,6 @@ def test_equals_the_time_average_of_a_uniform_start(matrix):
     assert found.certificate.residual < 1e-12
 
 
-@pytest.mark.parametrize(("p", "q"), [(0.3, 0.1), (1.0, 1.0), (1e-9, 3e-9)])
-def test_two_states_have_known_shares(p, q):
-    chain = Chain.from_scipy(np.array([[1 - p, p], [q, 1 - q]]))
-    found = limiting_distribution(chain, persistent_groups(chain))
-    # The entries of a slow chain are rounded to 1e-16, which is 1e-7 of the rates.
-    np.testing.assert_allclose(found.value, [q / (p + q), p / (p + q)], rtol=1e-6)
-
-
 def test_periodic_circle_is_uniform():
     n = 1000
     chain = Chain((np.arange(n)[None] + 1) % n, np.ones((1, n)))

@@ -6,7 +6,6 @@ from hypothesis import given, strategies as st
 from random_chains import complete, matrices
 
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov.hitting import hitting_times
 from jaxcell.markov.passage import first_passage, survival, survivals
 
 
@@ -50,34 +49,12 @@ def test_law_on_a_complete_graph_is_geometric():
     np.testing.assert_allclose(survival(chain, 0, 400)[-1, 3], (8 / 9) ** 400, rtol=1e-12)
 
 
-def test_mean_of_the_law_is_the_hitting_time():
-    draw = np.random.default_rng(3)
-    chain = Chain.from_scipy(draw.dirichlet(np.ones(6), 6))
-    law = np.asarray(first_passage(chain, 5, [0, 2], 2000))
-    assert law.sum() == pytest.approx(1, abs=1e-13)
-    mean = float(hitting_times(chain, [0, 2]).value[5])
-    assert law @ np.arange(2001) == pytest.approx(mean, rel=1e-12)
-
-
-def test_circle_arrives_at_one_time():
-    chain = Chain((np.arange(5)[None] + 1) % 5, np.ones((1, 5)))
-    assert first_passage(chain, 1, 0, 6).tolist() == [0, 0, 0, 0, 1, 0, 0]
-    assert first_passage(chain, 0, 0, 2).tolist() == [1, 0, 0]
-    assert first_passage(chain, 1, 0, 0).tolist() == [0]
-
-
 @pytest.mark.parametrize(
     "start", [[1, 3], np.array([3, 1, 3]), np.arange(4) % 2 == 1, [0.0, 0.5, 0.0, 0.5]]
 )
 def test_start_is_a_cell_a_list_a_mask_or_a_distribution(start):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     assert first_passage(chain, start, 0, 3).tolist() == [0, 0.5, 0, 0.5]
-
-
-def test_mass_that_leaves_never_arrives():
-    chain = Chain.from_scipy(np.array([[0, 0.5, 0.25], [0, 0, 1], [0, 0, 1]]))
-    assert first_passage(chain, 0, 2, 5).tolist() == [0, 0.25, 0.5, 0, 0, 0]
-    assert survival(chain, 2, 3)[:, 0].tolist() == [1, 0.75, 0.25, 0.25]
 
 
 def test_survival_works_under_vmap_over_targets():
@@ -126,11 +103,3 @@ def test_bad_input_is_refused(start, target, steps, message):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     with pytest.raises(ValueError, match=message):
         first_passage(chain, start, target, steps)
-
-
-def test_bad_input_of_survival_is_refused():
-    chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
-    with pytest.raises(ValueError, match="target: cell 4 does not exist"):
-        survival(chain, 4, 1)
-    with pytest.raises(ValueError, match="steps: expected 0 or more, got -1"):
-        survival(chain, 0, -1)

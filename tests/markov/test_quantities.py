@@ -10,7 +10,6 @@ from random_chains import complete
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import dense
-from jaxcell.markov.hitting import hitting_times
 from jaxcell.markov.quantities import (
     commute_times,
     entropy_rate,
@@ -39,10 +38,6 @@ def walk(edges, weights):
     matrix = np.zeros((edges.max() + 1,) * 2)
     matrix[edges[:, 0], edges[:, 1]] = matrix[edges[:, 1], edges[:, 0]] = weights
     return matrix / matrix.sum(axis=1, keepdims=True)
-
-
-def circle(n, stay=0.0):
-    return stay * np.eye(n) + (1 - stay) * np.roll(np.eye(n), 1, axis=1)
 
 
 @st.composite
@@ -131,27 +126,6 @@ def test_distance_that_is_met_exactly_counts_as_mixed():
         assert mixing_time(chain, 0.5 * 0.8**t) == t
 
 
-def test_complete_graph_has_known_values():
-    n = 12
-    chain = Chain.from_scipy(complete(n))
-    np.testing.assert_allclose(hitting_matrix(chain).value, (n - 1) * (1 - np.eye(n)), rtol=1e-13)
-    assert kemeny_constant(chain) == pytest.approx((n - 1) ** 2 / n)
-    assert slem(chain) == pytest.approx(1 / (n - 1))
-    assert entropy_rate(chain) == pytest.approx(math.log(n - 1))
-    # At once, the distance is 1 - 1/n; after a step, 1/n.
-    assert mixing_time(chain) == 1
-
-
-def test_circle_has_known_values():
-    n = 9
-    chain = Chain.from_scipy(circle(n))
-    i = np.arange(n)
-    expected = (i[None] - i[:, None]) % n
-    np.testing.assert_allclose(hitting_matrix(chain).value, expected, rtol=1e-12)
-    assert kemeny_constant(chain) == pytest.approx((n - 1) / 2)
-    assert (entropy_rate(chain), slem(chain), mixing_time(chain)) == (0, 1, math.inf)
-
-
 def test_slow_chain_has_known_mixing_time():
     # The distance after t steps is |1 - 2 e|^t / 2.
     e = 2.0**-30
@@ -160,25 +134,9 @@ def test_slow_chain_has_known_mixing_time():
     assert mixing_time(chain) == pytest.approx(expected, rel=1e-7)
 
 
-def test_chain_of_one_cell():
-    chain = Chain.from_scipy(np.ones((1, 1)))
-    assert hitting_matrix(chain).value.tolist() == [[0]]
-    assert (kemeny_constant(chain), entropy_rate(chain)) == (0, 0)
-    assert (slem(chain), mixing_time(chain)) == (0, 0)
-
-
 def test_branches_with_one_image_are_one_step():
     chain = Chain(np.array([[1, 0], [1, 0]]), np.full((2, 2), 0.5))
     assert entropy_rate(chain) == 0
-
-
-def test_hitting_matrix_agrees_with_hitting_times():
-    matrix = walk(EDGES - 1, np.arange(1.0, 14))
-    chain = Chain.from_scipy(matrix)
-    value = np.asarray(hitting_matrix(chain).value)
-    for target in range(8):
-        single = hitting_times(chain, target).value
-        np.testing.assert_allclose(value[:, target], single, rtol=1e-12)
 
 
 FUNCTIONS = {

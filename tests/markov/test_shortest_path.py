@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import birth_and_death, matrices, reachable
+from random_chains import matrices, reachable
 from random_models import as_model, models, policies
 
 from jaxcell.base.certificate import Outcome
@@ -41,18 +41,6 @@ def test_arriving_equals_dense_solves(matrix, data):
     np.testing.assert_array_equal(np.asarray(found.value) == 1, finite)
     for solution in (found, times):
         assert solution.certificate.outcome is Outcome.CONVERGED
-
-
-def test_gambler_who_wins_has_known_times():
-    # Given that he wins, a fair game of n lasts (n^2 - i^2) / 3 rounds.
-    n = 30
-    up, down = np.full(n, 0.5), np.full(n, 0.5)
-    up[0] = down[-1] = 0
-    chain, i = Chain.from_scipy(birth_and_death(up, down)), np.arange(n + 1)
-    np.testing.assert_allclose(arrival_probabilities(chain, n).value, i / n, atol=1e-14)
-    found = np.asarray(conditional_hitting_times(chain, n).value)
-    np.testing.assert_allclose(found[1:], (n**2 - i[1:] ** 2) / 3, rtol=1e-10)
-    assert found[0] == np.inf
 
 
 @given(models(), st.data())
@@ -96,16 +84,6 @@ def test_sure_is_preferred_to_quick():
     assert found.probability.tolist() == [1, 1, 1, 1]
     assert found.time.tolist() == [3, 2, 1, 0]
     assert found.policy.tolist()[0] == 1
-
-
-def test_waiting_for_a_drift_has_known_time():
-    # Waiting never arrives; an attempt arrives with probability 0.01.
-    waits = np.eye(2)
-    attempt = np.array([[0.99, 0.01], [0, 1]])
-    model = as_model(np.stack([waits, attempt]), np.zeros((2, 2)), np.ones((2, 2), bool))
-    found = stochastic_shortest_path(model, 1)
-    assert found.policy.tolist()[0] == 1
-    assert found.time.tolist() == [pytest.approx(100), 0]
 
 
 def test_larger_models_keep_their_certificate():

@@ -4,7 +4,7 @@ import cvxpy
 import networkx as nx
 import numpy as np
 import pytest
-from graphs import connected_graphs, graph_of, grid, incidence
+from graphs import connected_graphs, graph_of, grid, incidence, random_graph
 from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
@@ -102,11 +102,7 @@ def test_no_weights_are_better(graph, data):
 )
 @pytest.mark.parametrize("share", [None, 0.3, 0.9])
 def test_equals_cvxpy(program, vertices, more, seed, share):
-    random = np.random.default_rng(seed)
-    network = nx.random_labeled_tree(vertices, seed=seed)
-    while network.number_of_edges() < vertices - 1 + more:
-        network.add_edge(*random.choice(vertices, 2, replace=False).tolist())
-    graph = graph_of(network)
+    graph = random_graph(vertices, vertices - 1 + more, seed)
     if share is None:
         expected = program(graph)
         found = minimum_commute(graph)

@@ -5,20 +5,12 @@ import cvxpy
 import networkx as nx
 import numpy as np
 import pytest
-from graphs import SMALL, graph_of, incidence
+from graphs import SMALL, graph_of, incidence, random_graph
 from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize.graph import Graph
 from jaxcell.optimize.mixing import fastest_averaging, fastest_mixing
-
-
-def random_graph(vertices, edges, seed):
-    network = nx.random_labeled_tree(vertices, seed=seed)
-    random = np.random.default_rng(seed)
-    while network.number_of_edges() < edges:
-        network.add_edge(*random.choice(vertices, 2, replace=False).tolist())
-    return graph_of(network)
 
 
 def second_modulus(matrix):

@@ -26,8 +26,8 @@ def groups_of(name, cell, directions, turns, **motion):
 )
 def test_a_store_has_what_is_in_memory(monkeypatch, tmp_path, name, cell, directions, motion):
     # A run longer than what is followed at once; files of the second end within a direction.
-    monkeypatch.setattr("jaxcell.bounce.straight_runs._AT_ONCE", 7)
-    monkeypatch.setattr(cells_by_direction, "_CHUNK", 37)
+    monkeypatch.setattr("jaxcell.bounce.straight_runs.AT_ONCE", 7)
+    monkeypatch.setattr(cells_by_direction, "CHUNK", 37)
     found = groups_of(name, cell, directions, [3, 0, 1], **motion)
     record.save_cells(found, tmp_path / "groups.zarr", spec={"bounce_deg": 3})
     with xr.open_zarr(tmp_path / "groups.zarr") as stored:

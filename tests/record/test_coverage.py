@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from recordings import read_back
 
 from jaxcell.bounce.coverage import coverage_policy
-from jaxcell.record import dataset, save_recording
 from jaxcell.record.bounce.coverage import heat_levels, heat_scale
 from jaxcell.space import ENDPOINT
 
@@ -20,17 +20,6 @@ def cells(lab):
 @pytest.fixture(scope="module")
 def policy(cells):
     return coverage_policy(cells, BOUNCES, math.pi / 4, 0.6, motion=ENDPOINT)
-
-
-def test_the_dataset_has_the_groups_of_each_angle(cells, policy):
-    kept = dataset(policy)
-    for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
-        assert int(kept.persistent_groups[i]) == groups.count
-        np.testing.assert_array_equal(kept.group[i].values.ravel(), groups.group)
-        weights = kept.group_weight[i].values
-        np.testing.assert_array_equal(weights[: groups.count], limiting.weights)
-        assert not weights[groups.count :].any()
-        assert int(kept.group_size[i].sum()) == int((kept.group[i] >= 0).sum())
 
 
 def test_heat_has_two_classes_to_a_doubling():
@@ -52,10 +41,8 @@ def test_heat_has_two_classes_to_a_doubling():
     assert len({one.color for one in classes[1:]}) == len(classes) - 1
 
 
-def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
-    file = tmp_path / "coverage.rrd"
-    save_recording(policy, file, spec={"map": "a map"})
-    found = read(file)
+def test_the_recording_shows_the_policy(cells, policy):
+    found = read_back(policy, {"map": "a map"})
     assert len(found.blueprints) == 1
     assert "direction" in found.timelines
 
@@ -98,20 +85,12 @@ def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
     assert "| map | a map |" in text
 
 
-def test_of_many_angles_those_with_the_largest_shares_have_maps(cells, tmp_path, read):
+def test_of_many_angles_those_with_the_largest_shares_have_maps(cells):
     bounces = np.radians(np.arange(0, 360, 45))
     many = coverage_policy(cells, bounces, math.pi / 4, 0.6)
-    save_recording(many, tmp_path / "many.rrd")
-    found = read(tmp_path / "many.rrd")
+    found = read_back(many)
     shown = {i for i in range(8) if f"/map/grid/coverage_{i}" in found.entities}
     assert len(shown) == 6
     alpha = np.asarray(many.alpha)
     assert alpha[sorted(shown)].min() >= np.delete(alpha, sorted(shown)).max()
     assert "those of the 6 largest shares" in found.text()
-
-
-def test_one_angle(cells, tmp_path, read):
-    one = coverage_policy(cells, BOUNCES[:1], math.pi / 4, 0.6)
-    save_recording(one, tmp_path / "one.rrd")
-    text = read(tmp_path / "one.rrd").text()
-    assert "there is one angle" in text

@@ -1,3 +1,4 @@
+import dataclasses
 import datetime
 import json
 import math
@@ -13,9 +14,6 @@ from jaxcell.bounce import (
     BounceGroups,
     LocalizationFilter,
     Localized,
-    bounce_map,
-    localization_filter,
-    localize,
 )
 from jaxcell.record import dataset as dataset_of, save_dataset
 from jaxcell.space import CELL_BY_CELL, CellSpace
@@ -51,16 +49,6 @@ def test_groups_by_direction_and_position(lab):
         assert cell.periodic == (at == z)
     assert dataset.bounce.item() == lab.bounce
     assert dataset.bounce_deg.item() == pytest.approx(45)
-
-
-def test_a_direction_is_a_picture(lab):
-    dataset = dataset_of(lab.groups)
-    picture = (
-        dataset.step.squeeze("bounce").sel(direction=0).set_index(position=("y", "x")).unstack()
-    )
-    assert dict(picture.sizes) == {"y": 4, "x": 8}
-    assert (picture.y.diff("y") > 0).all()
-    np.testing.assert_array_equal(picture.notnull(), lab.cells.free)
 
 
 def test_tables_of_a_batch(angles):
@@ -131,37 +119,7 @@ def test_filter_round_trip(lab, tmp_path):
             assert dataset.cycle_color[i] == cycle.color
 
 
-def test_localization_round_trip(lab, tmp_path):
-    found = lab.localized(100)
-    made, run = dataset_of(found), found.run
-    dataset = reload(made, tmp_path / "localization.nc")
-    xr.testing.assert_identical(dataset, made)
-    np.testing.assert_array_equal(dataset.run_path, run.path)
-    np.testing.assert_array_equal(dataset.run_observations, run.observations)
-    np.testing.assert_array_equal(dataset.run_candidates, run.candidates)
-    sizes = [len(lab.filter.cells(int(state))) for state in dataset.run_states]
-    np.testing.assert_array_equal(dataset.belief_size, sizes)
-    np.testing.assert_array_equal(dataset.belief_color, lab.filter.color[run.states])
-    x, y, theta = lab.cells.centre(run.path)
-    np.testing.assert_array_equal(
-        [dataset.robot_x, dataset.robot_y, dataset.robot_theta], [x, y, theta]
-    )
-
-
-def test_a_run_without_an_observation(tmp_path):
-    box = CellSpace.of_grid(np.ones((1, 1), bool), 4)
-    map = bounce_map(box, math.pi / 2)
-    filter = localization_filter(map, open_world=True)
-    still = localize(map, filter, 0)
-    assert still.observations.size == 0, "the start is a knowledge cycle"
-    dataset = reload(
-        dataset_of(Localized(filter, box, CELL_BY_CELL, math.pi / 2, still)), tmp_path / "still.nc"
-    )
-    assert dataset.sizes["move"] == 0
-    np.testing.assert_array_equal(dataset.run_candidates, np.arange(4))
-
-
-def test_refuses_what_does_not_fit(lab):
+def test_parts_of_different_maps_are_refused(lab, hall):
     other = CellSpace.of_grid(np.ones((2, 2), bool), 8)
     with pytest.raises(ValueError, match="nan deg is not a whole number"):
         BounceGroups.of(lab.cells, math.nan)
@@ -170,26 +128,5 @@ def test_refuses_what_does_not_fit(lab):
             dataset_of(lab.groups, spec=bad)
     with pytest.raises(ValueError, match="starts in doubt over 152 cells, but there are 32"):
         Localized(lab.filter, other, CELL_BY_CELL, lab.bounce, lab.localize(3))
-
-
-def test_an_error_while_writing_leaves_the_old_file(lab, tmp_path, monkeypatch):
-    path = tmp_path / "groups.nc"
-    dataset = dataset_of(lab.groups)
-    save_dataset(dataset, path)
-    old = path.read_bytes()
-
-    def fail(self, target, **options):
-        target.write_bytes(b"half of")
-        raise OSError("the disk is full")
-
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
-    with pytest.raises(OSError, match="disk is full"):
-        save_dataset(dataset, path)
-    assert path.read_bytes() == old
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_missing_folder_is_named(lab, tmp_path):
-    dataset = dataset_of(LocalizationFilter(lab.filter))
-    with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere"):
-        save_dataset(dataset, tmp_path / "nowhere" / "a.nc")
+    with pytest.raises(ValueError, match=r"path\[.*\] is cell"):
+        dataclasses.replace(lab.localized(100), run=hall.localize(hall.cells.size - 1))

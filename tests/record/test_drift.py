@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 import xarray as xr
+from recordings import read_back
 from seas import sea
 
 from jaxcell import drift, record
@@ -107,19 +108,6 @@ def test_the_dataset_holds_the_chain_and_the_arrays_of_all_layers(gyres, dataset
     assert [*zip(dataset.transient_layer, dataset.transient_number, strict=True)] == parts
 
 
-def test_the_dataset_holds_the_reach_and_the_voyages(gyres, dataset):
-    for name, expected in zip(("reached", "reached_at_any_depth"), gyres.reachable, strict=True):
-        np.testing.assert_array_equal(by_cell(dataset, name), expected)
-    assert dataset.goal.values.tolist() == [GOAL]
-    for name, voyage in (("voyage", gyres.voyage), ("surest", gyres.surest)):
-        policy, hours = voyage.policy, 3400 / 3600
-        np.testing.assert_array_equal(by_cell(dataset, f"{name}_action"), policy.action)
-        probability = by_cell(dataset, f"{name}_arrival_probability")
-        np.testing.assert_array_equal(probability, policy.probability)
-        time = np.asarray(policy.time) * hours
-        np.testing.assert_allclose(by_cell(dataset, f"{name}_arrival_time"), time)
-
-
 def test_the_dataset_has_places_units_and_the_spec(gyres, dataset):
     assert dataset.attrs["Conventions"] == "CF-1.8"
     assert json.loads(dataset.attrs["spec"]) == {"file": "gyres"}
@@ -135,15 +123,6 @@ def test_the_dataset_has_places_units_and_the_spec(gyres, dataset):
     row, column = np.argwhere(dataset.cell[0].values == cell)[0]
     assert (lon, lat, depth) == (dataset.lon[row, column], dataset.lat[row, column], 0)
     assert gyres.place(538 + 538)[2] == 10
-
-
-def test_a_sea_that_all_drifters_leave_has_no_groups(leaving):
-    found = record.dataset(leaving)
-    wet = found.cell.values >= 0
-    assert (found.group.values[wet] == -1).all()
-    np.testing.assert_allclose(found.leaving.values[wet], 1)
-    assert found.sizes["group_index"] == 0
-    assert found.domicile.values.tolist() == [-1]
 
 
 def test_deployment_files(gyres, dataset, tmp_path):
@@ -225,19 +204,6 @@ def test_a_label_stands_deep_in_its_set_of_cells(gyres):
     assert np.hypot(row[at] - row[~ring], column[at] - column[~ring]).min() > 1.5
 
 
-def test_the_dataset_has_the_numbers_of_the_maps(gyres, dataset):
-    for layer, ranks in enumerate(gyres.group_ranks):
-        assert dataset.group_number[layer].values.tolist() == ranks.tolist()
-    basin = dataset.basin.values
-    number = np.where(basin >= 0, np.take_along_axis(
-        dataset.group_number.values, basin.clip(0).reshape(3, -1), axis=1
-    ).reshape(basin.shape), -1)  # fmt: skip
-    # Groups of one number lie over one another.
-    for above, below in itertools.pairwise(number):
-        for one in set(above[above >= 0]) & set(below[below >= 0]):
-            assert ((above == one) & (below == one)).any()
-
-
 def test_the_distribution_plays(gyres, found):
     pictures = found.over("minute", "/map/grid/distribution_1", "SegmentationImage:buffer")
     water, chain = gyres.waters[1], gyres.layers[1].behaviour.chain.to_scipy()
@@ -252,7 +218,7 @@ def test_the_distribution_plays(gyres, found):
 
 
 @pytest.fixture(scope="module")
-def asked(leaving, tmp_path_factory, read):
+def asked(leaving):
     """A recording with regions and beaches, and what it shows."""
     surface = leaving.layers[0]
     column = surface.water.column
@@ -260,9 +226,7 @@ def asked(leaving, tmp_path_factory, read):
     exchange = drift.Exchange.of(surface.behaviour, ["west", "strait"], inside, 2 * leaving.step)
     beaching = drift.Stranded.of(surface.water, surface.behaviour, 6000, afloat=2000.0)
     found = dataclasses.replace(leaving, exchange=exchange, beaching=beaching)
-    file = tmp_path_factory.mktemp("asked") / "drift.rrd"
-    record.save_recording(found, file, spec={})
-    return found, read(file)
+    return found, read_back(found, {})
 
 
 def test_the_recording_shows_regions_and_their_exchange(asked):
@@ -373,10 +337,9 @@ def test_the_recording_shows_the_voyage(gyres, found):
     assert "| surest | 100 % | 1,512 |" in text
 
 
-def test_a_sea_without_groups_start_or_goal_has_a_recording(leaving, tmp_path, read):
+def test_a_sea_without_groups_start_or_goal_has_a_recording(leaving):
     """No groups, no start, no goal, one record, a turned grid; drifters go."""
-    record.save_recording(leaving, tmp_path / "away.rrd")
-    found = read(tmp_path / "away.rrd")
+    found = read_back(leaving)
     assert not {one for one in found.entities if "reach" in one or one.startswith("/space")}
     places = found.over("minute", "/map/drifters_0/here", "Points2D:positions")
     counts = [0 if one is None else len(one) for one in places.values()]
@@ -398,14 +361,13 @@ def test_a_sea_without_groups_start_or_goal_has_a_recording(leaving, tmp_path, r
     assert angle == pytest.approx(np.arctan2(0.1, 1) - 0.5, abs=1e-5)
 
 
-def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
+def test_drifters_and_their_ways_around_the_earth():
     """All stay on the map, and no way is drawn from one side of it to the other."""
     columns = 12
     one = sea(np.full((3, columns), 1.0), np.zeros((3, columns)), dx=3e6, dy=3e6)
     column, row = np.meshgrid(np.arange(columns), np.arange(3))
     one = one.assign_coords(lon=(("y", "x"), 30.0 * column), lat=(("y", "x"), 27.0 * row - 27))
-    record.save_recording(study(one, drift.DriftStep(3e6, edge="exit")), tmp_path / "round.rrd")
-    found = read(tmp_path / "round.rrd")
+    found = read_back(study(one, drift.DriftStep(3e6, edge="exit")))
     places = found.over("day", "/map/drifters_0/here", "Points2D:positions")
     x = np.array([np.array(at)[:, 0] for at in places.values()])
     assert (x >= 0).all()
@@ -418,7 +380,7 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
             np.testing.assert_allclose(strip[-1], places[time][number], atol=1e-3)
 
 
-def test_all_cells_persistent(tmp_path, read):
+def test_all_cells_persistent():
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)
     lone = study(
@@ -426,12 +388,11 @@ def test_all_cells_persistent(tmp_path, read):
         drift.DriftStep(2000, spread="all"),
     )
     assert lone.layers[0].transient_groups == 0
-    record.save_recording(lone, tmp_path / "all.rrd")
-    found = read(tmp_path / "all.rrd")
+    found = read_back(lone)
     assert not {entity for entity in found.entities if "absorption" in entity}
 
 
-def test_cells_that_take_almost_forever_are_shown(tmp_path, read):
+def test_cells_that_take_almost_forever_are_shown():
     """An eddy that holds drifters for some 10^20 steps, in cells that are transient."""
     currents = drift.open_currents(GYRES, depths=0)
     water, flow = drift.Water.of(currents), drift.Flow.of(currents).mean()
@@ -441,8 +402,7 @@ def test_cells_that_take_almost_forever_are_shown(tmp_path, read):
     assert 0 < late.sum() < water.cells
     lone = study(currents, drift.DriftStep(3600))
     np.testing.assert_array_equal(lone.layers[0].almost_forever, late)
-    record.save_recording(lone, tmp_path / "late.rrd")
-    found = read(tmp_path / "late.rrd")
+    found = read_back(lone)
     labels = found.classes("/map/grid/absorption_0")
     kind = kinds(found, "absorption_0", water)
     shown = np.array([labels[number].startswith("almost forever") for number in kind])
@@ -460,13 +420,12 @@ def test_a_large_sea_makes_a_small_file(tmp_path):
     assert (tmp_path / "large.rrd").stat().st_size < 3_000_000
 
 
-def test_many_groups_have_few_colours(tmp_path, read):
+def test_many_groups_have_few_colours():
     """Every cell is a group of its own where the step is too short."""
     east = np.random.default_rng(0).uniform(-1, 1, (2, 15, 20))
     lone = study(sea(*east), drift.DriftStep(100, edge="exit"), start=0)
     assert lone.layers[0].persistent_groups > 200
-    record.save_recording(lone, tmp_path / "many.rrd")
-    found = read(tmp_path / "many.rrd")
+    found = read_back(lone)
     labels = found.classes("/map/grid/groups_0")
     assert len(labels) <= 255
     assert "a smaller persistent group" in labels
@@ -550,9 +509,7 @@ def test_places_and_round_lengths():
     assert [round_below(one) for one in (7.2, 1.9, 0.05, 99.0)] == [5, 1, 0.05, 50]
 
 
-def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
-    leaving, tmp_path, read
-):
+def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(leaving):
     chains = [layer.behaviour.chain for layer in leaving.layers]
     sets = drift.ClosedSets.of(leaving.waters, chains, leaving.step, 2)
     found = dataclasses.replace(leaving, nearly_closed_sets=sets)
@@ -564,9 +521,7 @@ def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
     listed = record.summary(found)["nearly_closed_sets"]["sets"]
     assert [row["leakage"] for row in listed] == sets.leakage.tolist()
     assert "nearly_closed_sets" not in record.summary(leaving)
-    file = tmp_path / "drift.rrd"
-    record.save_recording(found, file, spec={})
-    recorded = read(file)
+    recorded = read_back(found, {})
     shown = kinds(recorded, "nearly_closed_0", leaving.waters[0])
     # 0 is land and 1 is in no set.
     np.testing.assert_array_equal(np.unique(shown), np.unique(number[number > -2] + 2))

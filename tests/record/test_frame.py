@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pytest
 import shapely
+from recordings import read_back
 from seas import land_of_the_channel, sea
 
-from jaxcell import drift, record
+from jaxcell import drift
 from jaxcell.drift.currents.sphere import EARTH_RADIUS
 from jaxcell.record.drift.frame import _coasts, _ticks, latitude, longitude, on_the_grid
 
@@ -84,7 +85,7 @@ def test_places_have_their_hemispheres():
     assert latitude(67.0, 0) == "67° N"
 
 
-def test_the_recording_tells_land_from_sea_without_data(tmp_path, read, few_drifters):
+def test_the_recording_tells_land_from_sea_without_data(few_drifters):
     wet = np.ones((4, 6), bool)
     wet[1:3, 3] = False
     currents = sea(np.where(wet, 0.3, 0), np.zeros(wet.shape), wet)
@@ -100,8 +101,7 @@ def test_the_recording_tells_land_from_sea_without_data(tmp_path, read, few_drif
     assert found.mean_leaving == pytest.approx(
         found.mean_leaving_into_gaps + found.mean_leaving_off_edge
     )
-    record.save_recording(found, tmp_path / "sea.rrd", spec={})
-    shown = read(tmp_path / "sea.rrd")
+    shown = read_back(found, {})
     for name in ("water_0", "groups_0"):
         buffer = shown.static(f"/map/grid/{name}", "SegmentationImage:buffer")[0]
         kind = np.reshape(buffer, wet.shape).astype(int)

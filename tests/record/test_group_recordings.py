@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-import rerun as rr
 import shapely
+from recordings import read_back
 
 import jaxcell.record.bounce.groups
 from jaxcell import bundled
@@ -19,10 +19,8 @@ from jaxcell.space import CellSpace
 
 
 @pytest.fixture(scope="module")
-def recorded(lab, read, tmp_path_factory):
-    path = tmp_path_factory.mktemp("groups") / "lab.rrd"
-    save_recording(lab.groups, path, spec={"who|what": "a test"})
-    return read(path)
+def recorded(lab):
+    return read_back(lab.groups, {"who|what": "a test"})
 
 
 def test_pictures_say_what_the_groups_are(lab, recorded):
@@ -102,9 +100,8 @@ def test_walls_are_the_edges_of_free_squares(lab, recorded):
     assert edges == expected
 
 
-def test_walls_of_a_map(hall, read, tmp_path):
-    save_recording(hall.groups, tmp_path / "hall.rrd")
-    recorded = read(tmp_path / "hall.rrd")
+def test_walls_of_a_map(hall):
+    recorded = read_back(hall.groups)
     strips = recorded.static("/map/walls", "LineStrips2D:strips")
     corners = {tuple(np.round(corner, 4)) for strip in strips for corner in strip}
     assert {(0, 0), (0, 4), (1, 1), (2, 2.2), (4, 1.5)} <= corners
@@ -123,12 +120,11 @@ def test_walls_of_a_map(hall, read, tmp_path):
     assert stretch == [side, side, 1]
 
 
-def test_walls_cover_squares_that_reach_past_them(read, tmp_path):
+def test_walls_cover_squares_that_reach_past_them():
     """Pixels of 0.1 m beside cells of 0.25 m: what is beyond the walls is exact."""
     for cell in (0.1, 0.25):
         cells = CellSpace.load(bundled("office"), cell=cell, directions=4)
-        save_recording(BounceGroups.of(cells, math.radians(90)), tmp_path / "office.rrd")
-        recorded = read(tmp_path / "office.rrd")
+        recorded = read_back(BounceGroups.of(cells, math.radians(90)))
         if cell == 0.1:
             assert "/map/beyond" not in recorded.entities
             continue
@@ -140,10 +136,9 @@ def test_walls_cover_squares_that_reach_past_them(read, tmp_path):
         np.testing.assert_array_equal(beyond[:rows, :columns] == 0, native)
 
 
-def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_path):
+def test_groups_past_the_seventh_are_pale_and_families_apart(hall):
     """By 90 of 360 degrees, only headings 90 degrees apart share groups."""
-    save_recording(hall.groups, tmp_path / "hall.rrd")
-    recorded = read(tmp_path / "hall.rrd")
+    recorded = read_back(hall.groups)
     pictures = recorded.pictures("direction", "/map/grid/bounce_90/groups")
     labels = recorded.over("direction", "/bounce_90/legend/text", "Points2D:labels")
     rows = recorded.over("direction", "/bounce_90/legend/swatch", "LineStrips2D:strips")
@@ -178,9 +173,8 @@ def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_pat
         assert f"heading {15 * direction}°" in legend
 
 
-def test_a_tab_for_each_angle(angles, read, tmp_path):
-    save_recording(angles, tmp_path / "lab.rrd")
-    recorded = read(tmp_path / "lab.rrd")
+def test_a_tab_for_each_angle(angles):
+    recorded = read_back(angles)
     for i, name in enumerate(("bounce_45", "bounce_90", "bounce_135")):
         pictures = recorded.pictures("direction", f"/map/grid/{name}/steps")
         white = sum(int(np.sum(picture == 1)) for picture in pictures.values())
@@ -210,22 +204,6 @@ def test_the_text_describes_the_groups(recorded):
     for phrase in ("turns by **45°**", "**152 cells**", "There is **one**, with period 20"):
         assert phrase in text
     assert "| who|what | a test |" in text.replace("&#124;", "|")
-
-
-def test_an_error_on_the_way_leaves_no_file(lab, tmp_path, monkeypatch):
-    path = tmp_path / "groups.rrd"
-    path.write_bytes(b"old")
-    strict = rr.strict_mode()
-
-    def fail(*arguments, **options):
-        raise RuntimeError("on the way")
-
-    monkeypatch.setattr(jaxcell.record.bounce.groups, "send_blueprint", fail)
-    with pytest.raises(RuntimeError, match="on the way"):
-        save_recording(lab.groups, path)
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]
-    assert rr.strict_mode() == strict
 
 
 @pytest.mark.parametrize("limit", [0, 1000, 100_000])

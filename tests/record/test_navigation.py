@@ -2,10 +2,10 @@ import itertools
 
 import numpy as np
 import pytest
-from recordings import packed
+from recordings import packed, read_back
 
 from jaxcell.bounce import all_plans, plan
-from jaxcell.record import dataset, save_recording
+from jaxcell.record import dataset
 from jaxcell.record.canvas.palette import TRAIL
 from jaxcell.space import CellSpace
 
@@ -31,10 +31,8 @@ def found(cells):
 
 
 @pytest.fixture(scope="module")
-def recorded(cells, found, read, tmp_path_factory):
-    path = tmp_path_factory.mktemp("navigation") / "plan.rrd"
-    save_recording(found, path, spec={"bounces_deg": [45, 90, 135]})
-    return read(path)
+def recorded(cells, found):
+    return read_back(found, {"bounces_deg": [45, 90, 135]})
 
 
 @pytest.fixture(scope="module")
@@ -50,26 +48,6 @@ def test_the_dataset_says_that_there_is_no_path(split):
     assert data.sizes["move"] == 0
     assert data["visited"].values.tolist() == [0]
     assert data.reaches.values.sum() == split.reaching.sum() > 0
-
-
-def test_the_robot_follows_the_plan(cells, found, recorded):
-    x, y, theta = cells.centre(found.visited)
-    origins = recorded.over("step", "/map/robot", "Arrows2D:origins")
-    vectors = recorded.over("step", "/map/robot", "Arrows2D:vectors")
-    middle = np.squeeze([*origins.values()]) + np.squeeze([*vectors.values()]) / 2
-    np.testing.assert_allclose(middle, np.stack([x, y], axis=1), atol=1e-6)
-    headings = np.concatenate([*recorded.poses("/map/robot").values()])[:, 2:]
-    np.testing.assert_allclose(headings, np.stack([np.cos(theta), np.sin(theta)], 1), atol=1e-6)
-
-
-def test_the_trail_begins_at_the_last_bump(cells, found, recorded):
-    x, y, _ = cells.centre(found.visited)
-    trail = recorded.over("step", "/map/trail", "LineStrips2D:strips")
-    since = 0
-    for time in range(len(found.visited)):
-        np.testing.assert_allclose(trail[time][0], [[x[since], y[since]], [x[time], y[time]]])
-        if time < len(found.actions) and found.actions[time] != 0:
-            since = time
 
 
 def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
@@ -126,18 +104,6 @@ def test_start_and_goal_are_marked(cells, found, recorded):
         np.testing.assert_allclose(np.exp(1j * np.arctan2(dy, dx)), np.exp(1j * theta), atol=1e-6)
 
 
-def test_counts_along_the_plan(found, recorded):
-    bumps = recorded.over("step", "/plan/bumps", "Scalars:scalars")
-    changes = recorded.over("step", "/plan/changes", "Scalars:scalars")
-    last, bumped, changed = None, 0, 0
-    for time, action in enumerate([*found.actions.tolist(), 0]):
-        assert (bumps[time], changes[time]) == ([bumped], [changed])
-        if action:
-            bumped, changed = bumped + 1, changed + (last not in (None, action))
-            last = action
-    assert (bumped, changed) == (found.bumps, found.changes)
-
-
 def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
     classes = recorded.classes("/map/grid/heat")
     buffer = np.array(recorded.static("/map/grid/heat", "SegmentationImage:buffer")[0])
@@ -162,9 +128,8 @@ def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded
         np.testing.assert_array_equal(picture, pictures[headings[time]])
 
 
-def test_without_a_path_there_is_a_heat_map(split, read, tmp_path):
-    save_recording(split, tmp_path / "none.rrd")
-    recorded = read(tmp_path / "none.rrd")
+def test_without_a_path_there_is_a_heat_map(split):
+    recorded = read_back(split)
     assert "direction" in recorded.timelines
     assert "step" not in recorded.timelines
     assert not [entity for entity in recorded.entities if entity.startswith("/map/plan")]
@@ -192,18 +157,17 @@ def test_the_text_tells_the_plan(found, recorded):
 
 
 @pytest.mark.parametrize("goal", [5, 0])
-def test_short_plans_are_recorded(cells, read, tmp_path, goal):
+def test_short_plans_are_recorded(cells, goal):
     made = plan(cells, BOUNCES, 0, goal)
     assert made.bumps == 0
-    save_recording(made, tmp_path / "short.rrd")
-    recorded = read(tmp_path / "short.rrd")
+    recorded = read_back(made)
     assert len(recorded.over("step", "/map/robot", "Arrows2D:origins")) == goal + 1
     text = recorded.text()
     assert "| bumps | 0 |" in text
     assert ("starts at the goal" in text) == (goal == 0)
 
 
-def test_the_costs_of_all_plans_have_the_costliest(cells, read, tmp_path):
+def test_the_costs_of_all_plans_have_the_costliest(cells):
     plans = all_plans(cells, BOUNCES)
     costs = plans.cost_summary()
     known = plans.costs()
@@ -212,6 +176,5 @@ def test_the_costs_of_all_plans_have_the_costliest(cells, read, tmp_path):
     assert costs.reachable_pairs == pytest.approx((known >= 0).mean())
     data = dataset(costs)
     assert data.costliest_visited.values.tolist() == costs.costliest.visited.tolist()
-    save_recording(costs, tmp_path / "costs.rrd")
-    text = read(tmp_path / "costs.rrd").text()
+    text = read_back(costs).text()
     assert f"cost **{known.max()}**" in text

@@ -213,8 +213,8 @@ def looks(tmp_path_factory, few_drifters):
         return Look(next((out / family).glob("*.rrd")))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.bounce.slip.fine_cells._SAMPLES", 8)
-        patch.setattr("jaxcell.record.drift.currents._DRIFTERS", 20)
+        patch.setattr("jaxcell.bounce.slip.fine_cells.SAMPLES", 8)
+        patch.setattr("jaxcell.record.drift.currents.DRIFTERS", 20)
         yield look
 
 

@@ -1,11 +1,10 @@
 import dataclasses
 import itertools
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
+from recordings import read_back
 
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
@@ -14,10 +13,9 @@ from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.team import age_of_news, charged
 from jaxcell.patrol.walks import memory_patrol, walk_hitting_times
 from jaxcell.patrol.walks.game import strategy_game
-from jaxcell.record import dataset, summary
+from jaxcell.record import dataset
 from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
-from jaxcell.record.data.dataset import save_dataset
 from jaxcell.record.recordings import save_recording
 
 
@@ -54,67 +52,30 @@ def with_game(patrol, game):
     return dataclasses.replace(patrol, game=game)
 
 
-def test_the_text_names_strategy_attack_and_capture(eight, read, tmp_path):
+def test_the_text_names_strategy_attack_and_capture(eight):
     found = patrol_of(eight[0], names=eight[1], attack_time=4)
-    save_recording(found, tmp_path / "a.rrd", spec={"strategy": "capture", "attack_time": 4})
-    (text,) = read(tmp_path / "a.rrd").static("/text", "TextDocument:text")
+    text = read_back(found, {"strategy": "capture", "attack_time": 4}).text()
     place = int(np.argmin(found.captured))
     assert "The strategy is **capture**." in text
     assert "An attack takes **4 steps**." in text
     assert f"**{found.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
 
 
-def test_the_dataset_holds_the_walk(eight, weights, patrol, tmp_path):
+def test_the_dataset_holds_the_walk(eight, weights, patrol):
     graph, names = eight
-    file = tmp_path / "patrol.nc"
-    save_dataset(dataset(patrol, spec={"graph": "eight"}), file)
     times = walk_hitting_times(graph, weights)
-    with xr.open_dataset(file) as found:
-        np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
-        np.testing.assert_allclose(found.commute_time, times + times.T, rtol=1e-9)
-        np.testing.assert_allclose(found.transition.sum("target"), 1)
-        np.testing.assert_allclose(
-            found.stationary.values @ found.transition.values, found.stationary
-        )
-        np.testing.assert_allclose(found.weight, weights, atol=1e-12)
-        ends = [[names[i], names[j]] for i, j in graph.edges.tolist()]
-        assert found.ends.values.tolist() == ends
-        np.testing.assert_allclose(
-            found.probabilities[:, 0],
-            found.transition.sel(start=found.ends[:, 0], target=found.ends[:, 1]),
-        )
-        assert found.edges_used == (weights > 1e-6).sum()
-        assert found.largest_weight == pytest.approx(weights.max())
-        np.testing.assert_allclose(found.mean_time_to, times.sum(axis=0) / 7)
-        np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), graph.xy)
-        assert float(found.hitting_time.sel(start="6", target="3")) == pytest.approx(times[5, 2])
-        assert float(found.mean_commute_time) == pytest.approx(18.626151, abs=1e-6)
-        assert json.loads(found.attrs["spec"]) == {"graph": "eight"}
-        assert not any(name.startswith("game") for name in found)
-
-
-def test_the_dataset_holds_the_game(with_game, game, tmp_path):
-    file = tmp_path / "patrol.nc"
-    save_dataset(dataset(with_game), file)
-    with xr.open_dataset(file) as found:
-        assert found.strategy.values.tolist() == [
-            *(f"toward {v}" for v in range(1, 9)),
-            "all vertices",
-            "emphasis 2, 5, 8",
-        ]
-        # Table 4.2 of Alam 2018.
-        row = found.game_patroller_payoff.sel(strategy="all vertices")
-        expected = [0.2148, 3.5625, 0.7344, 0.1543, 1.5938, 0.1318, 8, 0.3672]
-        np.testing.assert_allclose(row, expected, atol=5e-5)
-        assert found.game_rank.sel(strategy="emphasis 2, 5, 8").values.tolist() == [
-            4, 2, 8, 6, 3, 7, 5, 1,
-        ]  # fmt: skip
-        paid = found.game_share @ found.game_adversary_payoff
-        assert float(paid.sel(vertex=str(found.game_attacked.values))) == pytest.approx(
-            float(paid.max())
-        )
-        assert float(found.game_value) == pytest.approx(7.689278)
-        np.testing.assert_array_equal(found.game_weight, game.weight)
+    found = dataset(patrol)
+    np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
+    np.testing.assert_allclose(found.commute_time, times + times.T, rtol=1e-9)
+    np.testing.assert_allclose(found.mean_time_to, times.sum(axis=0) / 7)
+    np.testing.assert_allclose(found.weight, weights, atol=1e-12)
+    assert found.edges_used == (weights > 1e-6).sum()
+    assert found.ends.values.tolist() == [[names[i], names[j]] for i, j in graph.edges.tolist()]
+    np.testing.assert_allclose(
+        found.probabilities[:, 0],
+        found.transition.sel(start=found.ends[:, 0], target=found.ends[:, 1]),
+    )
+    np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), graph.xy)
 
 
 def test_names_are_numbers_and_positions_may_be_missing():
@@ -123,20 +84,6 @@ def test_names_are_numbers_and_positions_may_be_missing():
     assert found.vertex.values.tolist() == ["0", "1", "2"]
     assert "x" not in found.coords
     assert found.slem == 1
-
-
-def test_the_summary_has_rows_for_vertices_edges_and_strategies(eight, patrol, game, with_game):
-    graph, names = eight
-    found = summary(with_game)
-    assert [one["vertex"] for one in found["vertices"]] == list(names)
-    assert found["vertices"][6]["stationary"] == pytest.approx(patrol.stationary[6])
-    for (i, j), one in zip(graph.edges.tolist(), found["edges"], strict=True):
-        assert one["ends"] == [names[i], names[j]]
-        assert one["probabilities"] == [patrol.transition[i, j], patrol.transition[j, i]]
-    last = found["game"]["strategies"][-1]
-    assert last["strategy"] == "emphasis 2, 5, 8"
-    assert last["order"] == [names[vertex] for vertex in game.closest[-1]]
-    assert found["game"]["value"] == pytest.approx(7.689278)
 
 
 @pytest.mark.parametrize(
@@ -159,11 +106,9 @@ def test_a_mixture_that_is_none_is_refused(game, with_game):
         dataset(dataclasses.replace(with_game, game=dataclasses.replace(game, commitment=half)))
 
 
-def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
+def test_the_recording_shows_the_walk(eight, weights, patrol):
     graph, names = eight
-    file = tmp_path / "patrol.rrd"
-    save_recording(patrol, file, spec={"graph": "a|b"})
-    found = read(file)
+    found = read_back(patrol, {"graph": "a|b"})
     assert len(found.blueprints) == 1
     assert found.timelines == {"step"}
     np.testing.assert_array_equal(
@@ -228,14 +173,12 @@ def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
     assert not any(one.startswith("/game/") for one in found.entities)
 
 
-def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
+def test_the_recording_shows_who_waits_how_long(eight):
     graph, names = eight
     patrol = patrol_of(graph, names=names)
     news = age_of_news(graph, patrol.matrices, 1, names=names)
     kept = charged(graph, patrol.matrices, 1, 8, names=names)
-    file = tmp_path / "patrol.rrd"
-    save_recording(dataclasses.replace(patrol, news=news, charged=kept), file)
-    found = read(file)
+    found = read_back(dataclasses.replace(patrol, news=news, charged=kept))
     times = [1 / patrol.stationary, news.mean_age, kept.idleness]
     most = np.max(times)
     for number, shown in enumerate(times):
@@ -251,10 +194,10 @@ def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
         np.testing.assert_allclose(height, news.known[: len(height), vertex], atol=1e-6)
     bars = found.picture("/waits/charges/interval")
     assert np.argmax(bars.sum(axis=0)) == kept.interval.argmax()
-    assert "/waits/news/0" not in _recorded(patrol, tmp_path, read).entities
+    assert "/waits/news/0" not in read_back(patrol).entities
 
 
-def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
+def test_recorded_patrollers_walk_with_their_memory():
     """To and fro between the ends of a line, which no walk without memory does."""
     line = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
     plain = random_walk(line, np.ones(2))
@@ -266,7 +209,7 @@ def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
         memory_patrol(line, 4, 1, matrices, names="abc"), memory=2, chance=there[None]
     )
     patrol = GraphPatrol.of(line, plain, names="abc", walks_with_memory=walks_with_memory)
-    found = _recorded(patrol, tmp_path, read)
+    found = read_back(patrol)
     assert "| memory 1 | 75 %" in found.static("/text", "TextDocument:text")[0]
     shares = found.static("/graph/vertices", "Points2D:labels")
     assert shares == [f"{share} % of the time" for share in (25, 50, 25)]
@@ -274,15 +217,8 @@ def test_recorded_patrollers_walk_with_their_memory(tmp_path, read):
     assert len({tuple(idle[step]) for step in range(100, 200)}) == 4
 
 
-def _recorded(patrol, folder, read):
-    save_recording(patrol, folder / "other.rrd")
-    return read(folder / "other.rrd")
-
-
-def test_the_recording_shows_the_game(with_game, game, tmp_path, read):
-    file = tmp_path / "patrol.rrd"
-    save_recording(with_game, file)
-    found = read(file)
+def test_the_recording_shows_the_game(with_game, game):
+    found = read_back(with_game)
     text = found.static("/game/text", "TextDocument:text")[0]
     assert "| vertex that it attacks | 2 |" in text
     assert "| what the patroller is paid | 7.689" in text
@@ -298,22 +234,20 @@ def test_the_recording_shows_the_game(with_game, game, tmp_path, read):
         assert numbers == [f"{one:.3g}" for one in payoff.ravel()]
 
 
-def test_the_same_seed_walks_the_same_way(patrol, tmp_path, read):
+def test_the_same_seed_walks_the_same_way(patrol):
     walks = []
     for seed in (1, 1, 2):
-        save_recording(dataclasses.replace(patrol, seed=seed), tmp_path / "walk.rrd")
-        found = read(tmp_path / "walk.rrd")
+        found = read_back(dataclasses.replace(patrol, seed=seed))
         walks.append(found.over("step", "/graph/patrollers/0/here", "Points2D:positions"))
     assert walks[0] == walks[1] != walks[2]
 
 
-def test_a_walk_that_turns_one_way_and_waits(tmp_path, read):
+def test_a_walk_that_turns_one_way_and_waits():
     """Probabilities differ by direction, some are 0, and a patroller may stay."""
     graph = Graph([[0, 1], [1, 2], [2, 0]], xy=[[0, 0], [1, 0], [0, 1]])
     chain = Chain.from_scipy(np.array([[0.5, 0.5, 0], [0, 0, 1.0], [1.0, 0, 0]]))
     patrol = GraphPatrol.of(graph, chain)
-    save_recording(patrol, tmp_path / "one.rrd")
-    found = read(tmp_path / "one.rrd")
+    found = read_back(patrol)
     labels = found.static("/graph/chances", "Points2D:labels")
     assert labels == ["0.500", "1.000", "1.000", "0.000", "0.000", "0.000"]
     assert found.static("/graph/stay", "Points2D:labels")[0] == "stays with probability 0.5"
@@ -340,12 +274,12 @@ def test_a_large_graph_makes_a_small_file(tmp_path, read):
     assert not {"/times/matrix/labels", "/times/matrix/numbers"} & found.entities
 
 
-def test_vertices_in_one_place_and_two_of_them(tmp_path):
-    graph = Graph([[0, 1]], xy=[[1, 1], [1, 1]])
-    save_recording(patrol_of(graph), tmp_path / "two.rrd")
+@pytest.mark.parametrize("xy", [None, [[1, 1], [1, 1]]])
+def test_vertices_without_a_place_or_in_one_place_have_a_recording(xy):
+    assert read_back(patrol_of(Graph([[0, 1]], xy=xy))).entities
 
 
-def test_parts_of_different_patrols_are_refused(eight, weights, patrol, game, tmp_path):
+def test_parts_of_different_patrols_are_refused(eight, weights, game):
     graph, names = eight
     other = Graph(graph.edges[:-1], xy=graph.xy)
     chain = random_walk(graph, weights)
@@ -360,8 +294,6 @@ def test_parts_of_different_patrols_are_refused(eight, weights, patrol, game, tm
     path = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
     with pytest.raises(ValueError, match="game: expected walks on 2 edges, got 13"):
         patrol_of(path, game=game)
-    save_recording(patrol_of(Graph(graph.edges)), tmp_path / "unplaced.rrd")
-    assert (tmp_path / "unplaced.rrd").exists()
 
 
 def test_a_matrix_of_one_number(tmp_path, read):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import xarray as xr
+from recordings import read_back
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
@@ -25,7 +26,7 @@ from jaxcell.patrol.map import (
     reassign,
 )
 from jaxcell.patrol.map.intruder import AttackState, simulate_attacks
-from jaxcell.record import dataset, save_dataset, save_recording
+from jaxcell.record import dataset, save_dataset
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
 from jaxcell.record.canvas.plot import ticks
 from jaxcell.space import CellSpace, Workspace, visibility_polygon, visible_cells
@@ -87,10 +88,8 @@ def based():
 
 
 @pytest.fixture(scope="module")
-def recorded(alone, tmp_path_factory):
-    path = tmp_path_factory.mktemp("alone") / "patrol.rrd"
-    save_recording(alone, path, spec={"map": "a|b"})
-    return path
+def found(alone):
+    return read_back(alone, {"map": "a|b"})
 
 
 def on_cells(patrol, picture):
@@ -203,8 +202,7 @@ def test_many_robots_are_shown_for_less_long(alone):
     assert simulate_attacks(many, 0).place.shape == (121, 100)
 
 
-def test_the_recording_shows_the_patrol(alone, recorded, read):
-    found = read(recorded)
+def test_the_recording_shows_the_patrol(alone, found):
     assert len(found.blueprints) == 1
     assert found.timelines == {"step", "cover"}
     attacks = simulate_attacks(alone, 4)
@@ -237,8 +235,7 @@ def test_the_recording_shows_the_patrol(alone, recorded, read):
     assert "| map | a&#124;b |" in text
 
 
-def test_the_recording_shows_the_covers(alone, recorded, read):
-    found = read(recorded)
+def test_the_recording_shows_the_covers(alone, found):
     for robot, policy in enumerate(alone.policies):
         for timeline in ("cover", "step"):
             pictures = found.pictures(timeline, f"/map/grid/cover_{robot}")
@@ -259,8 +256,7 @@ def test_the_recording_shows_the_covers(alone, recorded, read):
         assert min(found.pictures("cover", f"/map/grid/cover_{robot}")) == 1
 
 
-def test_the_recording_shows_the_policies(alone, recorded, read):
-    found = read(recorded)
+def test_the_recording_shows_the_policies(alone, found):
     ends = alone.xy[alone.graph.edges]
     for robot, policy in enumerate(alone.policies):
         some = policy.weights > 0
@@ -274,8 +270,8 @@ def test_the_recording_shows_the_policies(alone, recorded, read):
         np.testing.assert_allclose(dots, alone.xy[policy.cover])
 
 
-def test_the_recording_shows_the_law(alone, recorded, read):
-    found, attack = read(recorded), alone.attack
+def test_the_recording_shows_the_law(alone, found):
+    attack = alone.attack
     kind = still(alone, found, "/map/grid/target_view")
     np.testing.assert_array_equal(kind, np.select([attack.boundary, attack.view], [3, 2], 1))
 
@@ -315,8 +311,8 @@ def test_the_recording_shows_the_law(alone, recorded, read):
     )
 
 
-def test_the_recording_shows_the_vulnerability(alone, recorded, read):
-    found, caught = read(recorded), alone.captures.probability[0]
+def test_the_recording_shows_the_vulnerability(alone, found):
+    caught = alone.captures.probability[0]
     kind = still(alone, found, "/map/grid/capture").astype(int)
     assert kind.min() >= 3
     assert kind.max() <= 34
@@ -340,8 +336,8 @@ def test_an_emphasis_that_lowers_capture_is_remarked(alone):
     assert dataclasses.replace(alone, chosen_share=0.0).remarks == ()
 
 
-def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, monkeypatch):
-    monkeypatch.setattr("jaxcell.patrol.map.capture_search._STEPS", 20)
+def test_the_recording_shows_a_search_and_its_frontier(alone, monkeypatch):
+    monkeypatch.setattr("jaxcell.patrol.map.capture_search.STEPS", 20)
     problem = alone.graph, alone.visible, 2, Attack(TIMES[0])
     search = capture_policies(*problem, starts=1)
     frontier = capture_frontier(*problem, [0.0, 0.6])
@@ -349,8 +345,7 @@ def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, mo
         alone, policies=search.policies, search=search, frontier=frontier, share_capture=None
     )
     assert "the patrol is a local optimum, the best of 1 starts" in patrol.remarks[0]
-    save_recording(patrol, tmp_path / "search.rrd")
-    found = read(tmp_path / "search.rrd")
+    found = read_back(patrol)
     assert len(found.static("/frontier/curve/floors", "Points2D:positions")) == 2
     text = found.static("/frontier/text", "TextDocument:text")[0]
     caught = 100 * frontier.least_capture[1]
@@ -358,10 +353,8 @@ def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, mo
     assert "local optimum" in found.static("/policies/text", "TextDocument:text")[0]
 
 
-def test_the_recording_shows_the_regions(based, tmp_path, read):
-    path = tmp_path / "based.rrd"
-    save_recording(based, path)
-    found = read(path)
+def test_the_recording_shows_the_regions(based):
+    found = read_back(based)
     xy, regions, after = based.xy, based.regions, based.reassignment
     for name, one, owner, policies in (
         ("regions", regions, [0, 1, 2], based.policies),
@@ -388,14 +381,13 @@ def test_the_recording_shows_the_regions(based, tmp_path, read):
     assert "robot 1 is lost" in text
 
 
-def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
+def test_a_target_that_is_always_seen_has_no_fit(alone):
     everything = np.ones_like(alone.visible)
     problem = alone.graph, everything, alone.policies
     attack = vulnerability(jax.random.key(0), *problem, 3, Attack(TIMES), runs=10)
     capture = Capture.of(*problem, Attack(TIMES))
     patrol = dataclasses.replace(alone, visible=everything, attack=attack, captures=capture)
-    save_recording(patrol, tmp_path / "all.rrd")
-    found = read(tmp_path / "all.rrd")
+    found = read_back(patrol)
     assert "/target/times/fitted" not in found.entities
     assert "No generalized lambda" in found.static("/target/text", "TextDocument:text")[0]
     assert "attack_fit_l1" not in dataset(patrol)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from recordings import packed
+from recordings import packed, read_back
 
 from jaxcell.bounce import AdaptivelyLocalized, localization_policy
-from jaxcell.record import dataset, save_recording, summary
+from jaxcell.record import dataset, summary
 from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT
 from jaxcell.space import Motion
@@ -18,10 +18,8 @@ def found(lab):
 
 
 @pytest.fixture(scope="module")
-def recorded(found, read, tmp_path_factory):
-    path = tmp_path_factory.mktemp("policy") / "lab.rrd"
-    save_recording(found, path)
-    return read(path)
+def recorded(found):
+    return read_back(found)
 
 
 def test_shows_the_belief_and_the_turn_at_each_bump(found, recorded):
@@ -48,7 +46,7 @@ def test_a_large_policy_is_a_tree_with_the_run(found):
     assert set(run) <= set(tree)
     small, path = 12, list(dict.fromkeys(run))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.record.bounce.policy._MAX_DRAWN", small)
+        patch.setattr("jaxcell.record.bounce.policy.MAX_DRAWN", small)
         tree = _tree(found.policy, run)
     assert set(path) <= set(tree)
     assert len(tree) <= max(small, len(path))

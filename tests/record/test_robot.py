@@ -226,7 +226,7 @@ with RobotRecording(sys.argv[1], [RecordedRobot()], cells=map_cells("lab_a.json"
 def test_bad_input(tmp_path, monkeypatch, options, message):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr("jaxcell.record.viewer._PORT", 2)
+    monkeypatch.setattr("jaxcell.record.viewer.PORT", 2)
     monkeypatch.setattr("sys.platform", "linux")
     path = tmp_path / options.pop("name", "run.rrd")
     with pytest.raises((ValueError, OSError), match=message):

@@ -160,7 +160,7 @@ def test_the_text_says_what_there_is(recorded):
 
 def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
     """Pictures and series are bounded, however many members there are."""
-    monkeypatch.setattr("jaxcell.record.sweep.overview._PICTURE_BYTES", 40_000)
+    monkeypatch.setattr("jaxcell.record.sweep.overview.PICTURE_BYTES", 40_000)
     rng = np.random.default_rng(0)
     n = 3000
     coords = {name: ("sample", rng.random(n)) for name in "abc"}

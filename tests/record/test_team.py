@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from recordings import read_back
 
 from jaxcell.bounce import TeamOutcome, team_trajectories, team_trajectory
-from jaxcell.record import dataset, save_recording, summary
+from jaxcell.record import dataset, summary
 from jaxcell.record.canvas.palette import robot_color
 from jaxcell.space import ENDPOINT, CellSpace, Workspace
 
@@ -20,10 +21,8 @@ def team(lab):
 
 
 @pytest.fixture(scope="module")
-def recorded(lab, team, read, tmp_path_factory):
-    path = tmp_path_factory.mktemp("team") / "team.rrd"
-    save_recording(team, path, spec={"seed": 0})
-    return read(path)
+def recorded(lab, team):
+    return read_back(team, {"seed": 0})
 
 
 def test_the_dataset_has_the_first_visit_of_each_position(lab, team):
@@ -43,28 +42,6 @@ def test_positions_without_a_visit_are_marked(lab):
     np.testing.assert_array_equal(
         np.flatnonzero(found.first_visitor == -1), team.uncovered_positions
     )
-
-
-def test_robots_and_trails(lab, team, recorded):
-    for robot, path in enumerate(team.cell.T):
-        origins = recorded.over("step", f"/map/robot_{robot}", "Arrows2D:origins")
-        vectors = recorded.over("step", f"/map/robot_{robot}", "Arrows2D:vectors")
-        trails = recorded.over("step", f"/map/trail_{robot}", "LineStrips2D:strips")
-        x, y, theta = lab.cells.centre(path)
-        place = np.stack([x, y], axis=1)
-        assert list(origins) == list(vectors) == list(trails) == list(range(len(path)))
-        for time in range(len(path)):
-            vector = np.array(vectors[time])[0]
-            np.testing.assert_allclose(np.array(origins[time])[0] + vector / 2, place[time])
-            heading = [np.cos(theta[time]), np.sin(theta[time])]
-            np.testing.assert_allclose(vector / np.hypot(*vector), heading, atol=1e-6)
-            (trail,) = trails[time]
-            np.testing.assert_allclose(trail[-1], place[time])
-            assert len(trail) <= 7
-            # The trail ends with the straight run since the last turn.
-            turns = np.flatnonzero(np.diff(path[: time + 1] // lab.cells.positions)) + 1
-            last = turns[-1] if turns.size else 0
-            np.testing.assert_allclose(trail[-2], place[last])
 
 
 def test_squares_fill_in_the_colour_of_the_first_robot(lab, team, recorded):
@@ -116,18 +93,11 @@ def test_the_text_says_what_came_out(team, recorded):
     assert "| seed | 0 |" in text
 
 
-def test_the_legend_names_robots_and_marks(recorded):
-    labels = recorded.static("/legend/text", "Points2D:labels")
-    assert labels[:3] == ["robot 0", "robot 1", "robot 2"]
-    assert labels[-1] == "collided in the step before (black frame)"
-
-
-def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.record.bounce.team._MAX_TIMES", 8)
-    monkeypatch.setattr("jaxcell.record.bounce.team._MAX_PICTURES", 3)
+def test_a_long_trajectory_is_thinned(lab, monkeypatch):
+    monkeypatch.setattr("jaxcell.record.bounce.team.MAX_TIMES", 8)
+    monkeypatch.setattr("jaxcell.record.bounce.team.MAX_PICTURES", 3)
     team = team_trajectory(lab.cells, [0, 31], BOUNCE, max_parts=3)
-    save_recording(team, tmp_path / "thin.rrd")
-    thin = read(tmp_path / "thin.rrd")
+    thin = read_back(team)
     steps = len(team.cell) - 1
     assert steps > 16
     stride = -(-steps // 8)
@@ -141,11 +111,10 @@ def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):
     assert f"Every {stride}th step is shown" in thin.text()
 
 
-def test_a_team_that_fills_the_map_is_shown(read, tmp_path):
+def test_a_team_that_fills_the_map_is_shown():
     cells = CellSpace.of_grid(np.ones((3, 3), bool), 8)
     team = team_trajectory(cells, list(range(9)), BOUNCE)
-    save_recording(team, tmp_path / "full.rrd")
-    pictures = read(tmp_path / "full.rrd").pictures("step", "/map/grid/visited")
+    pictures = read_back(team).pictures("step", "/map/grid/visited")
     assert list(pictures) == [0]
     # There are eight colours: the ninth robot has the first one.
     assert pictures[0].ravel().tolist() == [1, 2, 3, 4, 5, 6, 7, 8, 1]

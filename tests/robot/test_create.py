@@ -113,9 +113,20 @@ def terminal():
         yield robot_and_name
 
 
-def keep_driving(create, speed=0.2):
+@contextlib.contextmanager
+def driving(terminal, patience=PATIENCE):
+    """A robot that drives at 0.2 m/s, and its driver."""
+    robot, name = terminal
+    with Create.open(name, patience=patience) as create:
+        create.arm()
+        create.drive(right=0.2, left=0.2)
+        eventually(lambda: robot.wheels == (200, 200))
+        yield robot, create
+
+
+def keep_driving(create):
     while True:
-        create.drive(right=speed, left=speed)
+        create.drive(right=0.2, left=0.2)
         time.sleep(0.05)
 
 
@@ -139,11 +150,8 @@ def test_forward_and_turn_by_the_encoders(terminal):
 
 
 def test_start_then_stop_are_the_last_words(terminal):
-    robot, name = terminal
-    with Create.open(name, patience=PATIENCE) as create:
-        create.arm()
-        create.drive(right=0.1, left=0.1)
-        eventually(lambda: robot.wheels == (100, 100))
+    with driving(terminal) as (robot, create):
+        pass
     eventually(lambda: robot.commands[-2:] == [Command(128), Command(173)])
     assert robot.wheels == (0, 0)
     assert Command(132) not in robot.commands, "mode Full"
@@ -152,18 +160,9 @@ def test_start_then_stop_are_the_last_words(terminal):
 
 
 def test_an_exception_stops_the_wheels(terminal):
-    robot, name = terminal
-
-    def fail():
-        with Create.open(name, patience=PATIENCE) as create:
-            create.arm()
-            create.drive(right=0.1, left=0.1)
-            eventually(lambda: robot.wheels == (100, 100))
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        fail()
-    eventually(lambda: robot.mode == 0)
+    with pytest.raises(ZeroDivisionError), driving(terminal):
+        raise ZeroDivisionError
+    eventually(lambda: terminal[0].mode == 0)
 
 
 def test_an_unarmed_robot_does_not_drive(terminal):
@@ -219,11 +218,7 @@ def test_forward_ends_at_a_bump_and_turn_does_not(terminal):
     ],
 )
 def test_danger_stops_the_wheels_until_armed_again(terminal, values, named):
-    robot, name = terminal
-    with Create.open(name, patience=PATIENCE) as create:
-        create.arm()
-        create.drive(right=0.2, left=0.2)
-        eventually(lambda: robot.wheels == (200, 200))
+    with driving(terminal) as (robot, create):
         safe = dict(robot.values)
         robot.values |= values
         eventually(lambda: robot.wheels == (0, 0) and robot.mode == 1)
@@ -258,20 +253,12 @@ def test_a_robot_that_counts_its_modes_from_one():
 
 
 def test_a_caller_that_sleeps_stops_the_wheels(terminal):
-    robot, name = terminal
-    with Create.open(name, patience=0.5) as create:
-        create.arm()
-        create.drive(right=0.2, left=0.2)
-        eventually(lambda: robot.wheels == (200, 200))
+    with driving(terminal, 0.5) as (robot, _):
         eventually(lambda: robot.wheels == (0, 0))
 
 
 def test_a_silent_robot_gets_the_command_to_stop(terminal):
-    robot, name = terminal
-    with Create.open(name, patience=0.5) as create:
-        create.arm()
-        create.drive(right=0.2, left=0.2)
-        eventually(lambda: robot.wheels == (200, 200))
+    with driving(terminal, 0.5) as (robot, create):
         robot.mute = True
         with pytest.raises(RobotStopped, match="no reading"):
             keep_driving(create)
@@ -279,11 +266,7 @@ def test_a_silent_robot_gets_the_command_to_stop(terminal):
 
 
 def test_a_command_cut_short_does_not_swallow_the_halt(terminal):
-    robot, name = terminal
-    with Create.open(name, patience=PATIENCE) as create:
-        create.arm()
-        create.drive(right=0.2, left=0.2)
-        eventually(lambda: robot.wheels == (200, 200))
+    with driving(terminal) as (robot, _):
         robot.parser.feed(bytes([145, 1, 44]))
     eventually(lambda: robot.mode == 0 and robot.wheels == (0, 0))
 
@@ -336,10 +319,7 @@ def test_a_line_in_use_is_refused(terminal):
 
 
 def test_a_watchdog_that_dies_stops_the_wheels(terminal):
-    robot, name = terminal
-    with Create.open(name, patience=PATIENCE) as create:
-        create.arm()
-        create.drive(right=0.2, left=0.2)
+    with driving(terminal) as (robot, create):
         os.kill(create._watchdog.pid, signal.SIGKILL)
         with pytest.raises(RobotStopped, match="watchdog"):
             keep_driving(create)

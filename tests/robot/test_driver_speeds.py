@@ -25,24 +25,16 @@ def test_a_lost_byte_makes_no_other_command_of_a_pair(right, left, lost):
     assert [one.opcode for one in damaged if one.opcode != 145] == []
 
 
-def test_a_turn_on_the_spot_stays_on_the_spot_at_every_speed():
+@pytest.mark.parametrize(("side", "lost"), [(1, 46), (-1, 92)], ids=["straight", "turn"])
+def test_a_motion_keeps_its_kind_at_every_speed(side, lost):
     for speed in range(-500, 501):
-        right, left = sent(speed, -speed)
-        assert right == -left
+        right, left = sent(speed, side * speed)
+        assert right == side * left
         assert right * speed >= 0
-        assert abs(right) <= abs(speed) <= abs(right) + 92
-        assert not OPCODES & set(drive_direct(right=right, left=left)[1:])
+        assert abs(right) <= abs(speed) <= abs(right) + lost
         # Nothing gives way without need.
-        if not OPCODES & set(drive_direct(right=speed, left=-speed)[1:]):
+        if not OPCODES & set(drive_direct(right=speed, left=side * speed)[1:]):
             assert right == speed
-
-
-def test_a_straight_drive_stays_straight_at_every_speed():
-    for speed in range(-500, 501):
-        right, left = sent(speed, speed)
-        assert right == left
-        assert right * speed >= 0
-        assert abs(right) <= abs(speed) <= abs(right) + 46
 
 
 @given(right=SPEEDS, left=SPEEDS)

@@ -1,5 +1,6 @@
 """The physics engine moves a Create 2 as mechanics says, and the driver drives it as any robot."""
 
+import cmath
 import math
 
 import mujoco
@@ -214,6 +215,24 @@ def test_a_leap_ends_where_the_engine_does(wheels):
         ends.append((*body.pose, *body.counts))
     assert ends[1][:3] == pytest.approx(ends[0][:3], abs=0.0004)
     assert ends[1][3:] == pytest.approx(ends[0][3:], abs=1)
+
+
+def test_a_drive_of_legs_and_turns_slips_as_in_the_engine():
+    ends = []
+    for leaps in (False, True):
+        robot = driven(PhysicsBody(HALL, (0.0, 0.0, 0.0), leaps=leaps))
+        at, facing, missed = 0j, 0.0, []
+        for turn in (100, -100, 160, -45, -135, 22.5):
+            for moved in (
+                robot.forward(0.25, tolerance=0.001),
+                robot.turn(math.radians(turn), tolerance=math.radians(0.4)),
+            ):
+                at += complex(moved.distance, moved.left) * cmath.rect(1.0, facing)
+                facing += moved.angle
+                x, y, heading = robot.robot.pose
+                missed += [x - at.real, y - at.imag, heading - facing]
+        ends.append(missed)
+    assert ends[1] == pytest.approx(ends[0], abs=0.003)
 
 
 def test_a_robot_leaps_only_while_it_rolls_steadily_out_of_reach_of_walls():

@@ -115,16 +115,16 @@ def test_a_robot_that_falls_silent_is_stopped(world_of, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_robot_whose_bumper_does_not_report_is_not_armed(world_of, monkeypatch, kind):
-    monkeypatch.setattr(node, "_ANSWER", 0.1)
+def test_a_robot_whose_bumper_does_not_report_is_not_armed(world_of, kind):
     world = world_of((1.0, 1.5, 0.0), kind)
     world.silent = {KINDS[kind].contact}
     with KINDS[kind]() as robot:
+        robot.answer = 0.1
         with pytest.raises(RobotStopped, match=f"nothing comes on /{robot.contact}, so it would"):
             robot.arm()
         with pytest.raises(RobotStopped, match="it is not armed"):
             robot.forward(2.5, tolerance=0.004)
-        monkeypatch.setattr(node, "_ANSWER", 60.0)
+        robot.answer = 60.0
         world.silent = set()
         robot.arm()
         assert robot.forward(9.0, tolerance=0.004).bumped
@@ -192,12 +192,12 @@ def test_a_base_is_given_the_type_of_speeds_that_it_takes(world_of):
     assert world.published["cmd_vel"][0].header.frame_id == "base_link"
 
 
-def test_a_base_without_a_topic_of_speeds_is_refused(world_of, monkeypatch):
-    monkeypatch.setattr(node, "GREETING", 10.0)
-    monkeypatch.setattr("jaxcell.robot.ros.base.GREETING", 0.1)
+def test_a_base_without_a_topic_of_speeds_is_refused(world_of):
     world_of((1.0, 1.5, 0.0), "base").speeds = []
+    base = Base()
+    base.answer = 0.1
     with pytest.raises(ConnectionError, match="nothing takes speeds on /cmd_vel"):
-        Base().__enter__()
+        base.__enter__()
 
 
 def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
@@ -258,11 +258,12 @@ def test_signals_end_the_process_again_though_closing_fails(world_of, monkeypatc
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_a_missing_robot_is_named(world_of, monkeypatch):
-    monkeypatch.setattr(node, "GREETING", 0.1)
+def test_a_missing_robot_is_named(world_of):
     world_of((1.0, 1.5, 0.0), "create3").dead = True
+    robot = Create3()
+    robot.greeting = 0.1
     with pytest.raises(ConnectionError, match=r"no odometry comes on /odom: .* ROS_DOMAIN_ID 0"):
-        Create3().__enter__()
+        robot.__enter__()
 
 
 def test_a_missing_ros_names_its_installation():

@@ -18,38 +18,6 @@ LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
 walker_in = functools.partial(walker_with, robot=DirectBody)
 
 
-# The commands, the driver and the wheels are all in this one.
-@pytest.mark.parametrize(("cell", "bounce_deg"), [(70, 45), (33, 135)])
-def test_the_emulated_robot_is_localized_to_its_true_configuration(cell, bounce_deg):
-    filter = bounce_filter(LAB_A, bounce_deg)
-    walker, body = walker_with(LAB_A, cell)
-    outcome = run_follower(walker, FilterFollower(filter), [math.radians(bounce_deg)])
-    assert outcome.result == "localized"
-    assert int(LAB_A.index(*body.pose)) in outcome.cells
-    state = filter.run(outcome.observations).states[-1].item()
-    assert outcome.cells == tuple(filter.cells(state).tolist())
-
-
-@pytest.mark.parametrize("bounce_deg", [45, 135])
-def test_it_is_localized_from_many_cells(bounce_deg):
-    filter = bounce_filter(LAB_A, bounce_deg)
-    image, bumped = bounce_tables(LAB_A, bounce_deg)
-    for cell in np.random.default_rng(2).choice(LAB_A.size, 4, replace=False).tolist():
-        walker, body = walker_in(LAB_A, cell)
-        outcome = run_follower(walker, FilterFollower(filter, "cycle"), [math.radians(bounce_deg)])
-        observed = ""
-        for _ in outcome.observations:
-            observed += str(int(bumped[cell]))
-            cell = int(image[cell])
-        assert outcome.observations == observed
-        assert outcome.result == "localized"
-        assert len(outcome.cells) <= 4
-        assert cell in outcome.cells
-        assert int(LAB_A.index(*body.pose)) == cell
-        assert set(outcome.colors[:-1]) <= {1}
-        assert outcome.colors[-1] > 1
-
-
 @pytest.mark.parametrize("open_world", [False, True])
 def test_a_filter_of_another_map_is_refuted_with_what_was_observed(open_world, tmp_path):
     filter = bounce_filter(LAB_B, 45, open_world=open_world)
@@ -252,20 +220,6 @@ def plan_of(cell: int, count: int) -> list[float]:
         actions.append(math.radians(135) if bumped[cell] else 0.0)
         cell = int(image[cell])
     return actions
-
-
-def test_a_plan_arrives(tmp_path):
-    cell, actions = PLAN_START, plan_of(PLAN_START, 20)
-    walker, body = walker_in(LAB_A, cell)
-    with RunLog(tmp_path / "run.jsonl", {"kind": "plan", "actions": actions}) as log:
-        outcome = run_plan(walker, actions, log=log)
-    assert outcome.result == "arrived"
-    image, _ = bounce_tables(LAB_A, 135)
-    for _ in actions:
-        cell = int(image[cell])
-    assert int(LAB_A.index(*body.pose)) == cell
-    run = read_log(tmp_path / "run.jsonl")
-    assert plan_outcome(run.header["actions"], run.observations) == outcome
 
 
 def test_a_plan_that_meets_another_map_is_refuted():

@@ -1,9 +1,8 @@
 """Without noise all comes true on every map, steps and plans through the whole driver.
 
-Filters, teams and patrols go through it on two maps, and drive the body without it on others.
+Filters go through it on two maps, and drive the body without it on others.
 """
 
-import itertools
 import math
 from collections.abc import Callable
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from wheels import (
     MAPS,
-    body_in,
     bounce_filter,
     bounce_tables,
     map_cells,
@@ -24,13 +22,8 @@ from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.followers import FilterFollower, run_follower
-from jaxcell.robot.patrol import Patrol, run_patrol
-from jaxcell.robot.plan import run_plan
-from jaxcell.robot.routing import wave
-from jaxcell.robot.tasks.files import load_task
-from jaxcell.robot.tasks.patrol_task import save_patrols
-from jaxcell.robot.team import member_actions, run_member, save_team
-from jaxcell.robot.walker import Drivable, Walker
+from jaxcell.robot.plan import plan_outcome, run_plan
+from jaxcell.robot.walker import Drivable
 from jaxcell.space import CellSpace, free_steps
 
 
@@ -129,69 +122,7 @@ def test_a_plan_arrives(name):
     (cell,) = starts_in(cells, 1, seed=3)
     actions, goal = plan_from(cells, cell, 15)
     walker, body = walker_in(cells, cell)
-    assert run_plan(walker, actions).result == "arrived"
+    outcome = run_plan(walker, actions)
+    assert outcome == plan_outcome(actions, outcome.observations)
+    assert outcome.result == "arrived"
     assert place_of(cells, body) == goal
-
-
-def team_walk(cells: CellSpace, starts: list[int], steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """A walk of robots that turn by a quarter where a wall or another robot is."""
-    there, quarter = free_steps(cells), cells.directions // 4
-    path, bumped = [np.array(starts)], []
-    for _ in range(steps):
-        way, here = np.divmod(path[-1], cells.positions)
-        end = there[way, here]
-        hit = end == here
-        for i, k in itertools.permutations(range(len(here)), 2):
-            hit[i] |= end[i] in (end[k], here[k])
-        way = np.where(hit, (way + quarter) % cells.directions, way)
-        path.append(way * cells.positions + np.where(hit, here, end))
-        bumped.append(hit)
-    return np.array(path), np.array(bumped)
-
-
-@some_maps
-def test_each_robot_of_a_team_arrives(name, tmp_path):
-    cells = cells_of(name)
-    robots, steps = 2, 10
-    path, bumped = team_walk(cells, starts_in(cells, robots, seed=5), steps)
-    actions = member_actions(path, bumped, free_steps(cells))
-    common = {
-        "cell_m": cells.cell,
-        "directions": cells.directions,
-        "step_m": cells.cell,
-        "robot_radius_m": cells.workspace.robot_radius,
-    }
-    poses = [pose_of(cells, z) for z in path[0].tolist()]
-    save_team(tmp_path / "team.json", common, poses, [math.pi / 2] * robots, actions)
-    for robot in range(robots):
-        task = load_task(tmp_path / "team.json", robot)
-        walker, body = walker_in(cells, int(path[0, robot]), robot=robot_for(name))
-        assert run_member(walker, task, sleep=lambda _: None).result == "arrived"
-        assert place_of(cells, body) == path[-1, robot]
-
-
-@some_maps
-def test_a_patrol_visits_what_is_drawn(name, tmp_path):
-    cells = cells_of(name)
-    plane = CellSpace.of(cells.workspace, cells.cell, 4)
-    ways = free_steps(plane)
-    start = plane.positions // 2
-    away = wave(ways, start)
-    goals = np.flatnonzero((away > 0) & (away <= 8))
-    image = np.full((1, plane.positions), start)
-    image[0, start] = np.random.default_rng(7).choice(goals)
-    save_patrols(
-        tmp_path / "patrol.json",
-        cells,
-        [(image, np.ones((1, plane.positions)))],
-        [start],
-        1.0,
-    )
-    task = load_task(tmp_path / "patrol.json")
-    body = body_in(plane, start)
-    patrol = Patrol(task, start=start, facing=0, seed=0, visits=2, most_bumps=1, limit=999)
-    walker = Walker(robot_for(name)(body), task.step, strides=task.strides)
-    outcome = run_patrol(walker, patrol)
-    assert (outcome.result, outcome.visited) == ("patrolled", (image[0, start], start))
-    assert "1" not in outcome.observations
-    assert int(plane.index(body.x, body.y)) % plane.positions == start

@@ -76,12 +76,6 @@ def test_the_room_of_figure_2_6_has_four_separate_obstacles():
     assert free_cells(room) == room.free_space.area == 22407
 
 
-def test_cafe_has_a_margin():
-    cafe = load("cafe.json")
-    assert cafe.robot_radius == 0.17
-    assert cafe.free_space.area < 0.8 * cafe.environment.area
-
-
 def test_arena_has_a_curved_wall():
     arena = load("arena.json")
     assert len(arena.boundary) > 48

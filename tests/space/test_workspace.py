@@ -28,13 +28,6 @@ def test_fields_are_normalised():
         room.boundary[0] = 1
 
 
-def test_the_arrays_given_are_copied():
-    given_array = np.array(ROOM, dtype=float)
-    room = Workspace(given_array)
-    given_array[0] = 3
-    assert room.boundary[0].tolist() == [0, 0]
-
-
 def test_shapely_polygons_are_taken():
     room = Workspace(shapely.Polygon(ROOM), [shapely.Point(3, 3).buffer(1)])
     assert len(room.boundary) == 4

@@ -102,7 +102,7 @@ def case(tmp_path_factory, few_drifters):
         return Case(study, result, json.loads(printed.getvalue()), words, out)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.bounce.slip.fine_cells._SAMPLES", 8)
+        patch.setattr("jaxcell.bounce.slip.fine_cells.SAMPLES", 8)
         patch.setattr("jaxcell.bounce.slip.fine_cells.MAX_CELLS", 3000)
         yield run
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from recordings import read_back
 
 from jaxcell import bundled
 from jaxcell.cli import main
-from jaxcell.record import dataset, save_recording, summary
+from jaxcell.record import dataset, summary
 from jaxcell.study import Cover, Study
 from jaxcell.study.loading import load_study
 from jaxcell.sweep.study_task import read_study, study_task
@@ -137,9 +138,8 @@ def test_its_command_refuses_bad_parameters(file, capsys, args, status, message)
     assert message in capsys.readouterr().err
 
 
-def test_its_recording_shows_curves_and_numbers(drop, tmp_path, read):
-    save_recording(drop(height=20.0).run(), tmp_path / "drop.rrd", spec={"height_m": 20})
-    found = read(tmp_path / "drop.rrd")
+def test_its_recording_shows_curves_and_numbers(drop):
+    found = read_back(drop(height=20.0).run(), {"height_m": 20})
     curve = found.over("step", "/curves/height", "Scalars:scalars")
     assert curve[0] == [20.0]
     assert curve[4] == [0.0]

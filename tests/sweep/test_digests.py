@@ -167,17 +167,6 @@ def test_the_result_lists_changes_of_a_sweep_resumed_anyway(begun, tmp_path, cap
     assert verify_sweep("out").damaged == ()
 
 
-def test_damage_is_not_mended_with_other_files(begun, tmp_path):
-    damage_chunk(tmp_path / "out", 0)
-    (tmp_path / "1.txt").write_text("7")
-    with pytest.raises(
-        ValueError, match=r"damaged \(chunk 0\), and made with other versions or files: 1.t"
-    ):
-        verify_sweep("out")
-    (tmp_path / "1.txt").write_text("1")
-    assert verify_sweep("out").whole
-
-
 def test_a_missing_task_is_refused_only_if_chunks_have_to_be_computed(begun, tmp_path, monkeypatch):
     (tmp_path / "user_task.py").unlink()
     monkeypatch.delitem(sys.modules, "user_task")

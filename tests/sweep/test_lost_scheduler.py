@@ -50,7 +50,7 @@ def test_the_error_of_a_lost_scheduler_is_one_line(tmp_path, number):
 
 
 def test_the_error_of_a_missing_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.sweep.workers.engines._CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr("jaxcell.sweep.workers.engines.CONNECT_SECONDS", 0.2)
     spec = tmp_path / "some.toml"
     spec.write_text('task = "sweep_stub:stub"\n[grid]\nx = {count = 4}\n')
     out = ["--out", str(tmp_path / "out"), "--engine", "dask://127.0.0.1:1"]

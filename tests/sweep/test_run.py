@@ -13,10 +13,10 @@ import xarray as xr
 from sweep_kills import kill_apart, tree
 
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
-from jaxcell.sweep.storage.export import file_lengths, write_result
+from jaxcell.sweep.storage.export import write_result
 from jaxcell.sweep.storage.lock import locked
 from jaxcell.sweep.storage.store import SweepStore
-from jaxcell.sweep.workers.work import Variable, compute, with_files_found
+from jaxcell.sweep.workers.work import compute, with_files_found
 
 
 def test_the_result_of_a_member_is_that_of_a_batch_of_one(stub_spec, tmp_path):
@@ -330,26 +330,6 @@ def test_a_result_is_written_by_files_of_a_given_size(stub_spec, tmp_path):
     assert len(files) == 6
     with open_sweep(tmp_path / "out") as dataset, xr.open_zarr(tmp_path / "small.zarr") as small:
         xr.testing.assert_identical(dataset.load(), small.load())
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[random]\nsamples = 1_000_000\nx = {uniform = [0, 1]}",
-        "[grid]\na = {count = 1000}\nb = {count = 1000}",
-        "[grid]\na = {count = 100}\nb = {count = 100}\nc = {count = 100}",
-    ],
-)
-def test_a_million_members_are_few_files(spec_file, text):
-    spec = Spec.load(spec_file(text))
-    assert spec.chunk_count > 10_000
-    for inner, expected in ((), 10), ((10_000,), spec.chunk_count):
-        lengths = file_lengths(spec, {"v": Variable((), np.broadcast_to(0.0, (64, *inner)), {})})
-        sizes = zip(spec.dimensions.values(), lengths.values(), strict=True)
-        assert np.prod([-(-size // length) for size, length in sizes]) <= expected
-        for name, length in lengths.items():
-            assert length % spec.lengths[name] == 0
-            assert not inner or length == spec.lengths[name]
 
 
 def test_the_result_has_its_provenance(stub_spec, tmp_path):

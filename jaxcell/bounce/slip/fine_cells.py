@@ -19,11 +19,11 @@ from ...space.slip import ERRORS, TURNING, to_wall
 from ..dynamics import bounce_shift
 
 
-# Configurations and errors that are tried in each cell, a power of two.
-_SAMPLES = 128
+SAMPLES = 128
+"""Configurations and errors that are tried in each cell, a power of two."""
 # Squares that are sampled at once.
 _CHUNK = 2048
-MAX_CELLS = 100_000
+MAX_CELLS = 400_000
 "The largest number of fine cells by default."
 # Standard deviations of the drift of a heading in a number of steps, radians of the turn after a
 # bump, and cells along one heading.
@@ -187,7 +187,7 @@ def slip_map(
         f"a map of {size} cells for a robot that slips",
         "use fewer cells",
     )
-    points = qmc.Sobol(3 + ERRORS, seed=0).random(_SAMPLES)
+    points = qmc.Sobol(3 + ERRORS, seed=0).random(SAMPLES)
     offsets = (points[:, :3] - 0.5) * [fine.cell, fine.cell, 2 * np.pi / fine.directions]
     errors = _normal(points[:, 3:])
     length = coarse.cell if step is None else step
@@ -257,7 +257,7 @@ def _shares(
     row: Int[np.ndarray, "entries"], image: Int[np.ndarray, "entries"], rows: int, size: int
 ) -> scipy.sparse.csr_array:
     """Make the rows of a matrix from samples."""
-    share = np.full(row.size, 1 / _SAMPLES)
+    share = np.full(row.size, 1 / SAMPLES)
     return scipy.sparse.coo_array((share, (row, image)), shape=(rows, size)).tocsr()
 
 

@@ -41,7 +41,6 @@ from ...base.documents import (
     refused,
 )
 from ...optimize import Graph
-from .simulator_files import parse_simulator_graph
 
 
 LIST_SUFFIXES = (".edges", ".txt")
@@ -190,11 +189,71 @@ def _of_networkx(graph: Any, directed: str) -> tuple[list[Vertex], list[Edge]]:
 
 
 def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
-    graph = parse_simulator_graph(text)
-    return (
-        [Vertex(field, name, {"x": x, "y": y}) for field, name, x, y in graph.vertices],
-        [Edge(*edge) for edge in graph.edges],
-    )
+    """Parse a graph of patrolling_sim, the ROS simulator of patrols (Portugal and Rocha).
+
+    The head is the number of vertices, the width and height of the picture, metres per pixel, and
+    the offset of its origin. Each vertex has a number, two coordinates in pixels, the number of its
+    neighbours, and for each neighbour its number, a direction (N, SE, ...) and the length of the
+    path in pixels.
+    """
+    words = text.split()
+    at = 0
+
+    def word() -> str:
+        nonlocal at
+        at += 1
+        if at > len(words):
+            raise ValueError(f"it ends after {len(words)} words; expected more; is it truncated?")
+        return words[at - 1]
+
+    def number(what: str) -> float:
+        given = word()
+        try:
+            value = float(given)
+        except ValueError:
+            raise refused(f"word {at}", what, given) from None
+        if not abs(value) <= 1e9:
+            raise refused(f"word {at}", what, given)
+        return value
+
+    def count(what: str) -> int:
+        value = number(what)
+        if value < 0 or value != int(value):
+            raise refused(f"word {at}", what, words[at - 1])
+        return int(value)
+
+    total = count("the number of vertices")
+    for _ in range(2):
+        number("a size in pixels")
+    scale = number("the metres per pixel")
+    if scale <= 0:
+        raise refused(f"word {at}", "more than 0 metres per pixel", words[at - 1])
+    right, up = number("an offset in metres"), number("an offset in metres")
+    vertices: list[Vertex] = []
+    lengths: dict[tuple[str, str], tuple[str, float]] = {}
+    for _ in range(total):
+        name, field = str(count("the number of a vertex")), f"word {at}"
+        x, y = number("a coordinate in pixels"), number("a coordinate in pixels")
+        vertices.append(Vertex(field, name, {"x": x * scale + right, "y": y * scale + up}))
+        for _ in range(count("the number of neighbours")):
+            other, place = str(count("the number of a neighbour")), f"word {at}"
+            word()
+            length = number("the length of a path in pixels") * scale
+            back = lengths.get((other, name))
+            if back is not None and back[1] != length:
+                raise ValueError(
+                    f"{place}: from vertex {name} to {other} it is {length:g} m, and "
+                    f"{back[1]:g} m back; expected equal lengths in both directions"
+                )
+            lengths[name, other] = place, length
+    if at < len(words):
+        raise ValueError(f"word {at + 1}: {words[at]!r} comes after the last of {total} vertices")
+    edges = [
+        Edge(field, name, other, length)
+        for (name, other), (field, length) in lengths.items()
+        if (other, name) not in lengths or int(name) <= int(other)
+    ]
+    return vertices, edges
 
 
 def has_weights(path: str | os.PathLike[str]) -> bool:

@@ -51,8 +51,6 @@ def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
 
     **Returns:** [`jaxcell.optimize.Stakes`][].
 
-    **Raises:** as [`load_values`][], and for lines of different lengths.
-
     Goods whose value is higher for the adversary:
 
         >>> import pathlib, tempfile

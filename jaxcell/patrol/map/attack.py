@@ -38,8 +38,6 @@ class Attack:
 
         - `times`: one or several whole numbers of at least 1.
         - `start`: `stationary`, `uniform` or `worst`.
-
-        **Raises:** `ValueError` for other times and starts.
         """
         given = np.atleast_1d(np.asarray(times))
         if given.size == 0 or not np.issubdtype(given.dtype, np.integer):

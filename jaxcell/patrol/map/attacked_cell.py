@@ -115,8 +115,6 @@ def vulnerability(
 
     **Returns:** [`Vulnerability`][].
 
-    **Raises:** as [`capture_probabilities`][]; `ValueError` for a wrong target or number of runs.
-
     One robot in a corridor of five cells, against attacks on cell 0; five runs are too few for a
     fit:
 

@@ -64,8 +64,6 @@ class Capture(Result):
 
         - `graph`, `visible`, `policies`, `attack`: as in [`capture_probabilities`][].
         - `regions`: the regions around a base station, which always watches the cells in its view.
-
-        **Raises:** as [`capture_probabilities`][].
         """
         check_policies(graph, visible, policies)
         attacks = [attack, attack.at("uniform")]
@@ -125,8 +123,6 @@ def capture_probabilities(
 
     **Returns:** one row per attack time. The smallest number of a row is at the cell that an
     adversary chooses who knows the policies.
-
-    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
 
     One robot in a corridor of five cells, against attacks of one and of six steps:
 

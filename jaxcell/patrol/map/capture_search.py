@@ -24,8 +24,8 @@ from .regions import check_visible
 from .tours import capture_by_tours
 
 
-# Number of gradient steps for each start.
-_STEPS = 300
+STEPS = 300
+"""Number of gradient steps for each start."""
 # An even walk that captures less than this share of what tours capture is no start.
 _HOPELESS = 0.1
 # Hardness of the soft minimum of the logarithms of capture, at first and at the end.
@@ -138,8 +138,6 @@ def capture_policies(
     **Returns:** [`CaptureSearch`][]. The residual of its certificate is the share of the value that
     the last quarter of the steps added: if it is large, more steps would improve the result.
 
-    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
-
     One robot in a corridor of five cells, each of which sees its neighbours:
 
         >>> from jaxcell import examples, patrol
@@ -178,8 +176,6 @@ def capture_frontier(
 
     **Returns:** [`Frontier`][], with its floors in increasing order. Each search has two starts, a
     new one and the patrol of the next higher floor, so that capture never rises with the floor.
-
-    **Raises:** as [`capture_policies`][]; `ValueError` for no floors.
 
     A robot in a corridor of five cells captures less if its steps must be unpredictable:
 
@@ -312,39 +308,34 @@ class _Problem:
         self, begins: Sequence[Logits], randomness: float, say: Say | None = None
     ) -> tuple[CaptureSearch, Logits]:
         """Follow the gradient from several starts. Returns the best result, and its logits."""
-        steps = _STEPS if self.unseen.shape[1] else 0
+        steps = STEPS if self.unseen.shape[1] else 0
         ascent, progress = self.ascent(randomness), np.arange(steps) / max(1, steps)
         tries = [
             ascent.climb(begin, progress, f"searching from start {number} of {len(begins)}", say)
             for number, begin in enumerate(begins, 1)
         ]
-        found = [self._search(walks, randomness, course) for _, walks, course in tries]
-        best = int(np.argmax([search.value for search in found]))
-        values = np.array([search.value for search in found])
-        certificate = Certificate(steps * len(begins), found[best].late_gain, _TOLERANCE)
-        search = dataclasses.replace(found[best], tried=values, certificate=certificate)
-        return search, tries[best][0]
-
-    def _search(
-        self, walks: Sequence[Circulation], randomness: float, course: list[float]
-    ) -> CaptureSearch:
-        """Make the result of a single start."""
-        policies = tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
-        (caught,) = capture_probabilities(self.graph, self.visible, policies, self.attack)
-        value = float(caught[self.visible.any(axis=0)].min(initial=1.0))
-        return CaptureSearch(
-            policies,
-            int(self.attack.times[0]),
-            randomness,
-            self.attack.start,
-            np.array([value]),
-            value,
-            self.tours[1],
-            Certificate(0, late_gain(course), _TOLERANCE),
+        teams = [
+            tuple(self._policy(robot, walk) for robot, walk in enumerate(walks))
+            for _, walks, _ in tries
+        ]
+        seen, problem = self.visible.any(axis=0), (self.graph, self.visible)
+        caught = [capture_probabilities(*problem, team, self.attack)[0, seen] for team in teams]
+        values = np.array([each.min(initial=1.0) for each in caught])
+        best = int(np.argmax(values))
+        logits, _, course = tries[best]
+        search = CaptureSearch(
+            policies=teams[best],
+            attack_time=int(self.attack.times[0]),
+            randomness=randomness,
+            start=self.attack.start,
+            tried=values,
+            value=float(values[best]),
+            tours=self.tours[1],
+            certificate=Certificate(steps * len(begins), late_gain(course), _TOLERANCE),
         )
+        return search, logits
 
     def _policy(self, robot: int, walk: Circulation) -> Policy:
-        """Make the policy of a robot."""
         cells = self.graph.vertices
         chain = Chain(self.steps.image, jnp.asarray(walk.chance))
         flow = self.steps.matrices(walk.chance * walk.share)

@@ -2,12 +2,13 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
@@ -23,9 +24,9 @@ _VISITED, _MOST_EXCURSIONS = 1e-5, 0.1
 _FARTHEST = 0.2
 # Number of steps between evaluations of targets, and the number of targets of an evaluation.
 _BLOCK, _EVALUATED = 10, 400
-# Learning rate of the logits, and the constants of Adam. Its least scale is so large that noise
-# does not move the logits of cells that are hardly visited.
-_RATE, _MOMENTUM, _SCALES, _SCALE = 0.1, 0.9, 0.999, 1e-7
+# Learning rate of the logits, and the least scale of Adam, which is so large that noise does not
+# move the logits of cells that are hardly visited.
+_RATE, _SCALE = 0.1, 1e-7
 # Least probability whose logarithm is taken.
 _TINY = 1e-9
 
@@ -48,12 +49,10 @@ class Circulation:
     "The share of time in each cell in the long run."
 
 
-@dataclasses.dataclass
-class Trained:
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trained(Circulation):
     """The trained walk of one robot, and the linear system of its shares of time."""
 
-    chance: Float[np.ndarray, "branches cells"]
-    share: Float[np.ndarray, "cells"]
     pivot: int
     rest: Int[np.ndarray, "others"]
     solver: Any
@@ -118,13 +117,13 @@ class CirculationAscent:
 
         **Returns:** the last logits, the walks, and the least capture over the targets by block.
         """
-        image, targets = np.asarray(self.steps.image), self.unseen.shape[1]
-        robots = len(logits)
+        image, robots = np.asarray(self.steps.image), len(logits)
         active = active_targets(self.unseen, self.attack_time, robots)
         unseen = jax.device_put(self.unseen.astype(np.float32))
-        parts = max(1, -(-targets // _EVALUATED))
-        missed, course = np.zeros(targets), []
-        first, second = np.zeros_like(logits), np.zeros_like(logits)
+        parts = max(1, -(-unseen.shape[1] // _EVALUATED))
+        missed, course = np.zeros(unseen.shape[1]), []
+        adam = optax.scale_by_adam(eps=_SCALE)
+        moments = adam.init(logits)
         excursions, pivots = [self._excursions(None)] * robots, [0] * robots
         fixed = {"attack_time": self.attack_time, "start": self.start}
         for step, now in enumerate(progress):
@@ -138,7 +137,8 @@ class CirculationAscent:
                 flows = jax.device_put([part.astype(np.float32) for part in mixed])
                 block = step // _BLOCK
                 for part in range(parts) if block == 0 else [block % parts]:
-                    missed[part::parts] = self._evaluate(trained, flows, unseen[:, part::parts])
+                    targets = unseen[:, part::parts], self.steps, None
+                    missed[part::parts] = _log_missed(*_stacked(trained), *flows, *targets, **fixed)
                 course.append(float(-np.expm1(missed.max(initial=-np.inf))))
                 targeted = unseen[:, _weakest(missed, active)]
             hardness = self.hardness[0] * (self.hardness[1] / self.hardness[0]) ** now
@@ -152,11 +152,9 @@ class CirculationAscent:
                 own = (walk.chance - self.floor * self._even) / (1 - self.floor)
                 slope[robot] -= (own * slope[robot]).sum(axis=0)
                 slope[robot] *= (1 - self.floor) * own
-            first = _MOMENTUM * first + (1 - _MOMENTUM) * slope
-            second = _SCALES * second + (1 - _SCALES) * slope**2
-            scale = np.sqrt(second / (1 - _SCALES ** (step + 1))) + _SCALE
-            rate = _RATE * 0.5 * (1 + np.cos(np.pi * now)) / (1 - _MOMENTUM ** (step + 1))
-            logits = logits - rate * first / scale
+            with jax.numpy_dtype_promotion("standard"):
+                change, moments = adam.update(slope, moments)
+            logits = logits - _RATE * 0.5 * (1 + np.cos(np.pi * now)) * np.asarray(change)
         walks = []
         for walk in self._trained(logits, pivots):
             share, chance = self._excursions(walk.share)
@@ -168,11 +166,9 @@ class CirculationAscent:
     def least(self, logits: Logits) -> float:
         """Compute the least capture over the targets."""
         _, walks, _ = self.climb(logits, np.zeros(0))
-        flows = [np.stack([getattr(walk, name) for walk in walks]) for name in ("chance", "share")]
-        rare = np.zeros_like(flows[1]), flows[0]
-        parts = [*flows, *rare]
+        chance, share = _stacked(walks)
         missed = _log_missed(
-            *(part.astype(np.float32) for part in parts),
+            *(chance, share, np.zeros_like(share), chance),
             self.unseen.astype(np.float32),
             self.steps,
             None,
@@ -188,7 +184,6 @@ class CirculationAscent:
 
     @functools.cached_property
     def _part(self) -> float:
-        """The share of the excursions."""
         return min(_MOST_EXCURSIONS, _VISITED * self.graph.vertices)
 
     @functools.cached_property
@@ -223,11 +218,6 @@ class CirculationAscent:
         total = conductance.sum(axis=0)
         return self._part * total / total.sum(), conductance / total
 
-    def _evaluate(self, trained: list[Trained], flows: Any, unseen: Any) -> Any:
-        return _log_missed(
-            *_stacked(trained), *flows, unseen, self.steps, None, self.attack_time, self.start
-        )
-
 
 def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray, "weakest"]:
     """Choose the weakest targets: most of them of all, and the weakest of each part of the map."""
@@ -243,9 +233,9 @@ def _weakest(missed: Float[np.ndarray, "targets"], count: int) -> Int[np.ndarray
     return np.flatnonzero(chosen)
 
 
-def _stacked(trained: list[Trained]) -> list[np.ndarray]:
+def _stacked(walks: Sequence[Circulation]) -> list[np.ndarray]:
     return [
-        np.stack([getattr(walk, name) for walk in trained]).astype(np.float32)
+        np.stack([getattr(walk, name) for walk in walks]).astype(np.float32)
         for name in ("chance", "share")
     ]
 
@@ -262,7 +252,6 @@ def _log_missed(
     attack_time: int,
     start: str,
 ) -> Float[Array, "targets"]:
-    """Compute the logarithm of the probability that no robot captures."""
     logarithm = jnp.zeros(unseen.shape[1], unseen.dtype)
     flows = chance, share, excursion_share, excursion_chance
     for trained, often, rare, excursion in zip(*flows, strict=True):

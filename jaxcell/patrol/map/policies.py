@@ -73,8 +73,6 @@ def distributed_policies(
 
     **Returns:** a [`Policy`][] for each robot.
 
-    **Raises:** `ValueError` for wrong arguments; `RuntimeError` where JAX is set to 32 bits.
-
     A corridor of five cells, each of which sees its neighbours; cells 1 and 3 see all cells:
 
         >>> from jaxcell import examples, patrol
@@ -116,8 +114,6 @@ def centralized_policies(
     - `share`: the least weight of the tour through the cover and the contact cell, 0 to 1.
 
     **Returns:** a [`Policy`][] for each region, in order.
-
-    **Raises:** as [`distributed_policies`][]; `ValueError` if the regions belong to another graph.
 
     A corridor of five cells with the base station in the middle. Each robot has two cells, sees
     both from one of them, and reports at cell 3 or 1:

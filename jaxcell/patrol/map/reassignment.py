@@ -122,9 +122,6 @@ def reassign(
 
     **Returns:** [`Reassignment`][].
 
-    **Raises:** `ValueError` for a wrong robot or policies; also as [`angular_regions`][],
-    [`centralized_policies`][] and [`silence_limit`][].
-
     Two robots around a base station at cell 2 of a room of 5 x 2 cells. Robot 1 falls silent, and
     robot 0 gets the only remaining region:
 

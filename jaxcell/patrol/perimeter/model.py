@@ -113,8 +113,6 @@ class Perimeter:
         **Arguments:**
 
         - `p`: the probability of heads.
-
-        **Raises:** `ValueError` if `p` is outside of [0, 1].
         """
         _check_probability(p)
         images = self.images
@@ -138,8 +136,6 @@ def detection_polynomials(
     - `time`: number of cycles that a penetration takes.
 
     **Returns:** the coefficients for the segments 0 to `distance - 1`.
-
-    **Raises:** `ValueError` if the time is less than one cycle.
 
     Robots four segments apart; segments 1 and 3 mirror each other:
 
@@ -188,8 +184,6 @@ def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
     are equally good. The residual of its certificate bounds the distance of the value from the
     maximum, and its iterations are the intervals that were halved.
 
-    **Raises:** `ValueError` if there are no polynomials, or their numbers are not finite.
-
     Two robots on eight segments, against penetrations of three cycles:
 
         >>> from jaxcell import patrol
@@ -232,8 +226,6 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
 
     **Returns:** for the segments 0 to `distance - 1`, the probability of each cycle from 1 to
     `steps`.
-
-    **Raises:** `ValueError` if `p` is outside of [0, 1] or `steps` is less than 1.
 
     Robots that toss a fair coin, two segments apart:
 
@@ -308,8 +300,6 @@ def simulate(
     - `key`: random key of `jax.random`.
 
     **Returns:** the number of cycles of each run, `inf` if the run was given up.
-
-    **Raises:** `ValueError` for a `p` outside of [0, 1], no steps, or an unknown segment.
 
     Without chance, a robot that heads clockwise is in segment `i` after `i` cycles:
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
 from ..walks.arrival import captured_by_any
-from .idleness import idleness_over_vertices, steps_between_visits
+from .idleness import RobotShares, idleness_over_vertices, steps_between_visits
 from .times import check_vertex, names_of
 
 
@@ -35,10 +35,7 @@ class Charged(Result):
             kind="share",
         ),
     ]
-    shares: Annotated[
-        Float[np.ndarray, "robots vertices"],
-        quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
-    ]
+    shares: RobotShares
     interval: Annotated[
         Float[np.ndarray, "intervals"],
         quantity("interval", "probability of this time between charges", "1", kind="share"),
@@ -173,8 +170,6 @@ def charged(
 def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
     """Return a mask of the vertices to which a robot may step and still reach the charger in time,
     by the number of steps since the charge.
-
-    **Raises:** as [`charged`][].
     """
     check_vertex("charger", charger, graph.vertices)
     beside = graph.matrix(np.ones(len(graph.edges)))

@@ -1,9 +1,9 @@
 import dataclasses
 import heapq
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 import scipy.sparse
@@ -25,6 +25,10 @@ _BEFORE = 0.1
 # Decimals of times in a simulation, whose unit is the least travel time.
 _DECIMALS = 9
 
+RobotShares: TypeAlias = Annotated[
+    Float[np.ndarray, "robots vertices"],
+    quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
+]
 # The next vertex of a robot, from its number, its vertex, and the time of the last visit to each.
 _Next = Callable[[int, int, Float[np.ndarray, "vertices"]], int]
 
@@ -204,11 +208,15 @@ def simulate_idleness(
     rows = []
     for rule in rules.values():
         gaps = [unit * times for times in _gaps(rule, durations, tour[spaced], moves)]
-        batches = np.array([[part.mean() for part in _batches(times)] for times in gaps])
+        batches = np.array([_batches(times) for times in gaps])
         means = np.array([times.mean() for times in gaps])
         at, longest = int(means.argmax()), max(float(times.max()) for times in gaps)
         errors = _error(batches.mean(axis=0)), _error(batches[at])
-        caught = np.nan if attack is None else _least_capture(gaps, attack)
+        caught = np.nan
+        if attack is not None:
+            # The next visit interrupts an attack, which begins at any time.
+            attacked = zip(gaps, attack, strict=True)
+            caught = min(np.minimum(times, time).sum() / times.sum() for times, time in attacked)
         rows.append((means.mean(), errors[0], means[at], errors[1], longest, caught))
     mean, mean_error, worst, worst_error, most, captured = np.array(rows).T
     return Idleness(
@@ -222,26 +230,15 @@ def simulate_idleness(
     )
 
 
-def _batches(times: Float[np.ndarray, "_"]) -> list[Float[np.ndarray, "_"]]:
-    """Divide the times between visits to a vertex into consecutive parts; infinite if too few."""
+def _batches(times: Float[np.ndarray, "_"]) -> list[float]:
+    """Compute the means of consecutive parts of the times between visits; infinite if too few."""
     few = times.size < _BATCHES
-    return [np.array([np.inf])] * _BATCHES if few else np.array_split(times, _BATCHES)
+    return [np.inf if few else part.mean() for part in np.array_split(times, _BATCHES)]
 
 
 def _error(means: Float[np.ndarray, "batches"]) -> float:
     """Compute the standard error of the mean of batches; infinite with too few visits."""
     return float(means.std(ddof=1) / math.sqrt(means.size)) if np.isfinite(means).all() else np.inf
-
-
-def _least_capture(
-    gaps: Sequence[Float[np.ndarray, "_"]], attack: Float[np.ndarray, "vertices"]
-) -> float:
-    """Compute the least share of start times of attacks that the next visit interrupts."""
-    shares = [
-        float(np.minimum(times, time).sum() / times.sum()) if np.isfinite(times).all() else 0.0
-        for times, time in zip(gaps, attack, strict=True)
-    ]
-    return min(shares)
 
 
 def _spaced(

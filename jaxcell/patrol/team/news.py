@@ -95,8 +95,6 @@ def age_of_news(
 
     **Returns:** [`News`][]. Ages end when the law is 1 up to 1e-9, or at 20,000 units.
 
-    **Raises:** `ValueError` if the graph has no vertex `base`.
-
     A robot that goes round a triangle is at the base every third step:
 
         >>> import numpy as np

@@ -50,10 +50,7 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
 
 
 def check_vertex(parameter: str, vertex: int, vertices: int) -> None:
-    """Refuse a number that is not a vertex.
-
-    **Raises:** `ValueError` that names the parameter.
-    """
+    """Refuse a number that is not a vertex."""
     if not 0 <= vertex < vertices:
         raise ValueError(f"{parameter}: expected a vertex, 0 to {vertices - 1}, got {vertex}")
 

@@ -31,8 +31,6 @@ def walk_capture_probabilities(
 
     **Returns:** array `[states, vertices]`, the start first.
 
-    **Raises:** `ValueError` for times or a matrix that do not fit the graph.
-
     A random walk on a line of three vertices, against attacks of two steps:
 
         >>> from jaxcell import patrol
@@ -106,10 +104,7 @@ def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"
 def whole_numbers(
     graph: Graph, attack_time: Any, travel_times: Any
 ) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
-    """Check times and return those of moves, 0 without an edge, and of attacks on each vertex.
-
-    **Raises:** `ValueError` for times that are not whole numbers of at least 1.
-    """
+    """Check times and return those of moves, 0 without an edge, and of attacks on each vertex."""
     attack = _whole("attack_time", attack_time, graph.vertices, "vertex")
     given = 1 if travel_times is None else travel_times
     times = _whole("travel_times", given, len(graph.edges), "edge")

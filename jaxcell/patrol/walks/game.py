@@ -122,9 +122,6 @@ def strategy_game(
 
     **Returns:** [`StrategyGame`][].
 
-    **Raises:** as [`jaxcell.optimize.minimum_commute`][], [`jaxcell.patrol.toward`][] and
-    [`jaxcell.optimize.stackelberg`][].
-
     On a line of three, the walk toward `a` has `a` closest to the patroller, then `b`, then `c`:
 
         >>> from jaxcell import patrol

@@ -15,6 +15,7 @@ from ..team.division import Division
 from ..team.durations import Timed
 from ..team.idleness import (
     Idleness,
+    RobotShares,
     idleness_over_vertices,
     long_run,
     steps_between_visits,
@@ -34,8 +35,8 @@ _NOTHING = 1e-9
 _USED = 1e-6
 # Entropy in nats per step below which the next step is predictable.
 _FORESEEN = 0.01
-# Number of vertices at which the first arrivals of several robots are computed in 10 s.
-_MAX_ARRIVALS = 256
+MAX_ARRIVALS = 256
+"""Number of vertices at which the first arrivals of several robots are computed in 10 s."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,10 +58,7 @@ class GraphPatrol(Measures):
     bounds: MetConstraints | None = None
     "The constraints on the walk and how it meets them, or `None`."
     game: StrategyGame | None = None
-    shares: Annotated[
-        Float[np.ndarray, "robots vertices"],
-        quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
-    ]
+    shares: RobotShares
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
     "The transition matrix of each robot, if they differ; the measures are those of robot 0."
     timed: Timed | None = None
@@ -116,8 +114,6 @@ class GraphPatrol(Measures):
         - `attack_time`: number of steps of an attack, a whole number, or array `[vertices]`.
         - further keywords: the other fields of [`GraphPatrol`][].
 
-        **Raises:** `ValueError` if the chain, the names or the game do not match the graph.
-
         Two random walks on a line of three vertices:
 
             >>> from jaxcell import patrol, record
@@ -134,7 +130,7 @@ class GraphPatrol(Measures):
         names = names_of(graph.vertices, names)
         measures = measure(chain)
         team = more.get("team")
-        if robots > 1 and team is None and graph.vertices <= _MAX_ARRIVALS:
+        if robots > 1 and team is None and graph.vertices <= MAX_ARRIVALS:
             start = [measures.stationary] * robots
             arrivals = [
                 mean_first_arrival([chain] * robots, start, vertex, throw=False).value
@@ -213,7 +209,7 @@ class GraphPatrol(Measures):
         if self.robots > 1 and self.team is None and self.first_arrival is None:
             remarks.append(
                 "the first arrival of any patroller is computed on graphs of up to "
-                f"{_MAX_ARRIVALS} vertices; other times are of one patroller"
+                f"{MAX_ARRIVALS} vertices; other times are of one patroller"
             )
         left_out = int((self.stationary <= 0).sum())
         if left_out:

@@ -83,8 +83,6 @@ def measure(chain: Chain) -> Measures:
     **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats per step. Times to
     vertices that are not visited in the long run are infinite.
 
-    **Raises:** as [`jaxcell.markov.hitting_matrix`][] and [`jaxcell.markov.mixing_time`][].
-
     A random walk round a triangle:
 
         >>> from jaxcell import patrol

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph, shortest_tour
-from ..team.idleness import idleness_over_vertices, long_run, steps_between_visits
+from ..team.idleness import RobotShares, idleness_over_vertices, long_run, steps_between_visits
 from ..team.times import move_times, names_of
 from .arrival import captured_by_any, states_at, walk_capture_probabilities
 from .optimal.bound import capture_bound
@@ -36,10 +36,9 @@ class MemoryPatrol(Result):
     ]
     "An attack begins with a move of the robots, as likely with each in the long run."
     upper_bound: Annotated[
-        float | None,
-        quantity("", "no walk with any memory captures more than this", "1", kind="share"),
-    ] = None
-    "The bound on the least capture by one robot; `None` for several."
+        float,
+        quantity("", "no walks with any memory capture more than this", "1", kind="share"),
+    ]
     memory: Annotated[int, quantity("", "states of memory of the walk below", kind="count")]
     "The number for which capture is greatest, the least one of equals."
     vertex: Annotated[list[str], quantity("vertex", "vertex", kind="coordinate")]
@@ -47,10 +46,7 @@ class MemoryPatrol(Result):
         Float[np.ndarray, "robots states states"],
         quantity("robot state next_state", "probability of a step between states", kind="share"),
     ]
-    shares: Annotated[
-        Float[np.ndarray, "robots vertices"],
-        quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
-    ]
+    shares: RobotShares
     captured: Annotated[
         Float[np.ndarray, "vertices"],
         quantity("vertex", "least chance of capture there", "1", kind="share"),
@@ -65,9 +61,7 @@ class MemoryPatrol(Result):
         return np.repeat(np.arange(self.memory), len(self.vertex))
 
     @derived("", "share by which the bound is above the capture", "1")
-    def gap(self) -> float | None:
-        if self.upper_bound is None:
-            return None
+    def gap(self) -> float:
         return 1 - float(self.least_capture.max()) / self.upper_bound
 
     mean_idleness, worst_idleness = idleness_over_vertices(
@@ -101,8 +95,6 @@ def memory_patrol(
 
     **Returns:** [`MemoryPatrol`][].
 
-    **Raises:** as [`maximin_capture`][jaxcell.patrol.maximin_capture].
-
     A robot on a line of four goes from end to end more often if it remembers where it was:
 
         >>> import numpy as np
@@ -135,10 +127,9 @@ def memory_patrol(
         tour = _on_tour(graph, attack_time, travel_times)
         captured.append((tour.min(axis=0), tour.mean(axis=0)))
         patrols.append("tour")
-    bound = None
-    if len(matrices) == 1:
-        say("bounding the capture with any memory")
-        bound = capture_bound(graph, attack_time, captured=max(least), tests=tests, **given)
+    say("bounding the capture with any memory")
+    given |= {"robots": len(matrices), "captured": max(least), "tests": tests}
+    bound = capture_bound(graph, attack_time, **given)
     shares = long_run(walks[best]) @ states_at(walks[best].shape[1], graph.vertices)
     return MemoryPatrol(
         patrol=patrols,

@@ -39,7 +39,7 @@ class Steps(NamedTuple):
         return cls(*jax.device_put((image, even, back)))
 
     def logits(
-        self, matrices: Float[np.ndarray, "*batch cells cells"]
+        self, matrices: Float[np.ndarray, "*batch cells states"]
     ) -> Float[np.ndarray, "*batch branches cells"]:
         """Compute logits of transition matrices, whose probabilities count as 0.001 or more."""
         here, image = np.arange(self.image.shape[1]), np.asarray(self.image)
@@ -74,6 +74,73 @@ class Steps(NamedTuple):
     def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
         """Return the weights of cells as starts of a robot, which are all equal."""
         return jnp.ones(chance.shape[1], chance.dtype)
+
+
+class SymmetricSteps(NamedTuple):
+    """The steps of a robot with memory that acts alike in all symmetric positions.
+
+    A state of its memory is a pair of a *frame*, the symmetry through which it sees the graph, and
+    a number. It may change both with each step. Its cells are the pairs of a number and a vertex in
+    the first frame, the identity; the others follow.
+    """
+
+    own: Steps
+    "The steps from its cells to the states of the memory at the neighbours, the frame slowest."
+    frames: Int[Array, "frames vertices"]
+    "The vertex at which a robot sees each vertex, a group of permutations."
+
+    @classmethod
+    def of(cls, graph: Graph, frames: Int[np.ndarray, "frames vertices"]) -> "SymmetricSteps":
+        """Make the steps on the graph of all states of the memory."""
+        cells = graph.vertices // len(frames)
+        own = Steps(*(part[:, :cells] for part in Steps.of(graph)))
+        return cls(own, jax.device_put(frames))
+
+    def logits(
+        self, matrices: Float[np.ndarray, "robots states states"]
+    ) -> Float[np.ndarray, "robots branches cells"]:
+        """Compute the logits of the transition matrices of the first frame."""
+        return self.own.logits(matrices[:, : self.own.image.shape[1]])
+
+    def matrices(
+        self, chance: Float[np.ndarray, "robots branches cells"]
+    ) -> Float[np.ndarray, "robots states states"]:
+        """Make the transition matrices in all frames from the probabilities of steps."""
+        frames = np.asarray(self.frames)
+        count, vertices = frames.shape
+        own = np.asarray(self._dense(chance))
+        own = own.reshape(len(own), -1, vertices, count, own.shape[1] // vertices, vertices)
+        place = {frame.tobytes(): i for i, frame in enumerate(frames)}
+        whole = np.zeros((count, *own.shape))
+        for frame, rows in zip(frames, whole, strict=True):
+            after = [place[step[frame].tobytes()] for step in frames]
+            rows[:, :, :, after] = own[:, :, frame][..., frame]
+        states = count * own.shape[1] * vertices
+        return whole.swapaxes(0, 1).reshape(len(own), states, states)
+
+    @jax.jit
+    def chances(
+        self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
+    ) -> Float[Array, "robots branches cells"]:
+        """Compute the probability of each step, which is at least an even share of the floor."""
+        return self.own.chances(logits, floor)
+
+    def pull(
+        self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
+    ) -> Float[Array, "cells targets"]:
+        """Compute `P v` for several `v`, one for each vertex as a target."""
+        by_number = value.reshape(-1, *self.frames.shape[1:], value.shape[1])
+        whole = jnp.concatenate([by_number[:, frame][..., frame] for frame in self.frames])
+        return self._dense(chance[None])[0] @ whole.reshape(-1, value.shape[1])
+
+    def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+        """Return the weights of cells as starts of a robot, which are all equal."""
+        return self.own.often(chance)
+
+    def _dense(self, chance: Any) -> Float[Array, "robots cells states"]:
+        cells = chance.shape[2]
+        empty = jnp.zeros((len(chance), cells, cells * len(self.frames)), chance.dtype)
+        return empty.at[:, jnp.arange(cells), self.own.image].add(chance)
 
 
 class ChargedSteps(NamedTuple):

@@ -22,9 +22,6 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 
     **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
-    **Raises:** `ValueError` for a weight that is negative or not finite, with the edge, and for a
-    vertex whose weights are all 0; `RuntimeError` where JAX is set to 32 bits.
-
     From the middle of a line of three, whose second edge weighs three times the first:
 
         >>> from jaxcell import patrol
@@ -54,7 +51,7 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     **Returns:** array `[vertices, vertices]`, the start first; 0 on its diagonal. Its sum with its
     transpose is the commute times.
 
-    **Raises:** as [`random_walk`][]; `ValueError` if edges with weight 0 separate two vertices.
+    **Raises:** `ValueError` if edges with weight 0 separate two vertices.
 
     A random walk on a line of three vertices:
 

@@ -22,8 +22,8 @@ _ABOUT = {
     "image": quantity("bounce direction position", "cell that it is mapped to", kind="cell"),
 }
 _TABLES = ("group_period", "group_basin", "group_transient")
-# The number of cells in a file.
-_CHUNK = 2**22
+CHUNK = 2**22
+"""The number of cells in a file."""
 _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 
 
@@ -65,8 +65,8 @@ def save_cells(
             name: _array(store, name, (dim,), (cells.positions,), float, attributes)
             for name, (dim, _, attributes) in place_coordinates(cells, slice(0, 0)).items()
         }
-        for begin in range(0, cells.positions, _CHUNK):
-            some = slice(begin, min(begin + _CHUNK, cells.positions))
+        for begin in range(0, cells.positions, CHUNK):
+            some = slice(begin, min(begin + CHUNK, cells.positions))
             for name, (_, numbers, _) in place_coordinates(cells, some).items():
                 axes[name][some] = numbers
         for name, (dim, numbers, attributes) in direction_coordinates(cells).items():
@@ -138,7 +138,7 @@ def _array(
         name,
         shape=shape,
         # A chunk has one direction of one angle.
-        chunks=(1,) * (len(shape) - 1) + (max(1, min(shape[-1], _CHUNK)),),
+        chunks=(1,) * (len(shape) - 1) + (max(1, min(shape[-1], CHUNK)),),
         dtype=dtype,
         compressors=_CODEC,
         attributes=dict(attributes),

@@ -18,7 +18,8 @@ from ..canvas.stream import pace, send_blueprint
 from .run import SEEN, log_localized, log_states, log_turns, run_legend
 
 
-_MAX_DRAWN = 80
+MAX_DRAWN = 80
+"""The most states of a policy that are drawn."""
 _ACROSS, _DOWN = 26.0, 30.0
 _Tree: TypeAlias = dict[int, int]
 
@@ -70,13 +71,13 @@ def _tree(policy: Policy, visited: Sequence[int]) -> _Tree:
     while level:
         below = {target: state for state in level for target in policy.after(state).values()}
         level = [state for state in below if state not in above]
-        if len(above) + len(level) > _MAX_DRAWN:
+        if len(above) + len(level) > MAX_DRAWN:
             break
         level += [state for state in run if state in below]
         above = below | above
     beside = {target: state for state in run for target in policy.after(state).values()}
     kept = [one for one in beside.items() if one[0] not in above]
-    return above | dict(kept[: _MAX_DRAWN - len(above)])
+    return above | dict(kept[: MAX_DRAWN - len(above)])
 
 
 def _log_tree(stream: rr.RecordingStream, localized: AdaptivelyLocalized, tree: _Tree) -> rrb.View:

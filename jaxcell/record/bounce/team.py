@@ -14,9 +14,8 @@ from ..canvas.stream import send_blueprint
 
 
 _MARK: Color = (0, 0, 0)
-# The most times that are shown of a trajectory, beside its end.
-_MAX_TIMES = 20_000
-_MAX_PICTURES = 500
+MAX_TIMES, MAX_PICTURES = 20_000, 500
+"""The most times of a trajectory, beside its end, and the most pictures that are shown."""
 
 
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
@@ -26,7 +25,7 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
     positions in the colour of the first visitor, the robots that collide, and curves of the
     coverage, the collisions and the parts.
     """
-    stride = max(1, -(-team.steps // _MAX_TIMES))
+    stride = max(1, -(-team.steps // MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))
     map = CellMap(stream, team.cells)
     shown = [_log_visited(map, team), "collisions", *_log_robots(map, team, times)]
@@ -47,7 +46,7 @@ def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
         label = f"first visited by robot {robot} ({name})"
         classes.append(PictureClass(label, tint(color, 0.55)))
     changes = np.unique(team.first_visit[team.first_visit >= 0])
-    shown = np.linspace(0, len(changes) - 1, min(len(changes), _MAX_PICTURES)).round().astype(int)
+    shown = np.linspace(0, len(changes) - 1, min(len(changes), MAX_PICTURES)).round().astype(int)
     changes = changes[shown]
     seen = (team.first_visit >= 0) & (team.first_visit <= changes[:, None])
     kind = np.where(seen, 1 + team.first_visitor % len(ROBOTS), 0)

@@ -17,7 +17,8 @@ from .map import DRIFTER, CurrentMap
 _MAX_ARROWS = 700
 # The number of arrows over all records and layers, so that the file stays small.
 _MAX_DRAWN = 400_000
-_DRIFTERS = 250
+DRIFTERS = 250
+"""The number of drifters that are drawn."""
 _TRAIL = 6
 _ARROW: Color = (70, 110, 150)
 # The largest length of an arrow, in cells.
@@ -114,7 +115,7 @@ def _log_drifters(map: CurrentMap, seed: int) -> None:
         np.ones(water.cells, bool),
         clock.frame * clock.seconds,
         clock.frames,
-        drifters=min(_DRIFTERS, water.cells),
+        drifters=min(DRIFTERS, water.cells),
         substeps=4,
     )
     present = moved.cell >= 0

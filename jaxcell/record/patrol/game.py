@@ -31,7 +31,6 @@ def log_game(stream: rr.RecordingStream, game: StrategyGame) -> rrb.Container:
 
 
 def _text(game: StrategyGame) -> str:
-    """Write the text of the tab."""
     rows = [
         (game.strategy[i], f"{game.share[i]:.4f}", ", ".join(game.order[i][:_MAX_CLOSEST]))
         for i in np.argsort(-game.share, kind="stable").tolist()

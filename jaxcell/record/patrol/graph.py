@@ -268,12 +268,10 @@ def _log_times(stream: rr.RecordingStream, patrol: GraphPatrol) -> rrb.Container
 
 
 def _scale(most: float, unit: str) -> Scale:
-    """Make the scale of lines and discs, from 0."""
     return Scale.over(np.array([0.0, most]), f"{{}} {unit}".format)
 
 
 def _text(patrol: GraphPatrol, spec: Spec) -> str:
-    """Write the text of the recording."""
     robots = patrol.robots
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
     edges = counted(len(patrol.graph.edges), "edge")

@@ -75,7 +75,6 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
 
 
 def _lost(patrol: PatrolledMap) -> int:
-    """Return the robot that has stopped reporting."""
     assert patrol.reassignment is not None
     (lost,) = set(range(patrol.robots)) - set(patrol.reassignment.robot.tolist())
     return lost

@@ -23,8 +23,8 @@ from .axes import QUANTILES, Axis, axes, means, pairs, statistics
 _MAX_STEPS = 1000
 _MAX_PAIRS = 6
 _MAX_VARIABLES = 16
-# All heat maps of a recording together, at a byte per pixel.
-_PICTURE_BYTES = 16_000_000
+PICTURE_BYTES = 16_000_000
+"""Bytes of all heat maps of a recording together, at a byte per pixel."""
 # The time in which a whole axis plays.
 _SECONDS = 30
 _MAX_BESIDE = 3
@@ -88,7 +88,7 @@ def log_sweep(
         raise ValueError("dataset: expected a variable with a number for each member")
     all_axes = axes(dataset, _MAX_STEPS)
     pictures = max(len(pairs(all_axes, _MAX_PAIRS)) * len(shown), 1)
-    side = min(_MAX_STEPS, math.isqrt(_PICTURE_BYTES // pictures))
+    side = min(_MAX_STEPS, math.isqrt(PICTURE_BYTES // pictures))
     spanned = pairs(axes(dataset, side), _MAX_PAIRS)
     longest = max(all_axes, key=lambda axis: (not axis.number, axis.steps))
     with recording(path, "sweep") as stream:

@@ -105,6 +105,8 @@ class Emulator:
     "Names of the cliff packets (`cliff_left`, ...) that see no floor; change it at will."
     charger: bool
     "True if the charger is plugged in."
+    charge: float
+    "Charge of the battery, in mAh, which driving takes; set it to let the battery run low."
     overcurrent: int
     "The bits of packet 14: 8 for the right wheel, 16 for the left, and those of the brushes."
 
@@ -132,7 +134,7 @@ class Emulator:
         self.mode = Mode.OFF
         self.trace: list[tuple[float, float, float, float]] = []
         "Time in seconds and pose at every tick of 15 ms."
-        self._body, self._charge, self._capacity, self._standby = body, charge, capacity, standby
+        self.body, self.charge, self._capacity, self._standby = body, charge, capacity, standby
         self._rng = np.random.default_rng(seed)
         self._parser = CommandParser()
         self._pending: deque[tuple[float, Command]] = deque()
@@ -149,7 +151,7 @@ class Emulator:
     def pose(self) -> tuple[float, float, float]:
         """The pose of the body: x and y in metres, and the heading in radians."""
         with self._lock:
-            return self._body.pose
+            return self.body.pose
 
     @property
     def wheels(self) -> tuple[int, int]:
@@ -164,7 +166,7 @@ class Emulator:
     @property
     def glide(self) -> float:
         """Seconds that the body keeps rolling without a new command; 0 if that is uncertain."""
-        return 0.0 if self._pending else self._body.glide
+        return 0.0 if self._pending else self.body.glide
 
     def __enter__(self) -> "Emulator":
         self._master, self._slave = os.openpty()
@@ -198,7 +200,7 @@ class Emulator:
             self._keep_safe()
             if self._now >= self._frame_due:
                 self._frame_due = max(self._frame_due + STREAM_PERIOD, self._now)
-                self.trace.append((self._now, *self._body.pose))
+                self.trace.append((self._now, *self.body.pose))
                 if self._streaming:
                     self._send(stream_frame(self._ids, self._values()))
             sent, self._sent = self._lossy(self._sent), b""
@@ -229,14 +231,14 @@ class Emulator:
         """Let the robot's time pass."""
         self._now += seconds
         left, right = self._wheels
-        self._body.advance(left / 1000, right / 1000, seconds)
-        self._charge += self._current() * seconds / 3600
-        if self._charge <= 0:
-            self._charge = 0.0
+        self.body.advance(left / 1000, right / 1000, seconds)
+        self.charge += self._current() * seconds / 3600
+        if self.charge <= 0:
+            self.charge = 0.0
             self._close_interface()
 
     def _do(self, command: Command) -> None:
-        if self._charge <= 0:
+        if self.charge <= 0:
             return
         match command.opcode, command.data:
             case 7, _:
@@ -301,7 +303,7 @@ class Emulator:
             self._to(Mode.PASSIVE)
 
     def _values(self) -> dict[str, int]:
-        body = self._body
+        body = self.body
         bump = Contact.BUMP_LEFT * body.bump_left | Contact.BUMP_RIGHT * body.bump_right
         left, right = self._wheels
         left_count, right_count = body.counts
@@ -311,10 +313,10 @@ class Emulator:
             **{name: int(name in self.cliffs) for name in _CLIFFS},
             "overcurrent": self.overcurrent,
             "charging_state": 2 * self.charger,
-            "voltage": int(12000 + 4500 * self._charge / self._capacity),
+            "voltage": int(12000 + 4500 * self.charge / self._capacity),
             "current": max(int(self._current()), -0x8000),
             "temperature": 25,
-            "charge": int(self._charge),
+            "charge": int(self.charge),
             "capacity": int(self._capacity),
             "charger": int(self.charger),
             "mode": self.mode,

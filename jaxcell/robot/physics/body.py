@@ -8,7 +8,7 @@ from ...space import Workspace
 from ...space.workspace import edges
 from ..create.packets import METRES_PER_COUNT
 from .model import RADIUS, WHEEL, Physics, robot_model
-from .rolling import ROLL, SHELL, lag_rate, roll_on
+from .rolling import ROLL, SHELL, heading_of, lag_rate, roll_on
 
 
 # Steps of the engine between two looks at the heading; far less than half a turn.
@@ -142,7 +142,7 @@ class PhysicsBody:
             if not taken:
                 taken = min(steps, _TOGETHER) if ramped else 1
                 self._engine.mj_step(self._model, self._data, taken)
-                self._turned += math.remainder(self._heading() - self._turned, math.tau)
+                self._turned += math.remainder(heading_of(self._data) - self._turned, math.tau)
             self._steady = self._steady + taken * step if ramped else 0.0
             steps -= taken
         if self._room - math.dist(self._looked, self.pose[:2]) < _CLEAR:
@@ -188,10 +188,6 @@ class PhysicsBody:
         self._room = float(distance.min())
         kinds = 2 * (distance < _NEAR)
         self._model.geom_contype[self._boxes] = self._model.geom_conaffinity[self._boxes] = kinds
-
-    def _heading(self) -> float:
-        w, i, j, k = self._data.qpos[3:7].tolist()
-        return math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
 
     def _pressed(self, side: int) -> bool:
         """Check whether the half of the bumper on a side, 1 for the left, is in far enough."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..create.packets import WHEEL_BASE
 from .model import DAMPING, WHEEL
 
 
@@ -18,6 +19,10 @@ SPIN, SLIDE = slice(6, 8), slice(8, 10)
 _RATES = 3.0, 6.0
 # Differences of wheel speeds that do not matter, in rad/s, which is 0.1 mm/s, and the least speed.
 _EQUAL, _LEAST = 0.003, 0.1
+# The speed ahead in m/s, and the turn in rad/s, by the speeds of the wheels in rad/s.
+_AHEAD, _TURNING = WHEEL / 2 * np.ones(2), WHEEL / WHEEL_BASE * np.array([-1.0, 1.0])
+# The times and weights of a rule of Gauss for an integral over -1 to 1.
+_TIMES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 def lag_rate(data: Any, speeds: tuple[float, float]) -> float | None:
@@ -51,8 +56,8 @@ def roll_on(
 ) -> float:
     """Let a robot roll on, straight or on the spot, without a wall in its reach.
 
-    In the frame of the body nothing changes but the speed, which approaches the commanded one as
-    the lag of the wheels dies out. So the body moves along an arc, and its state turns with it.
+    The lag of both wheels dies out at one rate, so how they turn is known. The velocity of the body
+    is that of its wheels, and for a small rest that goes with their speed.
 
     **Arguments:**
 
@@ -64,27 +69,42 @@ def roll_on(
 
     **Returns:** the turn of the body, in radians.
     """
-    kept, swung = math.exp(-rate * seconds), math.exp(-stiffness / DAMPING * seconds)
     wanted, before = np.array(speeds) / WHEEL, data.qvel[SPIN].copy()
-    rolled = wanted * seconds + (data.act - data.qpos[ROLL]) * (1 - kept)
+    times = seconds * np.append((_TIMES + 1) / 2, 1.0)[:, None]
+    kept = np.exp(-rate * times)
+    rolled = wanted * times + (data.act - data.qpos[ROLL]) * (1 - kept)
     after = wanted + (before - wanted) * kept
-    # The seconds that the way takes at the first speed, and the last speed as a share of that.
-    whole = np.abs(before).sum()
-    lasts, share = float(np.abs(rolled).sum() / whole), float(np.abs(after).sum() / whole)
-    angle = float(data.qvel[5]) * lasts
+    # The speed ahead and the rate of turning that the wheels give the body, and their integrals.
+    speed, spin = after @ _AHEAD, after @ _TURNING
+    first, first_spin = before @ _AHEAD, before @ _TURNING
+    on_the_spot = speeds[0] * speeds[1] < 0
+    share = spin / first_spin if on_the_spot else speed / first
+    lasts = rolled @ _TURNING / first_spin if on_the_spot else rolled @ _AHEAD / first
+    angles = (data.qvel[5] - first_spin) * lasts + rolled @ _TURNING
+    heading = cmath.exp(1j * heading_of(data))
+    rest = complex(*data.qvel[:2].tolist()) - first * heading
+    velocity = (rest * share + speed * heading) * np.exp(1j * angles)
+    way, angle = complex(seconds / 2 * _WEIGHTS @ velocity[:-1]), float(angles[-1])
     half, turn = cmath.rect(1.0, angle / 2), cmath.rect(1.0, angle)
-    way = complex(*data.qvel[:2].tolist()) * lasts * ((turn - 1) / (1j * angle) if angle else 1.0)
     data.qpos[:2] += way.real, way.imag
     c, s, (w, i, j, k) = half.real, half.imag, data.qpos[3:7].tolist()
     data.qpos[3:7] = c * w - s * k, c * i - s * j, c * j + s * i, c * k + s * w
-    data.qpos[ROLL] += rolled
+    data.qpos[ROLL] += rolled[-1]
     data.act += wanted * seconds
-    data.qvel[:6] *= share
-    for vector in (data.qvel, data.qacc_warmstart):
-        ahead = complex(*vector[:2].tolist()) * turn
-        vector[:2] = ahead.real, ahead.imag
-    data.qvel[SPIN] = after
+    data.qvel[2:5] *= share[-1]
+    data.qvel[5] = (data.qvel[5] - first_spin) * share[-1] + spin[-1]
+    data.qvel[:2] = velocity[-1].real, velocity[-1].imag
+    ahead = complex(*data.qacc_warmstart[:2].tolist()) * turn
+    data.qacc_warmstart[:2] = ahead.real, ahead.imag
+    data.qvel[SPIN] = after[-1]
+    swung = math.exp(-stiffness / DAMPING * seconds)
     data.qpos[SHELL] *= swung
     data.qvel[SLIDE] *= swung
     data.time += seconds
     return angle
+
+
+def heading_of(data: Any) -> float:
+    """Compute the heading of the body from its quaternion, in radians."""
+    w, i, j, k = data.qpos[3:7].tolist()
+    return math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))

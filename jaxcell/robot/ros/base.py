@@ -6,7 +6,7 @@ from typing import Any
 from ...base.optional_modules import import_module
 from ..create.motion import Moved, slowed
 from .halt import speed_publisher, speed_type
-from .node import GREETING, Odometry, RosRobot, moved
+from .node import Odometry, RosRobot, moved
 
 
 # Largest and smallest speeds of a base, in metres and in radians per second.
@@ -31,7 +31,7 @@ class Base(RosRobot):
 
     def _connect_speeds(self) -> str:
         with self._news:
-            if not self._news.wait_for(lambda: speed_type(self.node) is not None, GREETING):
+            if not self._news.wait_for(lambda: speed_type(self.node) is not None, self.answer):
                 topic = self.node.resolve_topic_name("cmd_vel")
                 raise ConnectionError(f"nothing takes speeds on {topic}: is --remap right?")
         kind = super()._connect_speeds()

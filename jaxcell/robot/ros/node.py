@@ -20,11 +20,8 @@ from .halt import speed_type
 
 _R = TypeVar("_R", bound="RosRobot")
 
-GREETING = 10.0
-"""Seconds until a robot must have sent its odometry, or taken speeds."""
-
-# Seconds until a bumper must have reported, and seconds without a beat until a robot is stopped.
-_ANSWER, _SILENCE = 5.0, 2.0
+# Seconds without a beat until a robot is stopped.
+_SILENCE = 2.0
 # The constant of `sensor_msgs/BatteryState`.
 _CHARGING = 1
 # Largest motion of a standing robot from message to message, in metres and radians.
@@ -54,6 +51,10 @@ class RosRobot(abc.ABC):
     "The argument of the process that stops the robot."
     contact: ClassVar[str]
     "Topic of the bumper."
+    greeting: float = 10.0
+    "Seconds until a robot must have sent its odometry."
+    answer: float = 5.0
+    "Seconds until its bumper must have reported, and until it must have taken speeds."
 
     def __init__(self, *, remap: Sequence[str] = (), patience: float = 1.0) -> None:
         """**Arguments:**
@@ -108,7 +109,7 @@ class RosRobot(abc.ABC):
         self._stack.callback(thread.join, 5.0)
         self._stack.callback(executor.shutdown)
         with self._news:
-            if not self._news.wait_for(lambda: self._odometry is not None, GREETING):
+            if not self._news.wait_for(lambda: self._odometry is not None, self.greeting):
                 raise ConnectionError(
                     f"no odometry comes on {self.node.resolve_topic_name('odom')}: is the robot "
                     f"on, and in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}?"
@@ -154,7 +155,8 @@ class RosRobot(abc.ABC):
         not report.
         """
         with self._news:
-            if not self._news.wait_for(lambda: self._heard[self.contact] > -math.inf, _ANSWER):
+            heard = self._news.wait_for(lambda: self._heard[self.contact] > -math.inf, self.answer)
+            if not heard:
                 raise RobotStopped(
                     f"nothing comes on {self.node.resolve_topic_name(self.contact)}, so it would "
                     "not feel a wall: is --remap right?"

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ...verify import Comparison
 
 
-# The most cells that are held at once, written to one dataset, and drawn.
-_MAX_AT_ONCE = 20_000_000
+MAX_AT_ONCE = 20_000_000
+"""The most cells that are held at once, written to one dataset, and drawn."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class Groups(MapStudy):
 
         angles = len(self.bounce)
         needed = estimates.images(extent, angles, self.motion)
-        return extent.size * angles <= _MAX_AT_ONCE and (self._free is None or needed <= self._free)
+        return extent.size * angles <= MAX_AT_ONCE and (self._free is None or needed <= self._free)
 
     @functools.cached_property
     def _free(self) -> int | None:

@@ -168,7 +168,6 @@ class PatrolGraph(GraphStudy):
             self._check_reach(graph, names)
 
     def _check_reach(self, graph: "Graph", names: Sequence[str]) -> None:
-        """Refuse an attack that ends before a robot can arrive."""
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 # The shares among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
-# The most robots that "auto" tries.
-_MAX_ROBOTS = 20
+MAX_ROBOTS = 20
+"""The most robots that `"auto"` tries."""
 _Reach: TypeAlias = Annotated[Metres, Limit(gt=0)]
 _Floor: TypeAlias = Annotated[float, Limit(ge=0, lt=1)]
 _CAPTURE = Only(strategy="capture")
@@ -161,7 +161,7 @@ class PatrolMap(CellStudy):
 
         from ... import patrol
 
-        most = min(_MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
+        most = min(MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
         made = {}
         if self.strategy != "capture":
             made = self._emphasised(graph, visible, most, regions, say)
@@ -200,7 +200,6 @@ class PatrolMap(CellStudy):
         regions: "Regions | None",
         say: Say,
     ) -> "dict[float, tuple[Policy, ...]]":
-        """Find the policies of each share that is tried."""
         from ... import patrol
 
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
@@ -311,14 +310,12 @@ class PatrolMap(CellStudy):
         return graph
 
     def _visible(self, cells: "CellSpace", reach: float) -> "np.ndarray":
-        """Find the cells that a robot sees from each cell."""
         from ...space.sight import AT_CENTRE, visible_cells
 
         visible = visible_cells(cells, reach, part=AT_CENTRE if self.sight == "centre" else 1.0)
         return visible.T if self.sight == "source" else visible
 
     def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
-        """Divide the map around the base station, if there is one."""
         from ...patrol.map import angular_regions, base_station
 
         if self.base is None:

@@ -34,16 +34,16 @@ Engine = Callable[[Take], Outcomes]
 _JOBS_EACH = 2
 # One message per job would saturate the scheduler at 1,000 workers.
 _TOGETHER = 16
-# The seconds between counts of the workers of a cluster.
-_LOOK_SECONDS = 1.0
+LOOK_SECONDS = 1.0
+"""Seconds between counts of the workers of a cluster."""
 _GONE = (
     "{}: the scheduler of the cluster cannot be reached, or is gone; chunks that ended are kept: "
     "resume the sweep with another cluster"
 )
 # The parts of Dask that log a lost connection.
 _CONNECTION = ("batched", "client", "comm", "core")
-# Ours does not wait for Dask's half a minute.
-_CONNECT_SECONDS = 10
+CONNECT_SECONDS = 10
+"""Seconds to wait for a scheduler; Dask itself waits half a minute."""
 # Two clusters on one machine cannot share the default port.
 _ANY_PORT = "127.0.0.1:0"
 # Ctrl-C goes to all processes of a terminal. Each worker runs this.
@@ -217,7 +217,7 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
 
     def most() -> int:
         nonlocal threads, counted
-        if time.monotonic() >= counted + _LOOK_SECONDS:
+        if time.monotonic() >= counted + LOOK_SECONDS:
             # Workers come and go.
             with _reaching(address):
                 threads = sum(client.nthreads().values())
@@ -239,7 +239,7 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
     with contextlib.ExitStack() as stack:
         stack.enter_context(_without_log())
         with _reaching(address):
-            client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+            client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
         stack.enter_context(client)
         try:
             yield from _in_turn(take, most, submit, results)
@@ -258,7 +258,7 @@ def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
     """Take all futures from a queue; if it is empty, wait a moment for one."""
     futures = []
     with contextlib.suppress(queue.Empty):
-        futures.append(ended.get(timeout=_LOOK_SECONDS))
+        futures.append(ended.get(timeout=LOOK_SECONDS))
         while True:
             futures.append(ended.get_nowait())
     return futures

@@ -13,7 +13,8 @@ from ..failures import Failure
 
 
 _FILE = "progress.json"
-_SECONDS_BETWEEN = 1.0
+SECONDS_BETWEEN = 1.0
+"""Seconds between two estimates of the time left."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +75,7 @@ def written_down(
 
     def write(progress: Progress) -> None:
         nonlocal last
-        if math.isfinite(progress.left) and time.monotonic() >= last + _SECONDS_BETWEEN:
+        if math.isfinite(progress.left) and time.monotonic() >= last + SECONDS_BETWEEN:
             last = time.monotonic()
             with replacing(path) as temporary:
                 now = {"rate": progress.rate, "left": progress.left, "at": clock()}

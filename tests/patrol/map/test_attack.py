@@ -26,12 +26,16 @@ def depot():
     return graph, visible, distributed_policies(graph, visible, 2)
 
 
+def corridor(places=9):
+    """Places on a line, each of which sees its neighbours."""
+    graph = Graph([(i, i + 1) for i in range(places - 1)], xy=[(i, 0) for i in range(places)])
+    visible = np.abs(np.subtract.outer(np.arange(places), np.arange(places))) <= 1
+    return graph, visible
+
+
 def small():
-    """Seven places on a line, each of which sees its neighbours, and two robots."""
-    graph = Graph([(i, i + 1) for i in range(6)], xy=[(i, 0) for i in range(7)])
-    distance = np.abs(np.subtract.outer(np.arange(7), np.arange(7)))
-    visible = distance <= 1
-    return graph, visible, distributed_policies(graph, visible, 2)
+    """Seven places on a line, and two robots."""
+    return *corridor(7), distributed_policies(*corridor(7), 2)
 
 
 def brute(policies, view, steps):
@@ -171,9 +175,7 @@ def test_policies_targets_and_sights_of_another_graph_are_refused(change, messag
 
 
 def test_capture_of_more_targets_than_are_computed_at_once():
-    cells = 600
-    graph = Graph([(i, i + 1) for i in range(cells - 1)])
-    visible = np.abs(np.subtract.outer(np.arange(cells), np.arange(cells))) <= 1
+    graph, visible = corridor(600)
     (policy,) = distributed_policies(graph, visible, 1, 0.0)
     caught = capture_probabilities(graph, visible, [policy], Attack(20, "uniform"))[0]
     for target in (0, 300, 511, 512, 599):
@@ -209,13 +211,6 @@ def test_robots_may_begin_in_the_long_run_or_at_their_worst_cells(start):
     )
     assert attack.exact[0] == pytest.approx(found[weakest], abs=1e-9)
     assert abs(attack.simulated[0] - found[weakest]) < 0.04
-
-
-def corridor():
-    """Nine places on a line, each of which sees its neighbours."""
-    graph = Graph([(i, i + 1) for i in range(8)], xy=[(i, 0) for i in range(9)])
-    visible = np.abs(np.subtract.outer(np.arange(9), np.arange(9))) <= 1
-    return graph, visible
 
 
 def test_cells_that_are_always_or_never_seen_are_not_contested():

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcell.optimize import Graph
+from jaxcell import examples
 from jaxcell.patrol.map.attack import Attack
 from jaxcell.patrol.map.capture import capture_probabilities
 from jaxcell.patrol.map.capture_search import capture_frontier, capture_policies, entropy_rate
@@ -16,13 +16,6 @@ from jaxcell.space import CellSpace, Workspace, visible_cells
 
 MAPS = Path(__file__).parents[3] / "data" / "maps"
 STEPS = 4
-
-
-def corridor():
-    """Five places on a line, each of which sees its neighbours."""
-    graph = Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-    visible = np.abs(np.subtract.outer(np.arange(5), np.arange(5))) <= 1
-    return graph, visible
 
 
 def least_capture(matrix, visible, start):
@@ -48,7 +41,7 @@ def least_capture(matrix, visible, start):
 
 @pytest.mark.parametrize("start", ["uniform", "stationary", "worst"])
 def test_no_walk_on_a_fine_grid_captures_more(start):
-    graph, visible = corridor()
+    graph, visible = examples.patrol()
     found = capture_policies(graph, visible, 1, Attack(STEPS, start), starts=2)
     (policy,) = found.policies
     matrix = policy.chain.to_scipy().toarray()
@@ -120,7 +113,7 @@ def test_the_same_seed_finds_the_same(lab):
 
 
 def test_capture_falls_along_the_frontier_and_entropy_rises():
-    graph, visible = corridor()
+    graph, visible = examples.patrol()
     found = capture_frontier(graph, visible, 1, Attack(STEPS), [0.5, 0.0, 0.9])
     assert found.floor.tolist() == [0.0, 0.5, 0.9]
     assert (np.diff(found.least_capture) < 0).all()
@@ -165,7 +158,7 @@ def hitting_times_by_solves(matrix):
 
 
 def test_tours_capture_as_often_as_simulated_robots_on_them():
-    graph, visible = corridor()
+    graph, visible = examples.patrol()
     covers = [[1, 3], [0, 4]]
     least = capture_by_tours(graph, visible, covers, Attack(2))
     tours = [[1, 2, 3, 2], [0, 1, 2, 3, 4, 3, 2, 1]]
@@ -192,7 +185,7 @@ def test_tours_capture_as_often_as_simulated_robots_on_them():
     ],
 )
 def test_wrong_searches_are_refused(change, message):
-    graph, visible = corridor()
+    graph, visible = examples.patrol()
     with pytest.raises(ValueError, match=message):
         capture_policies(graph, visible, **{"robots": 1, "attack": Attack(4), **change})
     with pytest.raises(ValueError, match="floors: expected at least one, got none"):
@@ -200,6 +193,6 @@ def test_wrong_searches_are_refused(change, message):
 
 
 def test_nothing_is_searched_if_all_cells_are_always_seen():
-    graph, visible = corridor()
+    graph, visible = examples.patrol()
     found = capture_policies(graph, np.ones_like(visible), 1, Attack(1))
     assert (found.value, found.iterations) == (1.0, 0)

@@ -38,6 +38,12 @@ def drawn(picture):
     return Graph(edges, xy=np.array(squares, float)), marks
 
 
+def watched(picture):
+    """A drawn graph with its squares, the base station `B`, and its view, which are `v` and `B`."""
+    graph, marks = drawn(picture)
+    return graph, marks, int(np.flatnonzero(marks == "B")[0]), np.isin(marks, ["v", "B"])
+
+
 def network(graph):
     made = networkx.Graph()
     made.add_nodes_from(range(graph.vertices))
@@ -121,7 +127,7 @@ def test_equal_sectors_open_counter_clockwise():
 
 def test_a_piece_goes_to_the_region_that_it_touches():
     # The room in the upper left corner is in the upper sector of two, its door in the lower one.
-    graph, marks = drawn(
+    graph, marks, base, view = watched(
         """
         aaa#.......
         aaa#.......
@@ -131,8 +137,6 @@ def test_a_piece_goes_to_the_region_that_it_touches():
         ...........
         """
     )
-    base = int(np.flatnonzero(marks == "B")[0])
-    view = np.isin(marks, ["v", "B"])
     regions = angular_regions(graph, base, view, 2)
     check_partition(graph, regions)
     assert (graph.xy[marks == "a", 1] > graph.xy[base, 1]).all()
@@ -140,7 +144,7 @@ def test_a_piece_goes_to_the_region_that_it_touches():
 
 
 def test_a_piece_that_touches_no_region_is_joined_through_the_view():
-    graph, marks = drawn(
+    graph, _, base, view = watched(
         """
         #..#
         #v##
@@ -149,12 +153,10 @@ def test_a_piece_that_touches_no_region_is_joined_through_the_view():
         ####
         """
     )
-    base = int(np.flatnonzero(marks == "B")[0])
-    view = np.isin(marks, ["v", "B"])
     # Upwards there are two cells behind a door in view, whose way down leads past the base.
     with pytest.raises(ValueError, match=r"regions: cells 8, 9, 10 would be in region 0 of 1, but"):
         angular_regions(graph, base, view, 1)
-    graph, marks = drawn(
+    graph, _, base, view = watched(
         """
         #..#
         #v##
@@ -163,8 +165,6 @@ def test_a_piece_that_touches_no_region_is_joined_through_the_view():
         ####
         """
     )
-    base = int(np.flatnonzero(marks == "B")[0])
-    view = np.isin(marks, ["v", "B"])
     regions = angular_regions(graph, base, view, 1)
     check_partition(graph, regions)
     # Around the corner from the rim at the door to that on the right.
@@ -221,7 +221,7 @@ def test_wrong_arguments_of_regions_are_refused(arguments, message):
 
 def test_a_region_that_cannot_report_is_refused():
     # The lower sector is behind the upper one: no cell of it is in view.
-    graph, marks = drawn(
+    graph, _, base, view = watched(
         """
         .v..
         #Bv.
@@ -229,8 +229,6 @@ def test_a_region_that_cannot_report_is_refused():
         ....
         """
     )
-    base = int(np.flatnonzero(marks == "B")[0])
-    view = np.isin(marks, ["v", "B"])
     with pytest.raises(ValueError, match="region 1 of 2 has no cell in view from which its robot"):
         angular_regions(graph, base, view, 2)
 
@@ -255,7 +253,7 @@ def test_wrong_arguments_of_base_stations_are_refused(graph, visible, central, m
 
 
 def test_a_piece_without_a_path_waits_until_another_piece_has_joined_a_region():
-    graph, marks = drawn(
+    graph, _, base, view = watched(
         """
         .v#
         vB.
@@ -264,6 +262,4 @@ def test_a_piece_without_a_path_waits_until_another_piece_has_joined_a_region():
         v.v
         """
     )
-    base = int(np.flatnonzero(marks == "B")[0])
-    view = np.isin(marks, ["v", "B"])
     check_partition(graph, angular_regions(graph, base, view, 2))

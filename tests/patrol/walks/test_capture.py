@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from graphs import grid
+from walks import by_walks, delays_of
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Graph
@@ -27,31 +28,6 @@ GRID = grid(3, 3)
 KITE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
 STAR = Graph([[0, 1], [0, 2], [0, 3]])
 TIMES = np.array([1, 3, 2, 1])
-
-
-def by_walks(matrix, delays, attack):
-    """The probabilities of capture, summed over all walks."""
-    n = len(matrix)
-    captured = np.zeros((n, n))
-    for start, target in itertools.product(range(n), repeat=2):
-        walks = [(start, 0, 1.0)]
-        while walks:
-            here, time, chance = walks.pop()
-            for there in np.flatnonzero(matrix[here] > 0):
-                later = time + delays[here, there]
-                if later <= attack[target]:
-                    if there == target:
-                        captured[start, target] += chance * matrix[here, there]
-                    else:
-                        walks.append((there, later, chance * matrix[here, there]))
-    return captured
-
-
-def delays_of(graph, times):
-    delays = np.eye(graph.vertices, dtype=int)
-    delays[graph.edges[:, 0], graph.edges[:, 1]] = times
-    delays[graph.edges[:, 1], graph.edges[:, 0]] = times
-    return delays
 
 
 @pytest.mark.parametrize("stay", [False, True])
@@ -237,7 +213,7 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
 
 def test_too_large_for_linear_programs(monkeypatch):
     monkeypatch.setattr(capture, "_POLISHED", 0)
-    monkeypatch.setattr(capture, "_STEPS", 300)
+    monkeypatch.setattr(capture, "STEPS", 300)
     found = maximin_capture(GRID, 4, starts=1, throw=False)
     assert found.value == pytest.approx(
         walk_capture_probabilities(GRID, found.matrices[0], 4).min()

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from graphs import SMALL, TABLE_4_2
+from graphs import SMALL, TABLE_4_2, connected_graphs
 from hypothesis import given, strategies as st
 
 from jaxcell.markov import hitting_times
@@ -9,18 +9,12 @@ from jaxcell.patrol import Graph, random_walk
 from jaxcell.patrol.walks import walk_hitting_times
 
 
-@given(st.integers(2, 9), st.integers(0, 10_000))
-def test_hitting_times_are_those_of_the_chain(n, seed):
-    random = np.random.default_rng(seed)
-    edges = {(int(random.integers(i)), i) for i in range(1, n)}
-    for a, b in random.integers(n, size=(6, 2)).tolist():
-        if a != b:
-            edges.add((min(a, b), max(a, b)))
-    graph = Graph(np.array(sorted(edges)))
-    weights = random.uniform(0.1, 1, len(edges))
+@given(connected_graphs(), st.integers(0, 10_000))
+def test_hitting_times_are_those_of_the_chain(graph, seed):
+    weights = np.random.default_rng(seed).uniform(0.1, 1, len(graph.edges))
     times = walk_hitting_times(graph, weights)
     chain = random_walk(graph, weights)
-    for target in range(n):
+    for target in range(graph.vertices):
         expected = hitting_times(chain, target).value
         np.testing.assert_allclose(times[:, target], expected, rtol=1e-9, atol=1e-12)
 

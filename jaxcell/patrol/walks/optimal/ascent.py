@@ -10,11 +10,12 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from ..steps import ChargedSteps, Steps
+from ..steps import ChargedSteps, Steps, SymmetricSteps
 
 
-# Number of steps between evaluations of all targets; in between, the least captured ones count.
-_BLOCK, _ACTIVE = 25, 80
+# Number of steps between evaluations of all targets; in between, this number of targets counts, the
+# least captured ones.
+_BLOCK, ALL_TARGETS = 25, 80
 # Number of values that one step keeps for its gradient.
 _KEPT = 5e7
 # Learning rate of the logits.
@@ -27,7 +28,7 @@ _TINY = 1e-12
 class Ascent:
     """The ascent of the probability that robots see a target in time from where they are worst."""
 
-    steps: Steps | ChargedSteps
+    steps: Steps | ChargedSteps | SymmetricSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 where a target is out of view, else 0."
     attack_time: int
@@ -65,6 +66,8 @@ class Ascent:
         missed = _least(begin[0], self.steps, unseen, self.floor, time)[1]
         for first in range(0, progress.size, _BLOCK):
             weak = np.argsort(-np.asarray(missed))[:active]
+            if isinstance(self.steps, SymmetricSteps):
+                weak = np.arange(missed.size)
             block = slice(first, first + _BLOCK)
             schedule = rate[block].astype("f4"), hardness[block].astype("f4")
             begin = _follow(*begin, self.steps, self.unseen[:, weak], self.floor, schedule, time)
@@ -81,7 +84,7 @@ def active_targets(
     """Choose the number of targets whose gradient is followed at a time, as memory allows."""
     cells, targets = unseen.shape
     kept = int(_KEPT / (cells * attack_time * robots))
-    return min(targets, max(8, min(_ACTIVE, kept)))
+    return min(targets, max(8, min(ALL_TARGETS, kept)))
 
 
 def late_gain(course: list[float]) -> float:
@@ -134,13 +137,12 @@ def soft_loss(
 
 def _log_missed(
     logits: Float[Array, "robots branches cells"],
-    steps: Steps | ChargedSteps,
+    steps: Steps | ChargedSteps | SymmetricSteps,
     unseen: Float[Array, "cells targets"],
     floor: float | Float[Array, ""],
     hardness: Float[Array, ""] | None,
     attack_time: int,
 ) -> Float[Array, "targets"]:
-    """Compute the logarithm of the probability that no robot captures."""
     total = jnp.zeros(unseen.shape[1], unseen.dtype)
     for chance in steps.chances(logits, floor):
 

@@ -14,8 +14,9 @@ from ....base.process import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
 from ..arrival import captured_by_any, first_passage, on_device, states_at, whole_numbers
-from ..steps import Steps
-from .ascent import Ascent, late_gain
+from ..steps import Steps, SymmetricSteps
+from ..symmetries import MOST_SYMMETRIES, symmetries
+from .ascent import ALL_TARGETS, Ascent, late_gain
 from .descent import descend
 from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
@@ -25,8 +26,9 @@ from .sequential_lp import maximize_least_capture
 # Hardness of the soft minimum of the logarithms. If it is softer, all starts lead to the most
 # symmetric chain; linear programs then improve the result to the minimum.
 _HARDNESS = 50.0
-# On few vertices, the number of starts is multiplied by up to this factor.
-_MORE, _QUICK = 4, 3600
+# On few vertices, the number of starts is multiplied by up to this factor; and the least number if
+# the states of a memory are divided among symmetries.
+_MORE, _QUICK, _SYMMETRIC = 4, 3600, 3
 # Number of vertices up to which all linear programs are solved, and up to which any are solved.
 _EXACT, _POLISHED = 30, 100
 # Tolerance of the relative gain on larger graphs.
@@ -95,7 +97,9 @@ def maximin_capture(
     - `robots`: number of robots.
     - `stationary`: array `[vertices]`, the share of moves that begin at each vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
-    - `memory`: number of states of the memory of a robot; 1 is a robot without memory.
+    - `memory`: number of states of the memory of a robot; 1 is a robot without memory. If the
+        number of symmetries of the graph divides it, and edges and attacks take equally long, the
+        robot acts alike in symmetric positions, so that the search is faster.
     - `starts`: number of starts. The first goes along a short closed tour. If all edges and attacks
         take equally long, one robot has up to four times as many on a small graph, and fewer on a
         graph of more than 60 vertices; for several robots the number is divided by theirs.
@@ -136,14 +140,19 @@ def maximin_capture(
     arguments = on_device(delays, attack)
     plain = stationary is None and travel_times is None and not stay and np.ptp(attack) == 0
     if plain:
+        frames = _frames(delays, memory)
         # On small graphs a step is quick, and more starts improve the result more than more steps.
-        count = max(1, int(starts * min(_MORE, _QUICK / whole.vertices**2) / robots))
+        quick = _QUICK * len(frames) / whole.vertices**2
+        least = 1 if len(frames) == 1 else _SYMMETRIC
+        count = max(min(least, starts), int(starts * min(_MORE, quick) / robots))
         # If there is time for a single start, a random one leads further than the tour.
         begin = among.starts(max(count, min(starts, 2)), robots, seed)
         skipped = len(begin) - count
         begin = begin[skipped:]
         matrices, best, steps, late = _ascend(
-            whole, attack, np.array([[among.matrix(robot) for robot in start] for start in begin])
+            SymmetricSteps.of(whole, frames) if len(frames) > 1 else Steps.of(whole),
+            attack,
+            np.array([[among.matrix(robot) for robot in start] for start in begin]),
         )
         best += skipped
         moves = matrices[:, among.tails, among.heads]
@@ -186,24 +195,37 @@ def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
     return Graph(edges.reshape(-1, 2), memory * graph.vertices)
 
 
+def _frames(
+    delays: Int[np.ndarray, "states states"], memory: int
+) -> Int[np.ndarray, "frames vertices"]:
+    """Return the symmetries of a graph if a memory can be divided among them, else the identity."""
+    vertices = len(delays) // memory
+    identity = np.arange(vertices)[None]
+    if memory == 1 or vertices > ALL_TARGETS:
+        return identity
+    frames = symmetries(delays[:vertices, :vertices], [0] * vertices)
+    return frames if len(frames) <= MOST_SYMMETRIES and memory % len(frames) == 0 else identity
+
+
 @one_blas_thread()
 def _ascend(
-    graph: Graph,
+    steps: Steps | SymmetricSteps,
     attack: Int[np.ndarray, "targets"],
     starts: Float[np.ndarray, "starts robots states states"],
 ) -> tuple[Float[np.ndarray, "robots states states"], int, int, float]:
-    """Follow the gradient in the logits of steps from given matrices, if all edges take one step.
+    """Follow the gradient in the logits of steps from given matrices.
 
     **Returns:** the matrices of the robots, their start, the number of steps, and the share of the
     value that the last quarter of the steps added.
     """
-    steps = Steps.of(graph)
-    away = (1 - states_at(graph.vertices, attack.size)).astype(np.float32)
-    annealed = _ANNEALED if graph.vertices == attack.size else (_WITH_MEMORY, _ANNEALED[1])
+    begins = [steps.logits(start) for start in starts]
+    cells = begins[0].shape[-1]
+    away = (1 - states_at(cells, attack.size)).astype(np.float32)
+    annealed = _ANNEALED if starts.shape[-1] == attack.size else (_WITH_MEMORY, _ANNEALED[1])
     ascent = Ascent(steps, away, int(attack[0]), _FLOOR, annealed)
-    count = _STEPS // (1 + (graph.vertices > _LARGE))
+    count = _STEPS // (1 + (cells > _LARGE))
     progress = np.arange(count) / count
-    climbs = [ascent.climb(steps.logits(start), progress) for start in starts]
+    climbs = [ascent.climb(begin, progress) for begin in begins]
     values = np.array([value for _, value, _, _ in climbs])
     # Values that differ by rounding count as equal; the first of them is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))

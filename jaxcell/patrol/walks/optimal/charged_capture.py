@@ -59,9 +59,6 @@ def charged_capture(
     **Returns:** [`Charged`][jaxcell.patrol.team.Charged]; `led_back` is the capture by the given
     walks.
 
-    **Raises:** as [`charged`][jaxcell.patrol.team.charged], and `RuntimeError` where JAX is set to
-    32 bits.
-
     On a line of three it takes 4 steps to the other end and back:
 
         >>> import numpy as np

@@ -154,8 +154,6 @@ def return_time_law(
 
     **Returns:** one row per number of steps, one column per vertex.
 
-    **Raises:** `ValueError` for a horizon of less than 1 step.
-
     Two vertices; half of the steps go to the other vertex:
 
         >>> import jax.numpy as jnp
@@ -185,8 +183,6 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
     - `horizon`: the last number of steps that counts.
 
     **Returns:** the entropy in nats, a scalar that is differentiable in `P`.
-
-    **Raises:** `ValueError` for a horizon of less than 1 step.
 
     Two vertices; half of the steps go to the other vertex. The entropy is nearly `2 log 2`:
 

@@ -6,12 +6,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ....base.process import no_output
+from ..symmetries import symmetries
 
 
 # Least distance of promises from a set for which a cut is made, and the chance to go on after one.
 _OUTSIDE, _ON = 1e-6, 0.7
 # Number of steps of a walk along which cuts are sought.
 _DEPTH = 30
+
+Cuts = dict[int, list[tuple[Any, float]]]
 
 
 class Pursuit:
@@ -24,7 +27,8 @@ class Pursuit:
     kept from outside by cuts, half-spaces that contain it: a linear program at a vertex, with the
     sets at its neighbours, either keeps given promises or gives a cut that excludes them. Promises
     to exclude are those of walks that the programs plan (nested Benders cuts, as in stochastic dual
-    dynamic programming).
+    dynamic programming). Vertices that a symmetry of the game exchanges share their cuts, which are
+    kept for one of them, the *model* of the others.
 
     **Arguments:**
 
@@ -41,8 +45,28 @@ class Pursuit:
     ) -> None:
         self.delays, self.attack, self.targets = delays, attack, targets
         self.beside = [np.flatnonzero(row).tolist() for row in delays]
+        kinds = [(int(time), here in targets) for here, time in enumerate(attack)]
+        alike = symmetries(delays, kinds)
         self.column = self._columns(int(attack[targets].max()))
         self.sizes = self.column.max(axis=(1, 2)) + 1
+        self.models: dict[int, int] = {}
+        self.images = [self._images(here, alike) for here in range(len(delays))]
+
+    def _images(
+        self, here: int, alike: Int[np.ndarray, "symmetries vertices"]
+    ) -> list[Int[np.ndarray, "promises"]]:
+        """Choose the model of a vertex. Returns the promise of the model for each promise here, by
+        each symmetry that leads to the model."""
+        there = alike[:, here].tolist()
+        model = next((vertex for vertex in self.models.values() if vertex in there), here)
+        self.models[here], images = model, {}
+        for each, vertex in zip(alike, there, strict=True):
+            if vertex == model:
+                targets = [self.targets.index(each[target]) for target in self.targets]
+                image, possible = np.empty(self.sizes[here], np.int64), self.column[here] >= 0
+                image[self.column[here][possible]] = self.column[model][targets][possible]
+                images[image.tobytes()] = image
+        return list(images.values())
 
     def _columns(self, longest: int) -> Int[np.ndarray, "vertices targets times"]:
         """Return the number of the promise for each target and time, -1 for a time too short.
@@ -74,7 +98,7 @@ class Pursuit:
         - `cuts`: number of cuts of a test.
         """
         random = np.random.default_rng(0)
-        kept: list[list[tuple[Any, float]]] = [[] for _ in self.beside]
+        kept: Cuts = {}
         for _ in range(rounds):
             tested = (least + most) / 2
             search = _Search(self, tested, kept)
@@ -84,23 +108,24 @@ class Pursuit:
                 # Cuts for a lower probability hold for a higher one.
                 least, kept = tested, search.cuts
             else:
-                kept = [[] for _ in self.beside]
+                kept = {}
         return most
 
 
 class _Search:
     """The cuts for one probability of capture that the robot must keep at all times."""
 
-    def __init__(self, pursuit: Pursuit, least: float, cuts: list[list[tuple[Any, float]]]) -> None:
-        self.pursuit, self.cuts = pursuit, [list(each) for each in cuts]
-        self.programs = [_Program(pursuit, here, least) for here in range(len(cuts))]
+    def __init__(self, pursuit: Pursuit, least: float, cuts: Cuts) -> None:
+        models = sorted(set(pursuit.models.values()))
+        self.pursuit, self.cuts = pursuit, {here: list(cuts.get(here, ())) for here in models}
+        self.programs = {here: _Program(pursuit, here, least) for here in models}
 
     def run(self, count: int, random: np.random.Generator) -> float:
         """Make cuts, and return an upper bound on capture by robots that keep the probability."""
-        made, turn, last, vertices = 0, 0, 0, len(self.programs)
+        made, turn, last, models = 0, 0, 0, list(self.programs)
         # Walks from every vertex that meet no cut end the search.
-        while made < count and turn - last <= vertices:
-            here = turn % vertices
+        while made < count and turn - last <= len(models):
+            here = models[turn % len(models)]
             turn += 1
             value, plan = self.programs[here].most(self.cuts)
             if value < self.programs[here].least:
@@ -110,9 +135,10 @@ class _Search:
             for _ in range(_DEPTH):
                 shares = np.array([max(0.0, plan[at]) for at in self.programs[here].shares])
                 move = random.choice(shares.size, p=shares / shares.sum())
-                at, here_next = self.programs[here].shares[move], self.pursuit.beside[here][move]
-                wanted = plan[at + 1 : at + 1 + self.pursuit.sizes[here_next]] / plan[at]
-                here = here_next
+                at, there = self.programs[here].shares[move], self.pursuit.beside[here][move]
+                here, image = self.pursuit.models[there], self.pursuit.images[there][0]
+                wanted = np.empty(image.size)
+                wanted[image] = plan[at + 1 : at + 1 + image.size] / plan[at]
                 distance, cut, plan = self.programs[here].separate(wanted, self.cuts)
                 if distance == np.inf:
                     return 0.0
@@ -123,7 +149,7 @@ class _Search:
                     made, last = made + 1, turn
                     if random.random() > _ON:
                         break
-        return float(min(program.most(self.cuts)[0] for program in self.programs))
+        return float(min(program.most(self.cuts)[0] for program in self.programs.values()))
 
 
 class _Program:
@@ -138,6 +164,7 @@ class _Program:
         import highspy
 
         self.least, self.beside, column = least, pursuit.beside[here], pursuit.column
+        self.models, self.images = pursuit.models, pursuit.images
         self.size = int(pursuit.sizes[here])
         widths = [1 + int(pursuit.sizes[there]) for there in self.beside]
         starts = self.size + np.concatenate([[0], np.cumsum(widths)])
@@ -187,17 +214,18 @@ class _Program:
         self.rows.append(dense)
         return len(self.rows) - 1
 
-    def _solve(
-        self, cuts: list[list[tuple[Any, float]]], cost: float, rows: Iterable[tuple[int, float]]
-    ) -> tuple[Any, Any]:
+    def _solve(self, cuts: Cuts, cost: float, rows: Iterable[tuple[int, float]]) -> tuple[Any, Any]:
         """Solve with some rows switched on. Returns the columns and the prices of the rows, or
         `None` for each if no promises can be kept."""
         for k, there in enumerate(self.beside):
-            for normal, offset in cuts[there][self.used[k] :]:
-                at = self.shares[k]
-                places = np.flatnonzero(normal).tolist()
-                self._row({at + 1 + i: float(normal[i]) for i in places} | {at: -offset})
-            self.used[k] = len(cuts[there])
+            known, at = cuts[self.models[there]], self.shares[k]
+            for (normal, offset), image in itertools.product(
+                known[self.used[k] :], self.images[there]
+            ):
+                here = normal[image]
+                places = np.flatnonzero(here).tolist()
+                self._row({at + 1 + i: float(here[i]) for i in places} | {at: -offset})
+            self.used[k] = len(known)
         for row in (*self.wanted, *self.full):
             self.solver.changeRowBounds(row, -np.inf, np.inf)
         for row, high in rows:
@@ -249,7 +277,7 @@ class _Program:
         prices[[*self.wanted, *self.full]] = 0.0
         return self._ceiling(gain, prices) < -_OUTSIDE
 
-    def most(self, cuts: list[list[tuple[Any, float]]]) -> tuple[float, Any]:
+    def most(self, cuts: Cuts) -> tuple[float, Any]:
         """Bound the least promise for a whole attack, and return the plan that keeps it."""
         if self.lost:
             return 0.0, None
@@ -261,7 +289,7 @@ class _Program:
         return self._ceiling(gain, prices), plan
 
     def separate(
-        self, wanted: Float[np.ndarray, "promises"], cuts: list[list[tuple[Any, float]]]
+        self, wanted: Float[np.ndarray, "promises"], cuts: Cuts
     ) -> tuple[float, tuple[Any, float], Any]:
         """Find how far promises are from those that can be kept, and a cut between them."""
         plan, prices = self._solve(cuts, 1.0, zip(self.wanted, -wanted, strict=True))

@@ -1,0 +1,34 @@
+import itertools
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+import networkx
+import numpy as np
+from jaxtyping import Int
+
+
+# Number of symmetries that are sought.
+MOST_SYMMETRIES = 48
+
+
+def symmetries(
+    delays: Int[np.ndarray, "vertices vertices"], kinds: Sequence[Any]
+) -> Int[np.ndarray, "symmetries vertices"]:
+    """Find permutations of vertices that keep the durations of moves and the kinds of vertices.
+
+    **Arguments:**
+
+    - `delays`: the duration of each move, 0 where there is none.
+    - `kinds`: the kind of each vertex.
+
+    **Returns:** the vertex to which each permutation takes each vertex, the identity first. If
+    there are at most 48 permutations, they form a group.
+    """
+    graph = networkx.from_numpy_array(delays, create_using=networkx.DiGraph)
+    networkx.set_node_attributes(graph, dict(enumerate(kinds)), "kind")
+    alike: Any = {"node_match": operator.eq, "edge_match": operator.eq}
+    found = networkx.isomorphism.DiGraphMatcher(graph, graph, **alike).isomorphisms_iter()
+    every = [range(len(delays)), *itertools.islice(found, MOST_SYMMETRIES + 1)]
+    unique = dict.fromkeys(tuple(each[here] for here in range(len(delays))) for each in every)
+    return np.array(list(unique))

@@ -1,0 +1,48 @@
+"""Sums over all walks, and chains by another solver, which tests of optimal walks compare with."""
+
+import itertools
+
+import numpy as np
+import scipy.optimize
+
+
+def delays_of(graph, times):
+    """The duration of each move; a robot that stays takes 1."""
+    delays = np.eye(graph.vertices, dtype=int)
+    delays[graph.edges[:, 0], graph.edges[:, 1]] = times
+    delays[graph.edges[:, 1], graph.edges[:, 0]] = times
+    return delays
+
+
+def by_walks(matrix, delays, attack):
+    """The probabilities of capture, summed over all walks between states at vertices."""
+    states, vertices = len(matrix), len(delays)
+    captured = np.zeros((states, vertices))
+    for start, target in itertools.product(range(states), range(vertices)):
+        walks = [(start, 0, 1.0)]
+        while walks:
+            here, time, chance = walks.pop()
+            for there in np.flatnonzero(matrix[here] > 0):
+                later = time + delays[here % vertices, there % vertices]
+                if later <= attack[target]:
+                    if there % vertices == target:
+                        captured[start, target] += chance * matrix[here, there]
+                    else:
+                        walks.append((there, later, chance * matrix[here, there]))
+    return captured
+
+
+def by_slsqp(among, loss, starts, seed):
+    """The losses of chains to which another solver leads, from random starts."""
+    sums, sides = among.equalities()
+    rule = {"type": "eq", "fun": lambda p: sums @ p - sides, "jac": lambda p: sums}
+    options = {"constraints": rule, "method": "SLSQP"}
+    ends = []
+    for start in among.starts(starts, 1, seed)[:, 0]:
+        bounds = [(1e-6, 1)] * start.size
+        found = scipy.optimize.minimize(
+            lambda p: loss(among.matrix(p)), start, bounds=bounds, **options
+        )
+        if np.abs(sums @ found.x - sides).max() < 1e-9:
+            ends.append(found.fun)
+    return ends
