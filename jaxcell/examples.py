@@ -142,11 +142,18 @@ def _two_ends(x: Any, p: Any) -> Any:
     return jnp.where(x > 0.5, 0.6, 0.1)
 
 
-def angles() -> "Spec":
-    """Specify the sweep of the groups of Lab A over two angles."""
+def angles(chunk: int = 64) -> "Spec":
+    """Specify the sweep of the groups of Lab A over two angles, `chunk` of them together."""
     from .sweep import Spec
 
-    lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", 'map = "@lab_a"'
+    lines = (
+        'task = "groups"',
+        f"chunk = {chunk}",
+        "[grid]",
+        "bounce = [45, 135]",
+        "[fixed]",
+        'map = "@lab_a"',
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "angles.toml")
         path.write_text("\n".join(lines))

@@ -30,10 +30,7 @@ class Certificate:
         return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:
-        """Raise an error if `throw` is true and the answer did not converge.
-
-        **Raises:** `RuntimeError` with the sentence of the outcome and the residual.
-        """
+        """Raise an error if `throw` is true and the answer did not converge."""
         if throw and self.outcome is not Outcome.CONVERGED:
             raise RuntimeError(
                 f"{what}: {self.outcome.value} (residual {self.residual:.3g}, tolerance "

@@ -13,20 +13,8 @@ def vertices_apart(
 ) -> tuple[Int[np.ndarray, "some"], int] | None:
     """Find vertices that are not connected to the other vertices.
 
-    **Arguments:**
-
-    - `vertices`: number of vertices.
-    - `edges`: the two ends of each edge.
-
     **Returns:** the vertices of the smallest part, and the first vertex of the others; `None` if
     the graph is connected.
-
-    A line of two vertices, and a third vertex:
-
-        >>> import numpy as np
-        >>> from jaxcell.base.connected import vertices_apart
-        >>> vertices_apart(3, np.array([[0, 1]]))
-        (array([2]), 0)
     """
     matrix = scipy.sparse.csr_array((np.ones(len(edges)), edges.T), (vertices, vertices))
     parts, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)
@@ -48,8 +36,6 @@ def check_connected(
 
     - `vertices`, `edges`: as for [`vertices_apart`][].
     - `expected`: how the error begins.
-
-    **Raises:** `ValueError` that names vertices of two parts.
     """
     parts = vertices_apart(vertices, edges)
     if parts is None:

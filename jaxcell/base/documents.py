@@ -1,13 +1,6 @@
 """Documents: text files whose fields have types.
 
 Errors are `ValueError`s of one line: the field, what was expected, and the value.
-
-    >>> from jaxcell.base.documents import Fields, decode_json
-    >>> robot = Fields(decode_json('{"radius": "wide"}', "a robot"))
-    >>> robot.number("radius", 0.0)
-    Traceback (most recent call last):
-        ...
-    ValueError: radius: expected a finite number from 0, got 'wide'
 """
 
 import contextlib
@@ -30,10 +23,7 @@ MAX_NUMBER = 1e9
 
 
 def check_file(path: Path, kind: str) -> None:
-    """Check that a path is a file.
-
-    **Raises:** `FileNotFoundError`; `ValueError` for a folder.
-    """
+    """Check that a path is a file."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():
@@ -41,10 +31,7 @@ def check_file(path: Path, kind: str) -> None:
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 file, with or without a byte order mark.
-
-    **Raises:** `ValueError` for other encodings.
-    """
+    """Read a UTF-8 file, with or without a byte order mark."""
     try:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -52,15 +39,7 @@ def read_text(path: Path) -> str:
 
 
 def decode_json(text: str, kind: str) -> Any:
-    """Decode JSON, and refuse objects with a repeated key.
-
-    **Arguments:**
-
-    - `text`: the text.
-    - `kind`: the kind of document, for errors.
-
-    **Raises:** `ValueError` for other text.
-    """
+    """Decode JSON, and refuse objects with a repeated key."""
     try:
         return json.loads(text, object_pairs_hook=_without_repeats)
     except RecursionError:
@@ -110,7 +89,6 @@ def checked_number(
 
     **Arguments:**
 
-    - `field`, `value`: the name and the value of a field.
     - `expected`: a description of the accepted values, for the error.
     - `least`: the least number that is accepted.
     - `most`: the largest magnitude that is accepted.

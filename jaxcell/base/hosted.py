@@ -11,21 +11,16 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
+import lazy_loader  # type: ignore[import-untyped]
+
 
 def attach(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Import the names in the stub of a package when they are first used.
 
-    **Arguments:**
-
-    - `package`, `file`: `__name__` and `__file__` of the package.
-
     **Returns:** its `__getattr__`, `__dir__` and `__all__`.
     """
-    # The computer of a robot may lack it.
-    import lazy_loader  # type: ignore[import-untyped]
-
     get, names, every = lazy_loader.attach_stub(package, file)
 
     def get_hosted(name: str) -> Any:
@@ -34,25 +29,10 @@ def attach(
     return get_hosted, names, every
 
 
-def attach_all(package: str) -> None:
-    """Wrap the functions that a package has imported by [`hosted`][]."""
-    for name, value in list(vars(sys.modules[package]).items()):
-        if not name.startswith("_"):
-            hosted(package, name, value)
-
-
 def hosted(package: str, name: str, value: Any) -> Any:
     """Wrap a public function so that its error for traced arrays says that it runs on the host.
 
     The function is replaced in its own module too, because `pickle` finds it there.
-
-    **Arguments:**
-
-    - `package`: the package with the function.
-    - `name`: its name there.
-    - `value`: the function; anything else stays as it is.
-
-    **Returns:** the wrapped function, or the other value.
     """
     if isinstance(value, FunctionType) and not hasattr(value, "_hosted"):
         value = hosted_function(value, f"{package}.{name}")

@@ -26,20 +26,13 @@ def free() -> int | None:
     This is the least of four numbers: the available memory of the machine, and the rest of the
     limits of control groups (of containers and batch systems), of addresses (`ulimit -v`), and of
     `JAXCELL_MEMORY`.
-
-    **Raises:** `ValueError` if `JAXCELL_MEMORY` is not a size.
     """
     known = [count for count, _ in _known()]
     return max(0, min(known)) if known else None
 
 
 def shortage(available: int) -> str:
-    """Describe the free memory, and the limit that causes it unless that is the machine's.
-
-    **Arguments:**
-
-    - `available`: the bytes from `free`.
-    """
+    """Describe the free memory, and the limit that causes it unless that is the machine's."""
     left, limit = min(_known(), default=(0, ""))
     # The rest of a limit may have changed a little since.
     named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""
@@ -56,8 +49,6 @@ def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) 
     - `needed`: estimated bytes.
     - `doing`: the computation, for the error.
     - `instead`: advice on using less memory, or a function that gives it for the free bytes.
-
-    **Raises:** `MemoryError` with both numbers, in one line.
     """
     if needed <= NEGLIGIBLE:
         return
@@ -76,19 +67,7 @@ def gigabytes(count: float | int) -> str:
 
 
 def read_size(text: str, name: str) -> int:
-    """Read a size in bytes, such as `8G`, `500M` or `2.5 GB`, by powers of 1000.
-
-    **Arguments:**
-
-    - `text`: the size.
-    - `name`: the name of the option or variable, for the error.
-
-    **Raises:** `ValueError` for other text, and for 0.
-
-        >>> from jaxcell.base.memory import read_size
-        >>> read_size("2.5G", "memory")
-        2500000000
-    """
+    """Read a size in bytes, such as `8G`, `500M` or `2.5 GB`, by powers of 1000."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)B?\s*", text, re.IGNORECASE)
     count = int(float(match[1]) * 1000 ** " KMGT".index(match[2].upper() or " ")) if match else 0
     if not count:

@@ -36,10 +36,7 @@ def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
 
 
 def import_module(name: str) -> ModuleType:
-    """Import an optional module.
-
-    **Raises:** `ModuleNotFoundError` that names the feature that needs it and how to install it.
-    """
+    """Import an optional module."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

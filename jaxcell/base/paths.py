@@ -21,8 +21,6 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
     """Find the file or folder of a path, or all that match a pattern, in the order of names.
 
     The address of a server is returned as it is.
-
-    **Raises:** `FileNotFoundError` if there is none.
     """
     name = os.fspath(path)
     if ADDRESS.match(name) or os.path.exists(name):
@@ -41,8 +39,6 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     If the block raises, the new file is removed. So `path` never holds half a file. It may be a
     folder too.
-
-    **Raises:** `FileNotFoundError` if the folder does not exist.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -60,17 +56,6 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
         raise
     shutil.rmtree(temporary.with_suffix(".old"), ignore_errors=True)
-
-
-def write_durably(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file by `replacing` it once its content is on the disk.
-
-    After a loss of power it holds what it held before, or all of `content`.
-    """
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:

@@ -5,10 +5,7 @@ import numpy as np
 
 
 def require_x64(what: str) -> None:
-    """Refuse to go on where JAX would silently compute with 32 bits.
-
-    **Raises:** `RuntimeError` that says how to turn 64-bit numbers on.
-    """
+    """Refuse to go on where JAX would silently compute with 32 bits."""
     if jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
         raise RuntimeError(
             f"{what} needs 64-bit numbers, and JAX is set to 32 bits: call "

@@ -28,7 +28,7 @@ class Anywhere(Result):
         Float[np.ndarray, "angles"],
         quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
     ]
-    radius: Annotated[float, quantity("", "distance within which a robot is to be known", "m")]
+    radius: Annotated[float, quantity("", "distance within which a robot counts as localized", "m")]
     trial: Trial
 
     @property
@@ -52,11 +52,11 @@ class Anywhere(Result):
     def lost_share(self) -> float:
         return float((~self.trial.held).any(axis=1).mean())
 
-    @derived("", "robots that are known in the end", kind="share")
+    @derived("", "robots that are localized at the end", kind="share")
     def known_share(self) -> float:
         return float((self.trial.extent[:, -1] <= 2 * self.radius).mean())
 
-    @derived("", "bumps until a robot is known, in the median", kind="time")
+    @derived("", "bumps until a robot is localized, in the median", kind="time")
     def median_bumps(self) -> float:
         return float(np.median(self.bumps_until_known))
 
@@ -85,7 +85,7 @@ class Anywhere(Result):
         "trial.held", "robot bump", "whether the robot is where its filter says", kind="flag"
     )
 
-    @derived("robot", "bumps until the robot is known for good", kind="time")
+    @derived("robot", "bumps until the robot is localized for good", kind="time")
     def bumps_until_known(self) -> Float[np.ndarray, "robots"]:
         return _first_of_the_last(self.trial.extent <= 2 * self.radius)
 

@@ -97,7 +97,7 @@ class CoveragePolicy(Result):
     def positions_alone(self) -> Int[np.ndarray, "angles"]:
         return (np.asarray(self.coverage) > 0).sum(axis=1)
 
-    @derived("bounce", "what a step changes of the limiting distribution", kind="residual")
+    @derived("bounce", "change of the limiting distribution by a step", kind="residual")
     def stationarity_residual(self) -> Float[np.ndarray, "angles"]:
         return np.array([one.certificate.residual for one in self.limiting])
 

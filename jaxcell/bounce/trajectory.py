@@ -58,7 +58,8 @@ class TeamTrajectory(Result):
         quantity("time", "positions visited so far", "positions", kind="count"),
     ]
     part_begin: Annotated[
-        Int[np.ndarray, "parts"], quantity("part", "when the part begins", "mappings", kind="index")
+        Int[np.ndarray, "parts"],
+        quantity("part", "first time of the part", "mappings", kind="index"),
     ]
     "Each part except the first begins with one robot turned by one direction."
     uncovered_positions: Annotated[
@@ -74,7 +75,7 @@ class TeamTrajectory(Result):
     def answered(self) -> bool:
         return self.uncovered == 0
 
-    meaning = from_part("outcome.value", "", "why it ends", kind="text")
+    meaning = from_part("outcome.value", "", "reason for the end", kind="text")
 
     @derived("", "steps", kind="count")
     def steps(self) -> int:

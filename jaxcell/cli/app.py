@@ -102,10 +102,7 @@ def run(args: Sequence[str]) -> int:
 
 
 def _limited(args: Sequence[str]) -> list[str]:
-    """Remove the option --memory, and set its size as the limit of this process and its workers.
-
-    **Raises:** `ValueError` if it is no size.
-    """
+    """Remove the option --memory, and set its size as the limit of this process and its workers."""
     words = list(args)
     for place, word in enumerate(words):
         option, equals, size = word.partition("=")
@@ -119,11 +116,7 @@ def _limited(args: Sequence[str]) -> list[str]:
 
 
 def read(args: Sequence[str]) -> tuple[str, Any]:
-    """Return the name of a command, and the command with its options.
-
-    **Raises:** `SystemExit` after a page of help, or after the errors of the options; `ValueError`
-    or `OSError` for a study that cannot be loaded, or an unknown name of bundled data.
-    """
+    """Return the name of a command, and the command with its options."""
     words = list(args)
     if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
         from ..study.loading import load_study
@@ -146,7 +139,6 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
 
 
 def _name(words: Sequence[str]) -> str:
-    """Return the name of the command, of one or two words, at the begin of a line."""
     return next((name for name in (" ".join(words[:2]), *words[:1]) if name in COMMANDS), "")
 
 

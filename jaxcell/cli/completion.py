@@ -21,13 +21,7 @@ complete -o default -F _jaxcell jaxcell
 
 
 def print_completion(commands: Mapping[str, type], words: Sequence[str]) -> NoReturn:
-    """Print the script of a shell, and exit.
-
-    **Arguments:**
-
-    - `commands`: the commands by their names of one or two words.
-    - `words`: the option and the shell: bash, zsh or fish.
-    """
+    """Print the script of a shell, and exit."""
     try:
         tyro.cli(
             _tree(commands),

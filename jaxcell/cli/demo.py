@@ -51,8 +51,6 @@ class Demo:
 
 @dataclasses.dataclass(frozen=True)
 class Stop:
-    """One command of the tour."""
-
     folder: str
     title: str
     study: type[Study]

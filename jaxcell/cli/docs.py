@@ -28,10 +28,7 @@ class Docs:
 
 
 def _address() -> str:
-    """Return the address of the documentation.
-
-    **Raises:** `FileNotFoundError` if there is none.
-    """
+    """Return the address of the documentation."""
     if BUILT.exists():
         return BUILT.as_uri()
     named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []

@@ -1,16 +1,13 @@
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from .. import automata
 from ..study.parameters import Limit, Only, Seconds, check
 from .terminal import note, progress
-
-
-if TYPE_CHECKING:
-    from ..automata import Filter, Policy
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -38,7 +35,6 @@ class Export:
     """Limit of time for the proof that a machine is least."""
 
     def run(self) -> int:
-        from .. import automata
         from ..automata.formats.storage import read_kind
         from .output import check_out, write_text
 
@@ -72,8 +68,7 @@ class Export:
         note(f"{self.file}: {len(filter.transition)} states")
         return 0
 
-    def _smallest(self, source: "Filter | Policy") -> int:
-        from .. import automata
+    def _smallest(self, source: "automata.Filter | automata.Policy") -> int:
         from .output import write_text
 
         if self.file.suffix == ".jff":

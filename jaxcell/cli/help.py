@@ -16,7 +16,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from ..study.parameters import Needed, Only, Unit, conditions, listed, parameters, within
+from ..study.parameters import Needed, Only, Unit, conditions, inside, listed, parameters, within
 
 
 _ABOUT = """Compute the global behaviour of simple robots by cell-to-cell mapping. A map, a graph or
@@ -32,15 +32,11 @@ _LAST = {"out", "json", "verify"}
 
 
 def example(kind: Any, name: str) -> str:
-    """Return a command line that shows a command."""
     return f"jaxcell {name} {kind.example}".rstrip()
 
 
 def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Read the options of a command.
-
-    **Raises:** `SystemExit` after a page of help, or after the errors of the options.
-    """
+    """Read the options of a command."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
@@ -160,18 +156,13 @@ def _metavar(name: str, hint: Any) -> str | None:
     if _is_positional(hint):
         return name.upper()
     several: list[tuple[Any, ...]]
-    several = [get_args(part) for part in _inside(hint) if get_origin(part) is tuple]
+    several = [get_args(part) for part in inside(hint) if get_origin(part) is tuple]
     if several and Ellipsis not in several[0]:
         return " ".join(kind.__name__.upper() for kind in several[0])
     if (unit := within(hint, Unit)) is None:
         return None
     word = _UNITS[unit.suffix]
     return f"{word} [{word} ...]" if several else word
-
-
-def _inside(hint: Any) -> list[Any]:
-    """Return a type and the types that it is made of."""
-    return [hint, *(part for one in getattr(hint, "__args__", ()) for part in _inside(one))]
 
 
 def _is_positional(hint: Any) -> bool:

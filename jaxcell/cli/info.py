@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import tyro
 
+from .. import automata, patrol, space, sweep
 from .output import Printing
 from .terminal import say, table
 
@@ -50,10 +51,7 @@ class Info(Printing):
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """Describe a file: its kind, as `what`, and its content.
-
-    **Raises:** `ValueError` if its kind is unknown, or it is damaged; `FileNotFoundError`.
-    """
+    """Describe a file: its kind, as `what`, and its content."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():
@@ -90,15 +88,14 @@ def _directory(path: Path) -> dict[str, Any]:
 
 
 def _filter(path: Path) -> dict[str, Any]:
-    from ..automata import Filter, HiddenMap, Policy
     from ..automata.formats.storage import read_kind
 
     if path.suffix == ".jxb":
-        hidden = HiddenMap.load(path)
+        hidden = automata.HiddenMap.load(path)
         what = "a map for the belief of a robot"
         return {"what": what, "fine_cells": hidden.cells, **hidden.metadata}
     if read_kind(path) == "policy":
-        policy = Policy.load(path)
+        policy = automata.Policy.load(path)
         return {
             "what": "a localization policy",
             "states": policy.turn.size,
@@ -106,7 +103,7 @@ def _filter(path: Path) -> dict[str, Any]:
             "largest_uncertainty": int(policy.uncertainty[policy.ends].max()),
             **policy.metadata,
         }
-    filter = Filter.load(path)
+    filter = automata.Filter.load(path)
     return {
         "what": "a localization filter",
         "states": len(filter.transition),
@@ -120,55 +117,35 @@ def _filter(path: Path) -> dict[str, Any]:
 
 
 def _netcdf(path: Path) -> dict[str, Any]:
-    import netCDF4
-    from scipy.io import netcdf_file
+    from ..drift.currents.netcdf import open_netcdf
 
-    from ..drift.currents.netcdf import netcdf_engine
-
-    try:
-        if netcdf_engine(path) == "scipy":
-            # The other library searches without end if the header is damaged.
-            netcdf_file(path).close()
-        with netCDF4.Dataset(path) as file:
-            # Values are not read, because there may be very many.
-            every = {name: (one.dimensions, one.__dict__) for name, one in file.variables.items()}
-            attributes = [file.__dict__, *(about for _, about in every.values())]
-            named = " ".join(str(about.get("coordinates", "")) for about in attributes).split()
-            variables = {
-                name: one for name, one in every.items() if name not in {*file.dimensions, *named}
-            }
-            sizes = {name: len(size) for name, size in file.dimensions.items()}
-            return _contents(sizes, variables, file.__dict__)
-    except Exception as error:  # of a damaged file, undocumented
-        message = " ".join(str(error).split())[:500] or type(error).__name__
-        raise ValueError(f"{path}: not a NetCDF file that can be read: {message}") from None
+    with open_netcdf(path) as file:
+        return _contents(file.dataset)
 
 
 def _zarr(path: Path) -> dict[str, Any]:
     import xarray as xr
 
     with xr.open_zarr(path) as store:
-        variables = {name: (array.dims, array.attrs) for name, array in store.data_vars.items()}
-        return _contents(dict(store.sizes), variables, store.attrs)
+        return _contents(store)
 
 
-def _contents(
-    sizes: dict[Any, int],
-    variables: dict[Any, tuple[tuple[Any, ...], dict[str, Any]]],
-    attributes: dict[str, Any],
-) -> dict[str, Any]:
-    """Describe a file of labelled arrays by its dimensions and attributes."""
+def _contents(dataset: Any) -> dict[str, Any]:
+    attributes = dataset.attrs
+    every = [attributes, *(array.attrs for array in dataset.data_vars.values())]
+    labels = " ".join(str(about.get("coordinates", "")) for about in every).split()
     ours = "jaxcell_version" in attributes
     shown = {}
-    for name, (dimensions, about) in variables.items():
-        units = f", {about['units']}" if "units" in about else ""
-        meaning = f": {about['long_name']}" if "long_name" in about else ""
-        shown[name] = f"({', '.join(dimensions)}){units}{meaning}"
+    for name, array in dataset.data_vars.items():
+        if name not in labels:
+            units = f", {array.attrs['units']}" if "units" in array.attrs else ""
+            meaning = f": {array.attrs['long_name']}" if "long_name" in array.attrs else ""
+            shown[name] = f"({', '.join(array.dims)}){units}{meaning}"
     title = attributes.get("title", "without a title")
     what = f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}"
     hidden = {"title", "coordinates"} if ours else {*attributes}
     more = {name: str(value) for name, value in attributes.items() if name not in hidden}
-    return {"what": what, "dimensions": sizes, "variables": shown, **more}
+    return {"what": what, "dimensions": dict(dataset.sizes), "variables": shown, **more}
 
 
 def _recording(path: Path) -> dict[str, Any]:
@@ -224,9 +201,7 @@ def _json(path: Path) -> dict[str, Any]:
 def _map(path: Path) -> dict[str, Any]:
     import numpy as np
 
-    from ..space import CellSpace, Workspace
-
-    workspace = Workspace.load(path)
+    workspace = space.Workspace.load(path)
     width, height = np.ptp(np.asarray(workspace.boundary, float), axis=0).tolist()
     described = {
         "what": "a map",
@@ -239,15 +214,13 @@ def _map(path: Path) -> dict[str, Any]:
         "directions": workspace.directions,
     }
     if workspace.cell is not None:
-        cells = CellSpace.of(workspace, workspace.cell, workspace.directions or 1)
+        cells = space.CellSpace.of(workspace, workspace.cell, workspace.directions or 1)
         described["positions"] = cells.positions
     return described
 
 
 def _graph(path: Path) -> dict[str, Any]:
-    from ..patrol import load_graph
-
-    graph, names = load_graph(path)
+    graph, names = patrol.load_graph(path)
     return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
 
 
@@ -285,9 +258,7 @@ def _log(path: Path) -> dict[str, Any]:
 
 
 def _sweep(path: Path) -> dict[str, Any]:
-    from ..sweep import sweep_status
-
-    status = sweep_status(path)
+    status = sweep.sweep_status(path)
     return {
         "what": "a sweep; to read it: jaxcell.sweep.open_sweep",
         "task": status.task,
@@ -299,9 +270,7 @@ def _sweep(path: Path) -> dict[str, Any]:
 
 
 def _specification(path: Path) -> dict[str, Any]:
-    from ..sweep import Spec
-
-    spec = Spec.load(path)
+    spec = sweep.Spec.load(path)
     sizes = {"dimensions": spec.dimensions, "chunks": spec.chunk_count}
     what = "the specification of a sweep; to run it: jaxcell sweep"
     return {"what": what, "task": spec.task, **sizes}

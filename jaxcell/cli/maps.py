@@ -3,6 +3,7 @@ import json
 from pathlib import Path
 from typing import Any, ClassVar
 
+from .. import space
 from ..base.bundled import bundled_names
 from .info import describe
 from .output import Printing
@@ -59,9 +60,7 @@ def picture(path: Path) -> str:
     """Draw a map in characters, with a frame around it; free squares are blank."""
     import numpy as np
 
-    from ..space import CellSpace
-
-    free = CellSpace.load(path).free[::-1]
+    free = space.CellSpace.load(path).free[::-1]
     rows, columns = free.shape
     scale = max(1.0, columns / _WIDTH, rows / (2 * _HEIGHT))
     y, x = ((np.arange(many / scale) * scale).astype(int) for many in free.shape)

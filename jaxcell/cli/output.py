@@ -3,8 +3,9 @@
 import dataclasses
 import os
 import tempfile
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -20,16 +21,7 @@ class Printing:
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
-    """Refuse a place where results cannot be written, before they are computed.
-
-    **Arguments:**
-
-    - `out`: the place.
-    - `folder`: whether the place is for a folder, or for a file.
-    - `option`: the name of the place in the message.
-
-    **Raises:** `IsADirectoryError`, `NotADirectoryError` or `PermissionError`.
-    """
+    """Refuse a place where results cannot be written, before they are computed."""
     wanted = out.absolute()
     if not folder:
         if wanted.is_dir():
@@ -51,3 +43,20 @@ def write_text(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def option_words(options: Any, names: Collection[str]) -> list[str]:
+    """Write the named options of a command, other than their defaults, as words of its line."""
+    words = []
+    for field in dataclasses.fields(options):
+        value, option = getattr(options, field.name), f"--{field.name.replace('_', '-')}"
+        if field.name not in names or value == field.default:
+            continue
+        if isinstance(value, tuple):
+            words += [option, *map(str, value)]
+        elif str(value).startswith("-"):
+            # It would be read as an option.
+            words.append(f"{option}={value}")
+        else:
+            words += [option] if value is True else [option, str(value)]
+    return words

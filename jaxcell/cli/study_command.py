@@ -4,12 +4,13 @@ import dataclasses
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import tyro
 
 from ..base.memory import gigabytes
 from ..base.optional_modules import has_module, missing_module
+from ..base.quantities import Result
 from ..study import Study
 from ..study.study import Say, silent
 from .output import Printing, write_text
@@ -24,10 +25,6 @@ from .terminal import (
     status,
     stdout_on_stderr,
 )
-
-
-if TYPE_CHECKING:
-    from ..base.quantities import Result
 
 
 MUCH = 1e9
@@ -61,12 +58,11 @@ class StudyCommand(Printing):
 
     @property
     def question(self) -> Study:
-        """The study with the options as parameters."""
         return self.study(
             **{field.name: getattr(self, field.name) for field in dataclasses.fields(self.study)}
         )
 
-    def answer(self, say: Say = silent) -> tuple["Result", dict[str, Any]]:
+    def answer(self, say: Say = silent) -> tuple[Result, dict[str, Any]]:
         """Return the result, and the object that `--json` prints."""
         from .. import record
 
@@ -78,8 +74,7 @@ class StudyCommand(Printing):
         begin = {"command": f"jaxcell {self.command}", **question.spec(result)}
         return result, {**begin, **numbers, "seconds": seconds}
 
-    def write(self, result: "Result", summary: dict[str, Any], out: Path) -> None:
-        """Write the files of a result to a folder."""
+    def write(self, result: Result, summary: dict[str, Any], out: Path) -> None:
         from .. import record
 
         question = self.question
@@ -122,7 +117,7 @@ class StudyCommand(Printing):
         agrees = verified is None or _report(self.command, verified, quiet=self.json)
         return 0 if agrees and result.answered else 1
 
-    def _print(self, question: Study, result: "Result", summary: dict[str, Any]) -> None:
+    def _print(self, question: Study, result: Result, summary: dict[str, Any]) -> None:
         drawn = question.at_once(result)
         if self.json:
             say(json.dumps(summary))
@@ -137,13 +132,7 @@ class StudyCommand(Printing):
 
 
 def command_of(study: type[Study], words: str = "") -> Any:
-    """Make the command of a study.
-
-    **Arguments:**
-
-    - `study`: its class.
-    - `words`: the words after `jaxcell`; by default those that the study names.
-    """
+    """Make the command of a study."""
     own = {
         "__doc__": study.__doc__,
         # The study checks its parameters itself, after all options have been read.
@@ -160,7 +149,7 @@ def _write_summary(summary: dict[str, Any], out: Path) -> None:
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
-def _verified(question: Study, result: "Result") -> dict[str, Any]:
+def _verified(question: Study, result: Result) -> dict[str, Any]:
     """Compute parts of a result again, and return the comparisons as JSON."""
     began = time.perf_counter()
     with status("computing parts again by another method"):

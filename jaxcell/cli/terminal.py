@@ -10,17 +10,14 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from rich.console import Console
 from rich.table import Table
 
 from ..base.optional_modules import has_module
+from ..base.quantities import Result
 from .encoding import encodable
-
-
-if TYPE_CHECKING:
-    from ..base.quantities import Result
 
 
 FIRST_LINE, LINES = 1.5, 60.0
@@ -141,7 +138,7 @@ def noting_warnings() -> Iterator[list[str]]:
         yield noted
 
 
-def show(result: "Result", heading: str, seconds: float | None = None) -> None:
+def show(result: Result, heading: str, seconds: float | None = None) -> None:
     """Print the answer, and the tables of a result under a heading with the seconds it took."""
     from ..record.data.tables import tables
 
@@ -187,7 +184,6 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
 
 def _fits(console: Console, rows: Sequence[Sequence[str]]) -> bool:
-    """Return whether a table fits without breaking a word."""
     # Each column has a space on both sides, and a line.
     return sum(_longest_word(cells) + 3 for cells in zip(*rows, strict=True)) < console.width
 

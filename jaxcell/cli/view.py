@@ -61,12 +61,6 @@ def shown_live(viewer: str) -> Iterator[str]:
     """Open a viewer for a recording that is being made.
 
     Without a display, `here` is a page for a browser, which is open until Ctrl-C.
-
-    **Arguments:**
-
-    - `viewer`: as for `jaxcell.record.RobotRecording`.
-
-    **Yields:** `viewer`, or the address of the viewer of the page.
     """
     if not has_module("rerun"):
         raise missing_module("rerun")
@@ -117,7 +111,6 @@ def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes
 
 
 def _free_port(wanted: int) -> int:
-    """Return a free port, if possible the wanted one."""
     for port in (wanted, 0):
         with socket.socket() as one:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -135,10 +128,7 @@ def _answers(port: int) -> bool:
 
 
 def recordings_in(results: Path) -> list[Path]:
-    """Return the recordings in a folder and its subfolders, or the named recording.
-
-    **Raises:** `ValueError` if there is none; `FileNotFoundError`.
-    """
+    """Return the recordings in a folder and its subfolders, or the named recording."""
     if not results.exists():
         raise FileNotFoundError(f"{results}: there is no such file or directory")
     recordings = sorted(results.rglob("*.rrd")) if results.is_dir() else [results]

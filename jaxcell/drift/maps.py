@@ -24,7 +24,9 @@ from .water import NEIGHBORS, Water, on_grid, square
 _TAILS, _MAX_SPREAD = 3.5, 10
 # Points that drift in one call, unless the samples along one side of the cells are more.
 _POINTS = 65_536
-EXITS = ("sea without data", "edge of the grid", "land")
+EDGES = ("east", "north", "west", "south")
+"""The edges of the grid, counter-clockwise."""
+EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
 """The ways out of the map."""
 # No cell at all, where -1 is the sink.
 _NONE = -2
@@ -163,8 +165,8 @@ def exit_shares(
     - `water`, `flow`, `step`: those of the map.
     - `chain`: the map, as from [`drift_maps`][].
 
-    **Returns:** for each of `EXITS`, into sea without data, off the edge of the grid, and by
-    stranding on land, the probability from each cell at each phase.
+    **Returns:** for each of `EXITS`, into sea without data, by stranding on land, and off the edge
+    of the grid in the east, north, west and south, the probability from each cell at each phase.
 
     A cell of a strait that leads off the grid, whose water goes half a cell to the East in a step:
 
@@ -176,7 +178,7 @@ def exit_shares(
         >>> step = drift.METHODS["drifters"].lasting(1.0)
         >>> chain = drift.drift_maps(water, flow, step)
         >>> drift.exit_shares(water, flow, step, chain).round(1).tolist()
-        [[0.0], [0.6], [0.0]]
+        [[0.0], [0.0], [0.6], [0.0], [0.0], [0.0]]
     """
     step, starts = _phases(water, flow, step)
     sequence = as_sequence(chain)
@@ -203,11 +205,29 @@ def _exit_shares(
             row, column = square(x, y)
         cell, land = water.at(row, column)
         on = on_grid(water.number.shape, water.wraps, column, row)
-        ways = on & ~land, ~on, land & (water.coast == "strand")
+        edge = np.where(on, -1, _edge(water, origin, row, column))
+        off = [edge == side for side in range(len(EDGES))]
+        ways = on & ~land, land & (water.coast == "strand"), *off
         shares[:, origin] += [(share * (way & (cell < 0))).sum(axis=0) for way in ways]
     total = shares[:, origin].sum(axis=0)
     shares[:, origin] *= lost[origin] / np.where(total > 0, total, 1)
     return shares
+
+
+def _edge(
+    water: Water,
+    origin: Int[np.ndarray, "some"],
+    row: Int[np.ndarray, "points some"],
+    column: Int[np.ndarray, "points some"],
+) -> Int[np.ndarray, "points some"]:
+    """Return the number of the edge, of `EDGES`, beyond which squares off the grid lie."""
+    up, right = (
+        at - at.clip(0, size - 1)
+        for at, size in zip((row, column), water.number.shape, strict=True)
+    )
+    turned = np.arctan2(up, right * (not water.wraps))
+    angle = turned + water.angle[water.row[origin], water.column[origin]]
+    return np.round(2 * angle / math.pi).astype(int) % len(EDGES)
 
 
 def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[float]]:

@@ -112,9 +112,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     return DecisionModel.of(ended, np.where(in_goal, 0, reward), allowed)
 
 
-def discounted_voyage(
-    sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99, tolerance: float = 1e-8
-) -> Voyage:
+def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99) -> Voyage:
     """Compute the navigation policy of Alam 2018, Alg. 5.5, by value iteration.
 
     The discount trades certainty for speed: the policy may prefer a quick path that often fails.
@@ -125,7 +123,6 @@ def discounted_voyage(
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
     - `discount`: the discount factor per step, more than 0 and less than 1; the source omits it.
-    - `tolerance`: tolerance of the error of the values.
 
     **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy almost traps
     drifters, times are beyond 64-bit numbers; `certificate` and `arrival` say so.
@@ -142,7 +139,7 @@ def discounted_voyage(
         [0.0, 95.06, 93.119, 99.0, 97.02, 95.06]
     """
     model = voyage_model(sea, goal, discount)
-    best = value_iteration(model, discount, tolerance, throw=False)
+    best = value_iteration(model, discount, throw=False)
     return _voyage(sea, goal, best.policy, best.value, best.certificate)
 
 

@@ -22,11 +22,6 @@ def viewer_sink(viewer: str) -> rr.GrpcSink:
     - `viewer`: `"here"` for a viewer on this computer, which is started if none runs; or the
         address of a viewer, such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when it
         starts.
-
-    **Returns:** the sink of the viewer.
-
-    **Raises:** `ValueError` if `viewer` is neither; `OSError` if no viewer answers at the address,
-    or if none can be started here.
     """
     if viewer == "here":
         url = f"rerun+http://127.0.0.1:{PORT}/proxy"

@@ -44,23 +44,7 @@ and a cell is *wholly visible* if the free part of its square is in `V(p)` (Alg.
 No part of this package imports JAX.
 """
 
-from ..base.hosted import attach_all as _attach_all
-from .box import Box as Box
-from .cells import CellSpace as CellSpace
-from .motion import CELL_BY_CELL as CELL_BY_CELL, ENDPOINT as ENDPOINT, Motion as Motion
-from .nearest import nearest_cell as nearest_cell
-from .sight import visible_cells as visible_cells, visible_centres as visible_centres
-from .slip import (
-    Slip as Slip,
-    felt_walls as felt_walls,
-    free_ahead as free_ahead,
-    slipping_step as slipping_step,
-)
-from .stencils import Stencil as Stencil, stencil as stencil
-from .steps import free_steps as free_steps
-from .strides import cell_strides as cell_strides, stride_legs as stride_legs
-from .view import visibility_polygon as visibility_polygon
-from .workspace import Workspace as Workspace
+from ..base.hosted import attach
 
 
-_attach_all(__name__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

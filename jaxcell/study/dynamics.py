@@ -1,18 +1,15 @@
 import dataclasses
 import functools
 import warnings
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import tyro
 
+from .. import dynamics, space
 from ..base import memory
 from .loading import load_module
 from .parameters import WholeNumber
 from .study import Say, Study, silent
-
-
-if TYPE_CHECKING:
-    from ..dynamics import Basins, Continuation, System
 
 
 # Memory per cell during the computation and of its result, and memory of a chunk being mapped.
@@ -36,19 +33,15 @@ class SystemStudy(Study):
     """Number of cells along each axis, or one number for all axes; by default the system's."""
 
     @functools.cached_property
-    def chosen(self) -> "System":
-        """The system with the parameter `cells` in place of its own.
-
-        **Raises:** `ValueError` if there is none, or its box cannot be cut so.
-        """
+    def chosen(self) -> "dynamics.System":
+        """The system with the parameter `cells` in place of its own."""
         system = load_system(self.system)
         if not self.cells:
             return system
-        from ..space import Box
 
         box = system.box
         cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
-        return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
+        return dataclasses.replace(system, box=space.Box(box.lower, box.upper, cells, box.axes))
 
     def headline(self, spec: dict[str, Any]) -> str:
         return self.chosen.about or f"The system {self.system}"
@@ -89,9 +82,7 @@ class Dynamics(SystemStudy):
         memory.check(needed, "dynamics", "give fewer --cells")
         return needed
 
-    def run(self, say: Say = silent) -> "Basins | Continuation":
-        from .. import dynamics
-
+    def run(self, say: Say = silent) -> "dynamics.Basins | dynamics.Continuation":
         self.memory()
         system = self.chosen
         params = read_params(self.params, dict(system.params))
@@ -119,40 +110,35 @@ class Dynamics(SystemStudy):
         edges = dynamics.edge_states(system.map, basins, say=say)
         return dataclasses.replace(basins, edges=edges)
 
-    def at_once(self, result: "Basins | Continuation") -> bool:
+    def at_once(self, result: "dynamics.Basins | dynamics.Continuation") -> bool:
         return not self.folder or self.chosen.box.size <= _MAX_AT_ONCE
 
 
-def load_system(reference: str) -> "System":
-    """Load a system from a file, or a system of jaxcell by its name.
-
-    **Raises:** `ValueError` for a reference to no system.
-    """
+def load_system(reference: str) -> "dynamics.System":
+    """Load a system from a file, or a system of jaxcell by its name."""
     module, colon, name = reference.rpartition(":")
     try:
         found = getattr(load_module(module), name) if colon else None
     except (ImportError, AttributeError, SyntaxError) as error:
         raise ValueError(f"system: {reference}: {error}") from None
-    # This import takes seconds.
-    from ..dynamics import System, systems
-
     if not colon:
-        ours = {name: one for name, one in vars(systems).items() if isinstance(one, System)}
+        # This import takes seconds.
+        from ..dynamics import systems
+
+        every = vars(systems).items()
+        ours = {name: one for name, one in every if isinstance(one, dynamics.System)}
         if reference not in ours:
             raise ValueError(
                 f"system: expected FILE.py:NAME or one of {', '.join(ours)}, got {reference!r}"
             )
         return ours[reference]
-    if not isinstance(found, System):
+    if not isinstance(found, dynamics.System):
         raise ValueError(f"system: {reference}: expected a jaxcell.dynamics.System, got {found!r}")
     return found
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Replace parameters by the values in texts, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`.
-
-    **Raises:** `ValueError` for an unknown name, or for text that is no number.
-    """
+    """Replace parameters by the values in texts, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

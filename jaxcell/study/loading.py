@@ -10,10 +10,7 @@ from .study import Study
 
 
 def load_module(name: str) -> ModuleType:
-    """Import a module by its name, or from its file `FILE.py`.
-
-    **Raises:** `ImportError` if there is no such module; any error of the module itself.
-    """
+    """Import a module by its name, or from its file `FILE.py`."""
     if not name.endswith(".py"):
         return importlib.import_module(name)
     path = Path(name).resolve()
@@ -28,14 +25,7 @@ def load_module(name: str) -> ModuleType:
 
 
 def load_study(reference: str) -> type[Study]:
-    """Load the class of a user's study.
-
-    **Arguments:**
-
-    - `reference`: `FILE.py:CLASS` or `MODULE:CLASS`.
-
-    **Raises:** `ValueError` for a reference to no study.
-    """
+    """Load the class of a user's study."""
     module, colon, name = reference.rpartition(":")
     try:
         if not colon:

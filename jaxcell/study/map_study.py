@@ -2,19 +2,15 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import tyro
 
+from .. import space
 from ..base import memory
 from ..base.limits import Collision
 from .parameters import AtLeastOne, Length, Limit, Metres
 from .study import Study, about, numbers
-
-
-if TYPE_CHECKING:
-    from ..space import CellSpace, Motion, Workspace
-    from ..space.extent import Extent
 
 
 # A map, the side of a cell, the directions, and the radius of the robot.
@@ -32,13 +28,11 @@ class CellStudy(Study):
     cell: Length | None = None
     """Side of a cell in metres; by default the side that the map suggests."""
 
-    def needed(self, extent: "Extent") -> float | int:
+    def needed(self, extent: "space.Extent") -> float | int:
         """Estimate the bytes that the answer takes on the cells of a map."""
-        from ..space import estimates
+        return space.estimates.cutting(extent)
 
-        return estimates.cutting(extent)
-
-    def written(self, extent: "Extent") -> float | int:
+    def written(self, extent: "space.Extent") -> float | int:
         """Estimate the bytes of the answer and of writing its files."""
         return self.needed(extent)
 
@@ -48,25 +42,22 @@ class CellStudy(Study):
         return ""
 
     def memory(self, written: bool = False) -> float | int:
-        from ..space import estimates
-        from ..space.extent import Extent
-
-        extent = Extent.about(*_chosen(self._cut))
+        extent = space.Extent.about(*_chosen(self._cut))
         if extent is None:
             return 0
         about = self.name, getattr(self, "step", None), self.smaller
         if not written:
-            return estimates.check(extent, self.needed, *about)
+            return space.estimates.check(extent, self.needed, *about)
         try:
-            return estimates.check(extent, self.written, f"{self.name} in files", *about[1:])
+            return space.estimates.check(extent, self.written, f"{self.name} in files", *about[1:])
         except MemoryError as error:
             if (needed := self.needed(extent)) == self.written(extent):
                 raise
-            estimates.check(extent, self.needed, *about)
+            space.estimates.check(extent, self.needed, *about)
             fits = f"without files, about {memory.gigabytes(needed)} would do"
             raise MemoryError(f"{error}; {fits}") from None
 
-    def cells(self) -> "CellSpace":
+    def cells(self) -> "space.CellSpace":
         """Read the map and cut it into cells.
 
         **Raises:** `MemoryError` if the answer needs more than is free.
@@ -105,11 +96,9 @@ class MapStudy(CellStudy):
         return self.map, self.cell, self.directions, self.robot_radius
 
     @property
-    def motion(self) -> "Motion":
+    def motion(self) -> "space.Motion":
         """The motion of the robot, for the functions of `jaxcell.bounce`."""
-        from ..space import Motion
-
-        return Motion(self.step, self.collision)
+        return space.Motion(self.step, self.collision)
 
     def spec(self, result: Any) -> dict[str, Any]:
         cells = result.cells
@@ -131,11 +120,8 @@ class MapStudy(CellStudy):
         )
 
 
-def cell_at(cells: "CellSpace", text: str, parameter: str) -> int:
-    """Return the cell that a text names: `x,y,heading` in metres and degrees, or a cell number.
-
-    **Raises:** `ValueError` that names the parameter, if there is no such cell or pose.
-    """
+def cell_at(cells: "space.CellSpace", text: str, parameter: str) -> int:
+    """Return the cell that a text names: `x,y,heading` in metres and degrees, or a cell number."""
     if text.removeprefix("-").isdecimal():
         with about(f"{parameter} {text!r}"):
             cells.centre(int(text))
@@ -153,7 +139,7 @@ def cell_at(cells: "CellSpace", text: str, parameter: str) -> int:
 
 
 @functools.lru_cache(maxsize=8)
-def _chosen(cut: _Cut) -> "tuple[Workspace, float, int]":
+def _chosen(cut: _Cut) -> "tuple[space.Workspace, float, int]":
     from ..space.cells import suggested
 
     return suggested(*cut)
@@ -161,7 +147,5 @@ def _chosen(cut: _Cut) -> "tuple[Workspace, float, int]":
 
 # Cached for the members of a sweep: the cells of a map keep results of earlier computations.
 @functools.lru_cache(maxsize=8)
-def _cells(cut: _Cut) -> "CellSpace":
-    from ..space import CellSpace
-
-    return CellSpace.of(*_chosen(cut))
+def _cells(cut: _Cut) -> "space.CellSpace":
+    return space.CellSpace.of(*_chosen(cut))

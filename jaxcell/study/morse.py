@@ -1,13 +1,10 @@
 import dataclasses
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
+from .. import dynamics
 from .dynamics import SystemStudy, read_params
 from .parameters import AtLeastOne, WholeNumber
 from .study import Say, silent
-
-
-if TYPE_CHECKING:
-    from ..dynamics import MorseSets
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,9 +29,7 @@ class Morse(SystemStudy):
     """Images of boxes: interval arithmetic (intervals), with the mean value theorem (mean-value),
     or boxes around the images of corners (corners), which prove nothing."""
 
-    def run(self, say: Say = silent) -> "MorseSets":
-        from .. import dynamics
-
+    def run(self, say: Say = silent) -> "dynamics.MorseSets":
         system = self.chosen
         params = read_params(self.params, dict(system.params))
         for name, value in params.items():

@@ -22,6 +22,7 @@ A parameter names its unit, its limits, and the other parameters without which i
 import dataclasses
 import functools
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
 
@@ -66,8 +67,6 @@ class Limit:
         - `parameter`: its name, with which the error begins.
         - `value`: the number, or `None`, which is never refused.
         - `after`: words that the error has after the bounds, such as a unit.
-
-        **Raises:** `ValueError`.
         """
         if value is None:
             return
@@ -144,11 +143,17 @@ def parameters(options: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(options)}
 
 
+def inside(annotation: Any) -> Iterator[Any]:
+    """Yield a type and the types that it is made of."""
+    yield annotation
+    for part in getattr(annotation, "__args__", ()):
+        yield from inside(part)
+
+
 def within(annotation: Any, kind: type[Kind]) -> Kind | None:
     """Return the first note of a kind in an annotation, also inside tuples and unions."""
-    notes = (note for note in getattr(annotation, "__metadata__", ()) if isinstance(note, kind))
-    inner = (within(part, kind) for part in getattr(annotation, "__args__", ()))
-    return next((note for note in (*notes, *inner) if note is not None), None)
+    notes = (note for part in inside(annotation) for note in getattr(part, "__metadata__", ()))
+    return next((note for note in notes if isinstance(note, kind)), None)
 
 
 @functools.cache
@@ -182,10 +187,7 @@ def _limits(options: Any) -> dict[str, tuple[Limit, str]]:
 
 
 def check(options: Any) -> None:
-    """Refuse parameters beyond their limits, without an effect, or missing.
-
-    **Raises:** `ValueError` that begins with the name of the parameter.
-    """
+    """Refuse parameters beyond their limits, without an effect, or missing."""
     kind: Any = type(options)
     for name, (limit, unit) in _limits(kind).items():
         value = getattr(options, name)

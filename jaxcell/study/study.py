@@ -4,16 +4,13 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
+from .. import verify as verification
 from ..base.bundled import bundled
 from ..base.paths import existing, name_in_results
 from ..base.quantities import Result
-from .parameters import Unit, check, parameters, within, without_effect
-
-
-if TYPE_CHECKING:
-    from ..verify import Comparison
+from .parameters import Unit, check, inside, parameters, within, without_effect
 
 
 Say: TypeAlias = Callable[..., None]
@@ -32,7 +29,8 @@ class Study:
     a [`Result`][jaxcell.base.quantities.Result]. The annotation of a parameter bounds it
     ([`Limit`][jaxcell.study.Limit]) and names the parameters that it depends on
     ([`Only`][jaxcell.study.Only], [`Needed`][jaxcell.study.Needed]). A subclass checks everything
-    else in `__post_init__`, by `ValueError`s that begin with the name of a parameter.
+    else in `__post_init__`, by `ValueError`s that begin with the name of a parameter. A parameter
+    of several values, such as `tuple[float, ...]`, accepts a single one.
     """
 
     name: ClassVar[str] = "result"
@@ -51,9 +49,12 @@ class Study:
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
-        for name in _paths(kind):
-            if str(value := getattr(self, name)).startswith("@"):
+        for name, kinds in _kinds(kind).items():
+            value = getattr(self, name)
+            if Path in kinds and str(value).startswith("@"):
                 object.__setattr__(self, name, bundled(str(value)))
+            if Ellipsis in kinds and isinstance(value, str | Path | float | int):
+                object.__setattr__(self, name, (value,))
         check(self)
 
     def run(self, say: Say = silent) -> Result:
@@ -119,19 +120,15 @@ class Study:
     def write(self, result: Any, out: Path) -> None:
         """Write the files that a result has beside its dataset and its recording."""
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         """Compute parts of a result again with other libraries, and compare."""
         return []
 
 
 @functools.cache
-def _paths(study: Any) -> list[str]:
-    """The parameters that are paths, or names of bundled data such as `@lab_a`."""
-
-    def is_path(annotation: Any) -> bool:
-        return annotation is Path or any(map(is_path, getattr(annotation, "__args__", ())))
-
-    return [name for name, annotation in parameters(study).items() if is_path(annotation)]
+def _kinds(study: Any) -> dict[str, list[Any]]:
+    """The types that the annotation of each parameter is made of."""
+    return {name: [*inside(annotation)] for name, annotation in parameters(study).items()}
 
 
 @contextlib.contextmanager
@@ -144,11 +141,7 @@ def about(parameter: str) -> Iterator[None]:
 
 
 def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:
-    """Read the finite numbers of a text, which commas separate.
-
-    **Raises:** `ValueError` with the name of the parameter and what was expected, unless the text
-    has `count` numbers.
-    """
+    """Read the finite numbers of a text, which commas separate."""
     with contextlib.suppress(ValueError):
         read = [float(part) for part in text.split(",")]
         if len(read) == count and all(map(math.isfinite, read)):

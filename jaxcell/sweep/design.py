@@ -57,22 +57,8 @@ def read_parameters(
 ) -> tuple[Parameter, ...]:
     """Read the parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
 
-    **Arguments:**
-
-    - `grid`: for each parameter a list of values, `{start, stop, step}` (without the stop, as in
-        `range`), `{start, stop, num}` (with the stop, as in `numpy.linspace`) or `{count}`, which
-        is 0, 1, ..., count - 1.
-    - `listed`: for each parameter a list of values; all of one length.
-    - `random`: `samples`, and for each parameter a distribution: `{uniform = [low, high]}`,
-        `{loguniform = [low, high]}`, `{normal = [mean, deviation]}`, `{integers = [low, high]}`
-        (with the high end) or `{choice = [...]}`. Samples are independent, or joint points of a
-        `design`: `"sobol"`, `"latin_hypercube"`, or `"saltelli"`. Sobol indices need the latter:
-        for each sample of two Sobol points A and B it has the members A, B, and for each parameter
-        A with the value of B.
-    - `seed`: the seed of the samples. Without a design each parameter has its own stream of random
-        numbers, which does not depend on the other parameters.
-
-    **Raises:** `ValueError` that names the field.
+    The page on sweeps of the documentation has their forms. Without a design each parameter has its
+    own stream of random numbers, which does not depend on the other parameters.
     """
     if listed and random:
         raise ValueError("[list] and [random]: expected only one of them, with or without a [grid]")
@@ -106,7 +92,6 @@ def read_parameters(
 
 
 def check_name(name: str) -> None:
-    """Check the name of a parameter."""
     if not name.isidentifier() or name in _RESERVED:
         reserved = ", ".join(_RESERVED)
         raise ValueError(
@@ -321,7 +306,6 @@ def _distribution(given: Any) -> _Distribution:
 
 
 def _ndtri(points: np.ndarray) -> np.ndarray:
-    """Compute quantiles of the standard normal distribution."""
     from scipy.special import ndtri
 
     return ndtri(points)

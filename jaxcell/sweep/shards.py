@@ -84,16 +84,9 @@ def merge_sweep(
     Two shards of two angles:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = (
-        ...     'task = "groups"', "chunk = 1", "[grid]", "bounce = [45, 135]",
-        ...     "[fixed]", f'map = "{lab}"',
-        ... )
+        >>> from jaxcell import examples, sweep
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     spec = sweep.Spec.load(path)
+        ...     out, spec = pathlib.Path(folder, "out"), examples.angles(chunk=1)
         ...     for text in ("1/2", "2/2"):
         ...         shard = sweep.Shard.read(text)
         ...         chunks = shard.chunks(spec.chunk_count)
@@ -131,7 +124,6 @@ def merge_sweep(
 def _check_shards(
     folder: Path, shards: Sequence[Shard], stores: Sequence[SweepStore], made: Mapping[str, Any]
 ) -> None:
-    """Raise an error if shards cannot be merged."""
     spec, unfinished = stores[0].spec, []
     for shard, store in zip(shards, stores, strict=True):
         if (process := holder(store.folder / "lock")) is not None:
@@ -153,10 +145,7 @@ def _check_shards(
 
 
 def _shards(folder: Path) -> list[Shard]:
-    """Find the shards of a sweep.
-
-    **Raises:** `ValueError` if a shard is missing.
-    """
+    """Find the shards of a sweep."""
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
     shards = [Shard.read(name) for name in names]
     counts = sorted({shard.count for shard in shards})

@@ -307,7 +307,6 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str
 
 
 def _cut(text: str, place: int) -> str:
-    """Cut a long text around a place."""
     start = max(place - 20, 0)
     end = start + 60
     return "..." * (start > 0) + text[start:end] + "..." * (end < len(text))

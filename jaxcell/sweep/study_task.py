@@ -20,15 +20,7 @@ Asked = TypeVar("Asked", bound=Study)
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
-    """Make a study with the parameters of a document.
-
-    **Arguments:**
-
-    - `study`: the class of the study.
-    - `parameters`: the parameters by name; a single value stands for a list of one.
-
-    **Raises:** `ValueError` that names an unknown, missing, or ill-typed parameter.
-    """
+    """Make a study with the parameters of a document."""
     known = {field.name: field for field in dataclasses.fields(study)}
     named = ", ".join(known)
     for name in parameters:
@@ -80,10 +72,7 @@ def study_task(
 def studies(
     study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[Asked]:
-    """Make the study of each member of a batch. By default its seed is that of the sweep.
-
-    **Raises:** `ValueError` that names the parameter.
-    """
+    """Make the study of each member of a batch. By default its seed is that of the sweep."""
     names = {field.name for field in dataclasses.fields(study)}
     fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
     columns = [column.tolist() for column in batch.values()]
@@ -103,7 +92,6 @@ def _together(study: type[Study], members: Sequence[Study]) -> list[list[int]]:
 
 
 def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
-    """Compute the single numbers of each member of a group."""
     batch = alike[0].batch
     if batch is None:
         return [_numbers(one.run(), ()) for one in alike]

@@ -130,9 +130,6 @@ def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
 
     **Returns:** the damage in words, the numbers of the chunks to compute, and of those among them
     that are known to have been done.
-
-    **Raises:** `ValueError` if there are such chunks, and they were computed with other files or
-    versions.
     """
     with contextlib.closing(Journal(folder / JOURNAL)) as journal:
         with reading(folder):

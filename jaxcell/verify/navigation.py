@@ -48,7 +48,6 @@ def _graph(
     bumped: np.ndarray,
     turns: Int[np.ndarray, "angles"],
 ) -> scipy.sparse.csr_array:
-    """Make the matrix of the costs of all actions."""
     size, keep, change = plan.cells.size, plan.roadmap.keep, plan.roadmap.change
     goes, bumps = np.flatnonzero(~bumped), np.flatnonzero(bumped)
     edges = []

@@ -17,15 +17,7 @@ So a set always has the robot in it, as long as its errors are within their boun
 No part of this package imports JAX.
 """
 
-from .boundary import (
-    Boundary as Boundary,
-    places_anywhere as places_anywhere,
-    run_to_wall as run_to_wall,
-)
-from .choice import Aim as Aim, choose_angles as choose_angles, draw_places as draw_places
-from .chords import Chords as Chords
-from .filter import Errors as Errors, WallFilter as WallFilter
-from .homing import Homing as Homing
-from .sets import WallSet as WallSet, contains as contains
-from .symmetry import alike_places as alike_places
-from .trial import Trial as Trial, drive_anywhere as drive_anywhere
+from ..base.hosted import attach
+
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -26,7 +26,7 @@ def test_a_map_in_view_of_all_robots_has_no_fitted_law(capsys, tmp_path):
     assert one["fitted"] is None
     assert found["policies"][0]["tour_steps"] == 0
     assert main(["patrol", "map", str(tmp_path / "two.txt"), "--runs", "9"]) == 0
-    assert "why no law is fitted" in capsys.readouterr().out
+    assert "reason why no law is fitted" in capsys.readouterr().out
 
 
 def test_the_fewest_robots_for_a_capture(capsys):

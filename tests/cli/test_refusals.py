@@ -98,10 +98,12 @@ navigate @lab_a --bounces 360 --start 0 --goal 3
     --bounces: 360 deg leaves the robot at its wall...
 navigate @lab_a --bounces 90 --start 0 --goal 3 --change 0.5
     --change: expected at least what keeping the angle costs...
+navigate @lab_a --bounces 90 --anywhere --goal 2,2 --robots 100000000
+    --goal '2,2': the point (2, 2) lies in an obstacle or too near a wall
 navigate @lab_a --bounces 90 --anywhere --goal 3
     --goal '3': expected "x,y" in metres, for robots that start anywhere
-navigate @lab_a --bounces 90 --anywhere --goal 2,2
-    --goal: no wall lies within 1 m of (2 m, 2 m) ...
+navigate @lab_a --bounces 90 --anywhere --goal 0.5,0.5 --goal-radius 0.1
+    --goal: no wall lies within 0.1 m of (0.5 m, 0.5 m) ...
 team @lab_a --robots 20 --bounces 135
     --robots 20: expected from 1 to 19, one for each position
 team @lab_a --robots 2 --bounces 135 90 45

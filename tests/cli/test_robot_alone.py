@@ -50,6 +50,7 @@ def name_of(requirement: str) -> str:
 # The modules of each package of the group, and of what it needs itself.
 MODULES = {
     "jaxtyping": "jaxtyping wadler_lindig",
+    "lazy-loader": "lazy_loader packaging",
     "numpy": "numpy",
     "pillow": "PIL",
     "pyserial": "serial",

@@ -13,7 +13,8 @@ from wheels import bounce_filter, bounce_tables, map_cells, pose_of
 from jaxcell.cli import app, main
 from jaxcell.cli.robot.check import RobotCheck
 from jaxcell.cli.robot.emulation import Emulation
-from jaxcell.cli.robot.replay import RobotReplay, show
+from jaxcell.cli.robot.outcome import show
+from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.resume import resume_command
 from jaxcell.cli.robot.run import RobotRun
 from jaxcell.robot.calibration import Calibration, calibration_file

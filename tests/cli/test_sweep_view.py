@@ -5,8 +5,7 @@ from rerun.chunk import RrdReader
 
 import jaxcell.cli.sweep.view
 from jaxcell.cli import main
-from jaxcell.cli.sweep.member import detailed_study, member_detail
-from jaxcell.cli.sweep.view import parameters, selected
+from jaxcell.cli.sweep.view import detailed_study, member_detail, parameters, selected
 from jaxcell.sweep import Spec, open_sweep, run_sweep
 
 
@@ -140,7 +139,7 @@ def test_members_without_a_result_or_a_study_are_refused(ran, tmp_path, capsys, 
         "the task 'sweep_stub:stub' has no detail to show; expected a study of yours, or one of"
         in told
     )
-    monkeypatch.setattr("jaxcell.cli.sweep.member.detailed_study", lambda task: None)
+    monkeypatch.setattr("jaxcell.cli.sweep.view.detailed_study", lambda task: None)
     assert main([*view, "--select", "x=2"]) == 1
     assert "The member x=2 has no result: RuntimeError: x is 2" in capsys.readouterr().err
     assert main([*view, "--out", "some.txt"]) == 2

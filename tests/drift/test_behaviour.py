@@ -222,13 +222,11 @@ def test_sure_leaving_is_known_without_a_solve(monkeypatch):
     )
     behaviour = long_term_behaviour(chain, 3600)
     np.testing.assert_array_equal(behaviour.sure_to_leave, [1, 1, 0, np.nan, 0])
-    # A layer knows it even if a table of all ends would be too large, or any solve.
+    # A layer knows it even if a table of all ends would be too large.
     water = Water.of(sea(*np.zeros((2, 1, 5))))
     np.testing.assert_allclose(LayerEnds(water, behaviour).leaving, [1, 1, 0, 0.5, 0])
     monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_TABLE", -1)
     np.testing.assert_allclose(LayerEnds(water, behaviour).leaving, [1, 1, 0, 0.5, 0])
-    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_BY_CELL", -1)
-    np.testing.assert_array_equal(LayerEnds(water, behaviour).leaving, [1, 1, 0, np.nan, 0])
 
 
 def test_remedies_do_not_repeat_the_rules_of_the_map():

@@ -16,6 +16,7 @@ from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import quantities
 from jaxcell.drift import open_currents
 from jaxcell.drift.currents.land import read_land
+from jaxcell.drift.maps import EDGES, EXITS
 
 
 # Where two hours of HF radar in the Santa Barbara Channel have a velocity, on one grid of 2 km.
@@ -179,8 +180,8 @@ def test_the_ways_out_sum_to_what_leaves(coast, spread, diffusivity):
     np.testing.assert_allclose(shares.sum(axis=0), np.asarray(chain.leaving), atol=1e-12)
     assert (shares >= 0).all()
     assert shares[0].any()
-    assert shares[1].any()
-    assert shares[2].any() == (coast == "strand")
+    assert shares[1].any() == (coast == "strand")
+    assert shares[2:].any()
 
 
 def test_the_ways_out_are_those_of_points_that_are_followed_one_by_one():
@@ -197,9 +198,10 @@ def test_the_ways_out_are_those_of_points_that_are_followed_one_by_one():
                 )
                 column, row = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
                 if not (0 <= column < 6 and 0 <= row < 4):
-                    counts[1, cell] += 1
+                    side = [column > 5, row > 3, column < 0, row < 0].index(True)
+                    counts[2 + side, cell] += 1
                 elif water.number[row, column] < 0:
-                    counts[2 if water.land[row, column] else 0, cell] += 1
+                    counts[1 if water.land[row, column] else 0, cell] += 1
     np.testing.assert_allclose(shares, counts / 9, atol=1e-12)
 
 
@@ -231,9 +233,11 @@ def test_the_probability_of_leaving_is_known_if_the_table_of_all_groups_is_too_l
     assert layer.persistent_groups > 0
     assert layer.ends is None
     assert 0 < layer.mean_leaving < 1
-    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_BY_CELL", 1)
+    monkeypatch.setattr("jaxcell.drift.results.ends.LARGE", 1)
+    monkeypatch.setattr("jaxcell.drift.results.ends.LARGEST_SOLVE", 1)
     large = drift.Layer.of(water, flow, drift.METHODS["drifters"].lasting(3000))
-    assert np.isnan(large.leaving).any()
+    assert np.isnan(large.leaving_by_way).any()
+    np.testing.assert_allclose(large.leaving, layer.leaving, atol=1e-9)
     np.testing.assert_allclose(large.mean_by_way, layer.leaving_by_way.mean(axis=1), atol=1e-9)
 
 
@@ -328,3 +332,18 @@ def test_drifters_do_not_strand_where_the_edge_is_closed():
 def test_unknown_rules_at_the_coast_are_refused():
     with pytest.raises(ValueError, match="coast: expected 'hold', 'slip' or 'strand'"):
         strait(coast="bounce")
+
+
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_drifters_leave_by_the_edge_that_the_current_leads_to(quarters, axis, sign):
+    still, going = np.zeros((3, 4)), np.full((3, 4), 0.3 * sign)
+    along = [going, still] if axis == 0 else [still, going]
+    # The columns of the grid go to the East, North, West or South, and the current by the compass.
+    angle = quarters * np.pi / 2
+    currents = sea(*along, angle=angle)
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    layer = drift.Layer.of(water, flow, drift.METHODS["drifters"].lasting(3000))
+    edge = EDGES[axis + (1 - sign)]
+    assert layer.mean_leaving_by_way[EXITS.index(f"edge in the {edge}")] == pytest.approx(1)

@@ -47,6 +47,45 @@ def test_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
     assert products <= cells + 1
 
 
+def in_two_phases(first):
+    """A chain that takes a step of a matrix in one phase, and changes places in the other."""
+    size = len(first)
+    turn = np.eye(size)[np.random.default_rng(7).permutation(size)]
+    none = np.zeros((size, size))
+    return scipy.sparse.csr_array(np.block([[none, first @ turn.T], [turn, none]]))
+
+
+def test_slow_eddies_are_solved_in_few_products():
+    count, size = 40, 25
+    random = np.random.default_rng(5)
+    wells = np.kron(np.eye(count), np.ones((size, size)) * (random.random((size, size)) < 0.2))
+    step = 0.999 * wells / wells.sum(axis=1, keepdims=True)
+    step[np.arange(count * size), random.permutation(count * size)] += 0.0009
+    matrix = in_two_phases(step)
+    right = random.random(2 * count * size)
+    found, products = Cycle.of(matrix)(right)
+    expected = np.linalg.solve(np.eye(right.size) - matrix.toarray(), right)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    # Without aggregates it takes 95.
+    assert products < 75
+
+
+@pytest.mark.parametrize("leak", [1e-2, 1e-6, 1e-9])
+def test_time_in_two_nearly_closed_wells_has_its_digits(leak, monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(trial=1, worthwhile=0, cycle=10))
+    size = 200
+    random = np.random.default_rng(1)
+    step = np.zeros((2 * size, 2 * size))
+    for state in range(2 * size):
+        well = state // size * size
+        np.add.at(step[state], well + random.integers(0, size, 4), (1 - leak) / 4)
+    # From the first well to the second one, and from there away.
+    step[np.arange(size), size + random.permutation(size)] = leak
+    found, _ = solve.solve_transient(in_two_phases(step), np.ones((4 * size, 1)))
+    expected = np.repeat([4 / leak - 1, 2 / leak - 1], size)
+    np.testing.assert_allclose(found[: 2 * size, 0], expected, rtol=1e-6)
+
+
 def test_chain_with_phases_is_a_cycle_and_walk_is_not():
     matrix = tide(2)
     for one in (matrix, matrix.T.tocsr()):

@@ -221,7 +221,7 @@ def test_the_recording_shows_the_game(with_game, game):
     found = read_back(with_game)
     text = found.static("/game/text", "TextDocument:text")[0]
     assert "| vertex that it attacks | 2 |" in text
-    assert "| what the patroller is paid | 7.689" in text
+    assert "| payoff of the patroller | 7.689" in text
     assert "| all vertices |" in text
     assert "| 7, 2, 5, 3, 8, 1, 4, 6 |" in text
     for who, payoff in (

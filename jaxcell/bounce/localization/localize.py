@@ -44,7 +44,7 @@ class Localization(Result):
 
     observations: Annotated[
         Int[np.ndarray, "steps"],
-        quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
+        quantity("move", "observation of the robot", values="0: it moved, 1: it bumped"),
     ]
     path: Annotated[
         Int[np.ndarray, "steps+1"], quantity("time", "cell that the robot is in", kind="index")
@@ -61,7 +61,7 @@ class Localization(Result):
     def start(self) -> int:
         return int(self.path[0])
 
-    @derived("", "what it observed, 1 for a bump")
+    @derived("", "observations, 1 for a bump")
     def word(self) -> str:
         return "".join(map(str, self.observations.tolist()))
 

@@ -131,10 +131,10 @@ class OffsetLocalized(LocalizationFilter):
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
     lost_share = from_part(
-        "shares.lost", "", "starts anywhere in the cells that are refuted", kind="share"
+        "shares.lost", "", "off-centre starts that the filter loses", kind="share"
     )
     wrong_share = from_part(
-        "shares.wrong", "", "starts anywhere in the cells that are placed wrongly", kind="share"
+        "shares.wrong", "", "off-centre starts that are localized wrongly", kind="share"
     )
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:

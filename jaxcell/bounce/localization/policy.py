@@ -44,7 +44,7 @@ class LocalizationPolicy(States):
     policy: Policy
     roadmap: Roadmap
     "The cells where the robot bumps, and the cells after each bump."
-    least: Annotated[float, quantity("", "bumps that no policy does with less than")]
+    least: Annotated[float, quantity("", "lower bound of the bumps of any policy")]
     "The worst case over the starts, or their mean, by `aim`."
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
@@ -123,7 +123,7 @@ class LocalizationPolicy(States):
     def classes(self) -> int:
         return len(set(zip(self.roadmap.length.tolist(), self.cell_class.tolist(), strict=True)))
 
-    @derived("", "cells left possible in the end, at worst", "1", kind="count")
+    @derived("", "possible cells at the end, at worst", "1", kind="count")
     def largest_uncertainty(self) -> int:
         return int(self.policy.uncertainty[self.policy.ends].max())
 
@@ -137,7 +137,7 @@ class LocalizationPolicy(States):
     def fixed_bumps(self) -> int:
         return 1 + self.fixed.inputs.size
 
-    @derived("", "bumps that no such sequence does with less than", "1", kind="count")
+    @derived("", "lower bound of the bumps of any such sequence", "1", kind="count")
     def fixed_least(self) -> int:
         return 1 + self.fixed.least
 
@@ -159,7 +159,7 @@ class LocalizationPolicy(States):
     )
     color = from_part("policy.color", "state", "colour: 1 until it is localized", kind="count")
     bump_offset = from_part(
-        "policy.first", "state_bound", "where a state begins in bump_steps", kind="count"
+        "policy.first", "state_bound", "first entry of the state in bump_steps", kind="count"
     )
     bump_steps = from_part("policy.steps", "next_bump", "steps until the next bump", kind="count")
     bump_state = from_part("policy.target", "next_bump", "state at that bump", kind="index")

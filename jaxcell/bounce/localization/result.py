@@ -42,7 +42,7 @@ class States(Result):
         "automaton.uncertainty", "state", "cells where the robot may be", "cells", kind="count"
     )
     offset = from_part(
-        "automaton.offsets", "state_bound", "where a state begins in member", kind="count"
+        "automaton.offsets", "state_bound", "first entry of the state in member", kind="count"
     )
     member = from_part("automaton.members", "entry", "cells of the states in turn", kind="index")
 
@@ -81,11 +81,11 @@ class LocalizationFilter(States):
     def knowledge_cycles(self) -> int:
         return len(self.filter.cycles)
 
-    @derived("", "cells left possible in the end, at best", "1", kind="count")
+    @derived("", "possible cells at the end, at best", "1", kind="count")
     def least_uncertainty(self) -> int:
         return int(self.cycle_uncertainty.min())
 
-    @derived("", "cells left possible in the end, at worst", "1", kind="count")
+    @derived("", "possible cells at the end, at worst", "1", kind="count")
     def largest_uncertainty(self) -> int:
         return int(self.cycle_uncertainty.max())
 
@@ -101,7 +101,7 @@ class LocalizationFilter(States):
     def cycle_length(self) -> Int[np.ndarray, "cycles"]:
         return np.array([len(cycle.states) for cycle in self.filter.cycles], np.int32)
 
-    @derived("cycle_bound", "where a knowledge cycle begins in cycle_state", kind="count")
+    @derived("cycle_bound", "first entry of the knowledge cycle in cycle_state", kind="count")
     def cycle_offset(self) -> Int[np.ndarray, "bounds"]:
         return np.cumsum([0, *self.cycle_length], dtype=np.int64)
 
@@ -109,7 +109,7 @@ class LocalizationFilter(States):
     def cycle_state(self) -> Int[np.ndarray, "entries"]:
         return np.concatenate([cycle.states for cycle in self.filter.cycles])
 
-    @derived("observation", "what the robot senses", kind="coordinate", values="1: it bumped")
+    @derived("observation", "observation of the robot", kind="coordinate", values="1: it bumped")
     def observation(self) -> Int[np.ndarray, "2"]:
         return np.arange(2, dtype=np.int32)
 
@@ -191,21 +191,21 @@ class RunOnMap(Candidates):
         )
 
     lost_share = from_part(
-        "off_centre.lost", "", "starts anywhere in the cells that are refuted", kind="share"
+        "off_centre.lost", "", "off-centre starts that the filter loses", kind="share"
     )
     wrong_share = from_part(
-        "off_centre.wrong", "", "starts anywhere in the cells that are placed wrongly", kind="share"
+        "off_centre.wrong", "", "off-centre starts that are localized wrongly", kind="share"
     )
 
     def _pose(self, cell: int) -> str:
         x, y, theta = map(float, self.cells.centre(cell))
         return f"{x:g} m, {y:g} m, {math.degrees(theta):g}°"
 
-    @derived("", "where the robot starts")
+    @derived("", "pose at the start")
     def start_pose(self) -> str:
         return self._pose(self.run.start)
 
-    @derived("", "where it is in the end")
+    @derived("", "pose at the end")
     def end_pose(self) -> str:
         return self._pose(self.run.end)
 

@@ -23,13 +23,14 @@ class SlippedPlan(Plan):
         quantity("", "probability that the robot senses all that the plan foretells", kind="share"),
     ]
     plan_arrives: Annotated[
-        float, quantity("", "probability that it then is at the goal", kind="share")
+        float,
+        quantity("", "probability that the robot is at the goal after the plan", kind="share"),
     ]
     plan_arrives_from: Annotated[
-        float, quantity("", "least value of that at 99 % confidence", kind="share")
+        float, quantity("", "lower bound of that probability (99 %)", kind="share")
     ]
     plan_arrives_to: Annotated[
-        float, quantity("", "largest value of that at 99 % confidence", kind="share")
+        float, quantity("", "upper bound of that probability (99 %)", kind="share")
     ]
     policy_surely_arrives: Annotated[
         bool,
@@ -48,14 +49,14 @@ class SlippedPlan(Plan):
     ]
     simulated_runs: Annotated[int, quantity("", "runs of the emulated robot", kind="count")]
     simulated_plan_arrives: Annotated[
-        float, quantity("", "share of them in which the plan arrives", kind="share")
+        float, quantity("", "share of runs in which the plan arrives", kind="share")
     ]
     simulated_policy_arrives: Annotated[
         float,
-        quantity("", "share in which the policy does, by what the robot senses", kind="share"),
+        quantity("", "share of runs in which the policy arrives", kind="share"),
     ]
     simulated_policy_steps: Annotated[
-        float, quantity("", "mean observations of those", kind="time")
+        float, quantity("", "mean observations of the runs that arrive", kind="time")
     ]
 
     @property

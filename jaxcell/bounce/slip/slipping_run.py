@@ -35,7 +35,7 @@ class Slipped(Candidates):
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
     observations: Annotated[
         Int[np.ndarray, "steps"],
-        quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
+        quantity("move", "observation of the robot", values="0: it moved, 1: it bumped"),
     ]
     turned_by: Annotated[
         _Times,
@@ -43,21 +43,22 @@ class Slipped(Candidates):
     ]
     pose: Annotated[
         Float[np.ndarray, "times 3"],
-        quantity("time axis", "where the robot is: x and y in m, heading in rad"),
+        quantity("time axis", "pose of the robot: x and y in m, heading in rad"),
     ]
     belief: Annotated[
-        _Shares, quantity("time position", "how probable each position is", kind="share")
+        _Shares, quantity("time position", "probability of each position", kind="share")
     ]
     nowhere: Annotated[
         Float[np.ndarray, "times"],
-        quantity("time", "how probable it is that the robot is nowhere on the map", kind="share"),
+        quantity("time", "probability that the robot is nowhere on the map", kind="share"),
     ]
     credible: Annotated[
         _Times, quantity("time", "cells of the credible set, 95 %", "cells", kind="count")
     ]
     likeliest: Annotated[_Times, quantity("time", "likeliest cell", kind="index")]
     smoothed: Annotated[
-        _Shares, quantity("time position", "how probable each was, by the whole run", kind="share")
+        _Shares,
+        quantity("time position", "probability of each position, by the whole run", kind="share"),
     ]
     path: Annotated[_Times, quantity("time", "cells of the likeliest path", kind="index")]
     candidates: Annotated[
@@ -92,7 +93,7 @@ class Slipped(Candidates):
     def start(self) -> int:
         return int(self.truth[0])
 
-    @derived("", "what it observed, 1 for a bump")
+    @derived("", "observations, 1 for a bump")
     def word(self) -> str:
         return "".join(map(str, self.observations.tolist()))
 

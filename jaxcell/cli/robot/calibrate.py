@@ -2,16 +2,12 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 from ...base.documents import checked_number
 from ...study.parameters import Only, check
 from ..output import Printing
 from ..terminal import note, say, status
-
-
-if TYPE_CHECKING:
-    from ...robot.calibration import Calibration
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -83,10 +79,6 @@ class RobotCalibrate(Printing):
             return 1
         calibration = Calibration.measured(distance, math.radians(degrees) / turned)
         calibration.save(path)
-        self._say(calibration, path)
-        return 0
-
-    def _say(self, calibration: "Calibration", path: Path) -> None:
         summary = {"calibration": str(path), **dataclasses.asdict(calibration)}
         if self.json:
             say(json.dumps(summary))
@@ -95,6 +87,7 @@ class RobotCalibrate(Printing):
                 f"For 1 m of the encoders the robot drives {calibration.distance:g} m, and for 360 "
                 f"degrees it turns by {360 * calibration.angle:g} degrees. This is kept in {path}."
             )
+        return 0
 
 
 def _asked(question: str) -> float:

@@ -3,21 +3,23 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ...robot.anywhere import AnywhereOutcome
+from ...robot.emulation.body import Body, Noise, bumper_give
+from ...robot.emulation.emulator import Emulator, Line
+from ...robot.outcome import RunOutcome
+from ...robot.tasks.anywhere_task import AnywhereTask
+from ...robot.tasks.files import AnyTask, PlanTask
+from ...robot.tasks.patrol_task import PatrolTask
+from ...robot.team import MemberTask
+from ...space import CellSpace, Workspace, nearest_cell, visible_cells
+from ...study.bounce.anywhere import pose_at
 from ...study.map_study import cell_at
+from ...walls import places_anywhere
 from ..terminal import note
 from .heading import direction_at
-
-
-if TYPE_CHECKING:
-    from ...robot.emulation.emulator import Emulator
-    from ...robot.outcome import RunOutcome
-    from ...robot.tasks.anywhere_task import AnywhereTask
-    from ...robot.tasks.files import AnyTask
-    from ...robot.tasks.patrol_task import PatrolTask
-    from ...space import CellSpace, Workspace
-    from .options import RobotOptions
+from .run import RobotRun
 
 
 # A task whose radius differs by less than this is for the body.
@@ -30,27 +32,23 @@ _TOUCH = 0.05
 class Emulation:
     """An emulated robot, and the cells of its map."""
 
-    robot: "Emulator"
-    cells: "CellSpace"
+    robot: Emulator
+    cells: CellSpace
     start: int
     pose: tuple[float, float, float]
     "The start of the robot, in metres and radians."
     radius: float = 0.0
     "The radius of the body, in metres."
-    touches: "Sequence[tuple[float, float, float]] | None" = None
+    touches: Sequence[tuple[float, float, float]] | None = None
     "Time in seconds, x and y of each touch of a wall; known to the physics engine only."
 
     @property
     def end(self) -> int | None:
-        """The cell of the robot, or `None`."""
         with contextlib.suppress(ValueError):
             return int(self.cells.index(*self.robot.pose))
         return None
 
-    def describe(self, outcome: "RunOutcome") -> dict[str, Any]:
-        """Describe the true state, for the summary."""
-        from ...robot.anywhere import AnywhereOutcome
-
+    def describe(self, outcome: RunOutcome) -> dict[str, Any]:
         x, y, theta = self.robot.pose
         among = self.end in outcome.cells if outcome.cells else None
         if isinstance(outcome, AnywhereOutcome) and outcome.place is not None:
@@ -65,13 +63,8 @@ class Emulation:
         }
 
 
-def emulate(map: Path, task: "AnyTask", options: "RobotOptions", rng: Any) -> Emulation:
+def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
     """Emulate a robot in a map, at the start of the options or of the task."""
-    from ...robot.emulation.body import Body, Noise, bumper_give
-    from ...robot.emulation.emulator import Emulator, Line
-    from ...robot.tasks.anywhere_task import AnywhereTask
-    from ...space import CellSpace, Workspace, nearest_cell
-
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
     if isinstance(task, AnywhereTask):
@@ -94,12 +87,9 @@ def emulate(map: Path, task: "AnyTask", options: "RobotOptions", rng: Any) -> Em
 
 
 def _anywhere(
-    workspace: "Workspace", task: "AnywhereTask", start: str | None, rng: Any
+    workspace: Workspace, task: AnywhereTask, start: str | None, rng: Any
 ) -> tuple[float, float, float]:
     """Draw a start pose with a heading that the task allows."""
-    from ...study.bounce.anywhere import pose_at
-    from ...walls import places_anywhere
-
     if start is not None:
         return pose_at(workspace, start, "--start")
     x, y = places_anywhere(workspace, 1, rng)[0].tolist()
@@ -109,15 +99,13 @@ def _anywhere(
 
 
 def _physical(
-    cells: "CellSpace",
+    cells: CellSpace,
     start: int,
     pose: tuple[float, float, float],
-    task: "AnyTask",
-    options: "RobotOptions",
+    task: AnyTask,
+    options: RobotRun,
     rng: Any,
 ) -> Emulation:
-    """Emulate a robot that the physics engine moves."""
-    from ...robot.emulation.emulator import Emulator, Line
     from ...robot.physics import LATENCY, RADIUS, Physics, PhysicsBody
 
     assert cells.workspace is not None
@@ -133,12 +121,8 @@ def _physical(
     return Emulation(Emulator(body, line=line), cells, start, pose, RADIUS, body.touches)
 
 
-def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
+def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> int:
     """Return the cell where a task starts; for a filter draw a cell, at `heading` if not `None`."""
-    from ...robot.tasks.files import PlanTask
-    from ...robot.tasks.patrol_task import PatrolTask
-    from ...robot.team import MemberTask
-
     match task:
         case PlanTask():
             return cell_at(cells, str(task.start), f"{task.path}: start")
@@ -159,18 +143,9 @@ def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any)
 
 
 def seen_from(
-    cells: "CellSpace", task: "PatrolTask", intruder: str
+    cells: CellSpace, task: PatrolTask, intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """Make the look of a robot on patrol, which reports an intruder in a cell that it sees.
-
-    **Arguments:**
-
-    - `cells`: the cells of the map of the emulation.
-    - `task`: the patrol, with the range of the robot's sight.
-    - `intruder`: the place of the intruder, "x,y" in metres.
-    """
-    from ...space import visible_cells
-
+    """Make the look of a robot on patrol, which reports an intruder in a cell that it sees."""
     try:
         x, y = map(float, intruder.split(","))
         hidden = int(cells.index(x, y)) % cells.positions

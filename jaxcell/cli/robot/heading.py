@@ -1,18 +1,12 @@
 """The option `--heading` of the commands of robots."""
 
 import math
-from typing import TYPE_CHECKING
 
-
-if TYPE_CHECKING:
-    from ...robot.tasks.task import Task
+from ...robot.tasks.task import Task
 
 
 def direction_at(heading: float, directions: int) -> int:
-    """Return the direction of the option `--heading`, which is in degrees.
-
-    **Raises:** `ValueError` if the heading is between two directions.
-    """
+    """Return the direction of the option `--heading`, which is in degrees."""
     turn = heading * directions / 360
     if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
         raise ValueError(
@@ -22,11 +16,8 @@ def direction_at(heading: float, directions: int) -> int:
     return round(turn) % directions
 
 
-def check_heading(task: "Task") -> None:
-    """Refuse a task whose robot needs its heading, if no heading is known.
-
-    **Raises:** `ValueError`.
-    """
+def check_heading(task: Task) -> None:
+    """Refuse a task whose robot needs its heading, if no heading is known."""
     if task.needs_heading:
         raise ValueError(
             f"--heading: expected the heading of the robot at the start in degrees, because the "

@@ -2,52 +2,37 @@ import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ... import record
+from ...automata import Belief, Filter, Policy
 from ...base.paths import name_in_results
-
-
-if TYPE_CHECKING:
-    from ...automata import Belief, Filter, Policy
-    from ...record import RobotRecording
-    from ...robot.tasks.files import AnyTask
-    from ...space import CellSpace
-    from .emulation import Emulation
+from ...robot.tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
+from ...space import CellSpace, Workspace
+from .emulation import Emulation
 
 
 def recording_of(
-    task: "AnyTask",
+    task: AnyTask,
     path: Path,
     *,
     start: Sequence[float] | None = None,
-    emulation: "Emulation | None" = None,
+    emulation: Emulation | None = None,
     viewer: str | None = None,
-) -> "RobotRecording":
-    """Open the recording of a run, with the map if it is known.
-
-    **Arguments:**
-
-    - `task`: the task.
-    - `path`: the file.
-    - `start`: the pose where the robot's odometry begins, `(x, y, theta)`, or `None`.
-    - `emulation`: the emulated robot, whose map is drawn.
-    - `viewer`: the viewer that shows the run as it goes, or `None`.
-    """
-    from ...automata import Belief
-    from ...record import RecordedRobot, RobotRecording
-
+) -> "record.RobotRecording":
+    """Open the recording of a run, with the map if it is known."""
     path.parent.mkdir(parents=True, exist_ok=True)
     estimator, about = _estimator(task), _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells
-    robot = RecordedRobot(start=start)
+    robot = record.RecordedRobot(start=start)
     if emulation is not None:
-        robot = RecordedRobot(
+        robot = record.RecordedRobot(
             start=start,
             trace=emulation.robot.trace,
             radius=emulation.radius,
             touches=emulation.touches,
         )
-    return RobotRecording(
+    return record.RobotRecording(
         path,
         [robot],
         cells=cells,
@@ -59,10 +44,7 @@ def recording_of(
     )
 
 
-def _estimator(task: "AnyTask") -> "Filter | Policy | Belief | None":
-    """Return the filter, the policy or the belief that localizes the robot."""
-    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
-
+def _estimator(task: AnyTask) -> Filter | Policy | Belief | None:
     match task:
         case FilterTask():
             return task.filter
@@ -73,20 +55,16 @@ def _estimator(task: "AnyTask") -> "Filter | Policy | Belief | None":
     return None
 
 
-def _about(task: "AnyTask") -> Mapping[str, Any]:
+def _about(task: AnyTask) -> Mapping[str, Any]:
     """Return the metadata of a filter, a policy or a belief, which describe its map."""
-    from ...automata import Belief
-
     estimator = _estimator(task)
     if isinstance(estimator, Belief):
         return estimator.hidden.metadata
     return {} if estimator is None else estimator.metadata
 
 
-def cells_of(task: "AnyTask") -> "CellSpace | None":
+def cells_of(task: AnyTask) -> CellSpace | None:
     """Cut the map of a filter into cells, if the map is still in its place."""
-    from ...space import CellSpace, Workspace
-
     about = _about(task)
     with contextlib.suppress(OSError, ValueError, KeyError):
         workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)
@@ -95,8 +73,7 @@ def cells_of(task: "AnyTask") -> "CellSpace | None":
     return None
 
 
-def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
-    """Return whether cells agree with the map that a filter describes."""
+def _is_map(cells: CellSpace, about: Mapping[str, Any]) -> bool:
     assert cells.workspace is not None
     expected = {
         "name": cells.workspace.name,

@@ -1,23 +1,12 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import tyro
 
-from ...base.formatting import configuration
 from ..output import Printing
-from ..terminal import say, table
-from .recording import recording_of
-
-
-if TYPE_CHECKING:
-    from ...robot.outcome import RunOutcome
-    from ...robot.run_log import LoggedRun
-    from .emulation import Emulation
-
-
-_SIDES = ("East", "North", "West", "South")
+from ..terminal import say
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,7 +23,9 @@ class RobotReplay(Printing):
     """Folder for a recording of the run, run.rrd, for instance if the robot had no Rerun."""
 
     def run(self) -> int:
-        from ...robot.run_log import read_log
+        from ...robot import load_task, read_log
+        from .outcome import replayed, show
+        from .recording import recording_of
 
         run = read_log(self.log)
         try:
@@ -44,89 +35,15 @@ class RobotReplay(Printing):
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
         if self.out is not None:
-            self._record(run, self.out)
+            path = Path(run.header["file"]) if self.file is None else self.file
+            task, pose = load_task(path, run.header.get("robot")), run.header.get("pose")
+            with recording_of(task, self.out / "run.rrd", start=pose) as recording:
+                for event in run.events:
+                    fields = {name: value for name, value in event.items() if name != "event"}
+                    recording.event(event["event"], fields)
         summary = {"log": str(self.log), "whole": run.whole, **dataclasses.asdict(outcome)}
         if self.json:
             say(json.dumps(summary))
         else:
             show(self.log.name, summary)
         return 0
-
-    def _record(self, run: "LoggedRun", out: Path) -> None:
-        from ...robot.tasks.files import load_task
-
-        path = Path(run.header["file"]) if self.file is None else self.file
-        task = load_task(path, run.header.get("robot"))
-        with recording_of(task, out / "run.rrd", start=run.header.get("pose")) as recording:
-            for event in run.events:
-                fields = {name: value for name, value in event.items() if name != "event"}
-                recording.event(event["event"], fields)
-
-
-def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = None) -> None:
-    """Print the outcome of a run for people."""
-    observed, cells = summary["observations"], summary["cells"]
-    rows: list[tuple[str, object]] = [
-        ("result", summary["result"]),
-        ("why", summary["reason"]),
-        ("observed", observed if len(observed) <= 60 else f"{observed[:57]}... ({len(observed)})"),
-    ]
-    if "visited" in summary:
-        rows.append(("visited", f"{len(summary['visited'])} cells"))
-    if summary.get("obstacles"):
-        met = [f"{_SIDES[side]} of position {at}" for at, side in summary["obstacles"][:8]]
-        rows.append(("in the way", "\n".join(met)))
-    if emulation is None:
-        rows += [("may be in", ", ".join(map(str, cells[:20])))] * bool(cells)
-    else:
-        truth, space = summary["emulated"], emulation.cells
-        end = "no cell" if truth["end"] is None else configuration(space, truth["end"])
-        rows += [("started at", configuration(space, truth["start"])), ("is at", end)]
-        if cells:
-            # A file of another map may end in a cell that the emulated map does not have.
-            places = (
-                configuration(space, z) if z < space.size else f"{z}, of another map"
-                for z in cells[:8]
-            )
-            rows.append(("may be at", "\n".join(places)))
-            among = "yes" if truth["truth_is_a_candidate"] else "NO"
-            rows.append(("the truth is among them", among))
-    table(title, ("", ""), rows)
-
-
-def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
-    """Return the outcome of a logged run so far; `file` is its task, if that has moved."""
-    from ...robot.run_log import stopped
-
-    return stopped(_replayed(run, file), run)
-
-
-def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
-    from ...robot.anywhere import replay_anywhere
-    from ...robot.followers import replay_follower
-    from ...robot.patrol import replay_patrol
-    from ...robot.plan import plan_outcome
-    from ...robot.tasks.anywhere_task import AnywhereTask
-    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
-    from ...robot.tasks.patrol_task import PatrolTask
-    from ...robot.tasks.task import digest
-    from ...robot.team import replay_member
-
-    kind = run.header["kind"]
-    if kind == "plan":
-        return plan_outcome(run.header["actions"], run.observations)
-    if kind == "team":
-        return replay_member(run)
-    path = Path(run.header["file"]) if file is None else file
-    if digest(path) != run.header["sha256"]:
-        raise ValueError(f"it is of another {kind} than {path} is now")
-    match load_task(path, run.header["robot"] if kind == "patrol" else None):
-        case FilterTask() as task:
-            return replay_follower(run, task.follower(run.header.get("until", "known")))
-        case PolicyTask() | BeliefTask() as task:
-            return replay_follower(run, task.follower())
-        case AnywhereTask() as task:
-            return replay_anywhere(run, task.settings)
-        case PatrolTask() as task:
-            return replay_patrol(run, task)
-    raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")

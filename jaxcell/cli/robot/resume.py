@@ -5,30 +5,23 @@ import json
 import math
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
+from ...robot.create.motion import Moved
+from ...robot.run_log import LoggedRun, read_log
+from ...robot.tasks.files import AnyTask
+from ..output import option_words
 from ..terminal import own_command
-from .replay import replayed
-
-
-if TYPE_CHECKING:
-    from ...robot.create.motion import Moved
-    from ...robot.run_log import LoggedRun
-    from ...robot.tasks.files import AnyTask
-    from .options import RobotOptions
+from .outcome import replayed
+from .run import RobotRun
 
 
 Place: TypeAlias = tuple[float, float, float]
 """The metres ahead and to the left of the start of a run, and the radians turned since."""
 
 
-def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
-    """Read the log of the run to resume.
-
-    **Raises:** `ValueError` if the log is of another task, or if its run is complete.
-    """
-    from ...robot.run_log import read_log
-
+def run_before(log: Path, task: AnyTask) -> LoggedRun:
+    """Read the log of the run to resume."""
     run = read_log(log)
     for name, ours in json.loads(json.dumps(task.header)).items():
         theirs = run.header.get(name)
@@ -56,12 +49,10 @@ def run_before(log: Path, task: "AnyTask") -> "LoggedRun":
 class Standing:
     """A robot that cannot move: `forward` and `turn` raise `StandingStill`."""
 
-    def forward(self, distance: float, *, tolerance: float) -> "Moved":
-        """Raise `StandingStill`."""
+    def forward(self, distance: float, *, tolerance: float) -> Moved:
         raise StandingStill
 
-    def turn(self, angle: float, *, tolerance: float) -> "Moved":
-        """Raise `StandingStill`."""
+    def turn(self, angle: float, *, tolerance: float) -> Moved:
         raise StandingStill
 
 
@@ -69,35 +60,15 @@ class StandingStill(Exception):  # noqa: N818 (a signal as StopIteration, no err
     """A robot that cannot move was driven."""
 
 
-def resume_command(options: "RobotOptions", log: Path, start: str | None) -> str:
-    """Write the command that resumes a stopped run in a folder of its own.
-
-    **Arguments:**
-
-    - `options`: the options of the stopped run.
-    - `log`: its log.
-    - `start`: the place of the emulated robot, or `None` for a real robot.
-    """
+def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
+    """Write the command that resumes a stopped run in a folder of its own."""
     assert options.out is not None
     resumed = dataclasses.replace(
         options, heading=None, start=start, resume=log, out=_new_directory(options.out, log.name)
     )
-    words = [own_command("jaxcell"), "robot", "run", str(options.file)]
-    for field in dataclasses.fields(resumed):
-        value = getattr(resumed, field.name)
-        if field.name != "file" and value != field.default:
-            words += _option(field.name, value)
-    return shlex.join(words)
-
-
-def _option(name: str, value: object) -> list[str]:
-    option = f"--{name.replace('_', '-')}"
-    if value is True:
-        return [option]
-    if isinstance(value, tuple):
-        return [option, *map(str, value)]
-    # A value that begins with a minus would be read as an option.
-    return [f"{option}={value}"] if str(value).startswith("-") else [option, str(value)]
+    names = {field.name for field in dataclasses.fields(resumed)} - {"file"}
+    command = own_command("jaxcell"), "robot", "run", str(options.file)
+    return shlex.join([*command, *option_words(resumed, names)])
 
 
 def _new_directory(out: Path, log: str) -> Path:

@@ -1,48 +1,34 @@
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
+from ...robot import CrossLook, camera, pictures
+from ...robot.anywhere import run_anywhere
+from ...robot.followers import run_follower
+from ...robot.outcome import RunOutcome
+from ...robot.patrol import Patrol, run_patrol
+from ...robot.plan import run_plan
+from ...robot.run_log import LoggedRun, RunLog
+from ...robot.tasks.anywhere_task import AnywhereTask
+from ...robot.tasks.files import AnyTask, BeliefTask, FilterTask, PlanTask, PolicyTask
+from ...robot.tasks.patrol_task import PatrolTask
+from ...robot.team import MemberTask, run_member
+from ...robot.walker import Walker
 from ...study.map_study import cell_at
-from .emulation import seen_from
+from .emulation import Emulation, seen_from
+from .run import RobotRun
 
 
-if TYPE_CHECKING:
-    from ...robot.marker import CrossLook
-    from ...robot.outcome import RunOutcome
-    from ...robot.run_log import LoggedRun, RunLog
-    from ...robot.tasks.files import AnyTask
-    from ...robot.tasks.patrol_task import PatrolTask
-    from ...robot.walker import Walker
-    from .emulation import Emulation
-    from .options import RobotOptions
-
-    Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
+Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
 
 
 def runner_of(
-    task: "AnyTask",
-    options: "RobotOptions",
-    emulation: "Emulation | None",
+    task: AnyTask,
+    options: RobotRun,
+    emulation: Emulation | None,
     direction: int | None,
-    before: "LoggedRun | None",
-) -> "Runner":
-    """Choose the function that runs a task, and write the header of its log.
-
-    **Arguments:**
-
-    - `task`: the task.
-    - `options`: the options of the command.
-    - `emulation`: the emulated robot, or `None`.
-    - `direction`: the direction of the robot at the start, or `None` if it is unknown.
-    - `before`: the run to resume, or `None`.
-    """
-    from ...robot.anywhere import run_anywhere
-    from ...robot.followers import run_follower
-    from ...robot.patrol import Patrol, run_patrol
-    from ...robot.plan import run_plan
-    from ...robot.tasks.anywhere_task import AnywhereTask
-    from ...robot.tasks.files import BeliefTask, FilterTask, PlanTask, PolicyTask
-    from ...robot.team import MemberTask, run_member
-
+    before: LoggedRun | None,
+) -> Runner:
+    """Choose the function that runs a task, and write the header of its log."""
     header, limit = {**task.header, "direction": direction}, options.limit
     for name, kind in (("intruder", "patrol"), ("camera", "patrol"), ("until", "filter")):
         if getattr(options, name) not in (None, "known") and header["kind"] != kind:
@@ -90,9 +76,7 @@ def runner_of(
     return header, lambda walker, log: run_patrol(walker, patrol, look=look, log=log)
 
 
-def patrol_start(
-    task: "PatrolTask", start: str | None, emulation: "Emulation | None" = None
-) -> int:
+def patrol_start(task: PatrolTask, start: str | None, emulation: Emulation | None = None) -> int:
     """Return the cell where a patrol begins, on the map of the patrol.
 
     `start` is the option; an emulated robot starts where its emulation does.
@@ -106,9 +90,7 @@ def patrol_start(
     return task.start if start is None else cell_at(task.cells, start, "--start")
 
 
-def _cross_look(source: str) -> "CrossLook":
-    from ...robot import CrossLook, camera, pictures
-
+def _cross_look(source: str) -> CrossLook:
     try:
         return CrossLook(camera(int(source)) if source.isdecimal() else pictures(source))
     except (ValueError, OSError) as error:

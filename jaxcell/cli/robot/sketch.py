@@ -5,10 +5,10 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from ... import automata
 from ...study.parameters import Degrees, Metres, Needed, Only, check
 from ..output import write_text
 from ..terminal import note, progress
-from .heading import check_heading, direction_at
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -59,9 +59,9 @@ class RobotSketch:
         return 0
 
     def _filter(self, path: Path) -> str:
-        from ...automata import Filter, fewest_bytes, minimize
         from ...robot.sketch import FLASH, filter_sketch, policy_sketch
         from ...robot.tasks.files import FilterTask, PolicyTask, load_task
+        from .heading import check_heading, direction_at
 
         task = load_task(path)
         if not isinstance(task, FilterTask | PolicyTask):
@@ -71,7 +71,7 @@ class RobotSketch:
         if self.minimal and isinstance(task, PolicyTask):
             raise ValueError("--minimal: a policy has no equal states to merge")
         if self.minimal and isinstance(task, FilterTask):
-            task = dataclasses.replace(task, filter=minimize(task.filter))
+            task = dataclasses.replace(task, filter=automata.minimize(task.filter))
         direction = None
         if self.heading is not None:
             direction = direction_at(self.heading, task.directions)
@@ -81,13 +81,13 @@ class RobotSketch:
         machine = None
         if self.smallest:
             source = task.policy if isinstance(task, PolicyTask) else task.filter
-            if isinstance(source, Filter) and source.open_world:
+            if isinstance(source, automata.Filter) and source.open_world:
                 raise ValueError(
                     f"{path}: every observation can occur in an open world, so that its least "
                     "filter is that of --minimal"
                 )
             with progress("the smallest machine") as say:
-                found = fewest_bytes(source, say=say)
+                found = automata.fewest_bytes(source, say=say)
             machine = found.machine
             note(f"{found.states} states, {found.claim}")
         if isinstance(task, PolicyTask):

@@ -2,16 +2,13 @@ import dataclasses
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import tyro
 
+from ... import sweep
 from ..output import Printing
 from ..terminal import status, table
-
-
-if TYPE_CHECKING:
-    from ...sweep import SobolIndex
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,10 +23,8 @@ class SweepIndices(Printing):
     """Folder of a sweep with the design saltelli."""
 
     def run(self) -> int:
-        from ...sweep import sobol_indices
-
         with status(f"resampling {self.folder}"):
-            found = sobol_indices(self.folder)
+            found = sweep.sobol_indices(self.folder)
         if self.json:
             indices = [dataclasses.asdict(one) for one in found]
             print(json.dumps({"out": str(self.folder), "indices": indices}))
@@ -38,8 +33,7 @@ class SweepIndices(Printing):
         return 0
 
 
-def show_indices(folder: Path, found: "Iterable[SobolIndex]") -> None:
-    """Print Sobol indices in a table."""
+def show_indices(folder: Path, found: "Iterable[sweep.SobolIndex]") -> None:
     rows = [
         (
             one.variable,

@@ -7,22 +7,21 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
+from ... import sweep
 from ...base.paths import replacing
 from ...study.parameters import Only, check
-from ..output import Printing
+from ...sweep.storage.damage import reading
+from ..output import Printing, option_words
 from ..startup import prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 
 
-if TYPE_CHECKING:
-    from ...sweep import Failure, Progress, SweepStatus
-
-
 _MAX_FAILURES = 10
+_OF_RUN = "engine", "scheduler_file", "workers", "timeout", "shard", "max_failures"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -64,22 +63,23 @@ class Sweep(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-        from ...sweep import Shard, Spec, run_sweep, scheduler_address
-
         check(self)
         engine = self.engine
         if self.scheduler_file is not None:
-            engine = scheduler_address(self.scheduler_file)
-        spec = Spec.load(self.spec)
+            engine = sweep.scheduler_address(self.scheduler_file)
+        spec = sweep.Spec.load(self.spec)
         whole = Path("runs") / self.spec.stem if self.out is None else self.out
-        shard = None if self.shard is None else Shard.read(self.shard)
+        shard = None if self.shard is None else sweep.Shard.read(self.shard)
         out = whole if shard is None else shard.folder(whole)
         chunks = None if shard is None else shard.chunks(spec.chunk_count)
         doing = f"sweep of {spec.task}"
         began = time.perf_counter()
         try:
-            with _terminated_like_interrupted(), stdout_on_stderr(), shown(doing) as show:
-                found = run_sweep(
+            with contextlib.ExitStack() as stack, stdout_on_stderr(), shown(doing) as show:
+                # SIGTERM does what Ctrl-C does.
+                handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
+                stack.callback(signal.signal, signal.SIGTERM, handler)
+                found = sweep.run_sweep(
                     spec,
                     out,
                     engine=engine,
@@ -93,13 +93,18 @@ class Sweep(Printing):
                 )
         except KeyboardInterrupt:
             again = ["jaxcell", "sweep", str(self.spec), "--out", str(whole), "--resume"]
-            again += self._options()
+            again += option_words(self, _OF_RUN)
             note(f"Stopped. Finished chunks are kept in {out}; to continue: {shlex.join(again)}")
             return 130
         seconds = time.perf_counter() - began
         if self.netcdf and found.complete:
-            with status("writing sweep.nc"):
-                _write_netcdf(out)
+            with (
+                status("writing sweep.nc"),
+                replacing(out / "sweep.nc") as temporary,
+                sweep.open_sweep(out) as dataset,
+                reading(out),
+            ):
+                dataset.to_netcdf(temporary)
         show_status(out, found, self.json, seconds=round(seconds, 3))
         if self.max_failures is not None and len(found.failures) > self.max_failures:
             note(f"Stopped: more than {self.max_failures:,} members failed")
@@ -110,17 +115,6 @@ class Sweep(Printing):
         if not found.complete:
             note("To compute the rest: the same command with --resume")
         return 0 if found.complete else 1
-
-    def _options(self) -> list[str]:
-        """Return the options of the computation, without the parameters of the result."""
-        names = ("engine", "scheduler_file", "workers", "timeout", "shard", "max_failures")
-        fields = [field for field in dataclasses.fields(self) if field.name in names]
-        return [
-            word
-            for field in fields
-            if (value := getattr(self, field.name)) != field.default
-            for word in (f"--{field.name.replace('_', '-')}", str(value))
-        ]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -135,9 +129,7 @@ class SweepState(Printing):
     """Folder of the sweep."""
 
     def run(self) -> int:
-        from ...sweep import sweep_status
-
-        found = sweep_status(self.folder)
+        found = sweep.sweep_status(self.folder)
         show_status(self.folder, found, self.json)
         return 0 if found.complete else 1
 
@@ -156,16 +148,13 @@ class SweepMerge(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-        from ...sweep import merge_sweep
-
         with stdout_on_stderr(), shown(f"merging the shards of {self.folder}") as show:
-            found = merge_sweep(self.folder, progress=show)
+            found = sweep.merge_sweep(self.folder, progress=show)
         show_status(self.folder, found, self.json)
         return 0 if found.complete else 1
 
 
-def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) -> None:
-    """Print the status of a sweep."""
+def show_status(folder: Path, found: "sweep.SweepStatus", as_json: bool, **more: Any) -> None:
     failures = [
         {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
         for one in found.failures
@@ -207,37 +196,18 @@ def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) 
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 
 
-def in_a_line(failure: "Failure") -> str:
-    """Write a failure in one line."""
+def in_a_line(failure: "sweep.Failure") -> str:
     parameters = ", ".join(f"{name} {value}" for name, value in failure.parameters.items())
     return f"a member of chunk {failure.chunk} failed ({parameters}): {failure.message}"
 
 
 @contextlib.contextmanager
-def shown(doing: str) -> "Iterator[Callable[[Progress], None]]":
+def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
     """Show the progress of a sweep: chunks, failures, members per second, time left."""
     with progress(doing) as say:
 
-        def show(now: "Progress") -> None:
+        def show(now: "sweep.Progress") -> None:
             rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
             say(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
 
         yield show
-
-
-@contextlib.contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Make SIGTERM do what Ctrl-C does."""
-    kept = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, kept)
-
-
-def _write_netcdf(out: Path) -> None:
-    from ...sweep import open_sweep
-    from ...sweep.storage.damage import reading
-
-    with replacing(out / "sweep.nc") as temporary, open_sweep(out) as dataset, reading(out):
-        dataset.to_netcdf(temporary)

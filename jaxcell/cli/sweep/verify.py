@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import tyro
 
+from ... import sweep
 from ..output import Printing
 from ..startup import prepare_tasks
 from ..terminal import note, status, stdout_on_stderr, table
@@ -31,10 +32,8 @@ class SweepVerify(Printing):
 
     def run(self) -> int:
         prepare_tasks()
-        from ...sweep import verify_sweep
-
         with stdout_on_stderr(), status(f"reading {self.folder}"):
-            found = verify_sweep(self.folder, engine=self.engine, workers=self.workers)
+            found = sweep.verify_sweep(self.folder, engine=self.engine, workers=self.workers)
         counts = {"chunks": found.chunks, "recomputed": found.recomputed, "done": found.status.done}
         if self.json:
             damaged = {"damaged": list(found.damaged), "whole": found.whole}

@@ -6,9 +6,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import tyro
 
+from ... import record, sweep
 from ...base.process import has_display
+from ...study import Study
+from ...sweep.storage.damage import reading
+from ...sweep.tasks import TASKS
 from ..startup import prepare_tasks
-from ..terminal import note, own_command, status, table
+from ..terminal import note, own_command, progress, show, status, table
 from ..view import View
 from .indices import show_indices
 from .run import in_a_line
@@ -16,8 +20,6 @@ from .run import in_a_line
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from ...sweep import Failure, Spec
 
 
 _MAX_LISTED = 6
@@ -44,42 +46,34 @@ class SweepView:
     there."""
 
     def run(self) -> int:
-        from ...sweep import sweep_status
         from ...sweep.storage.store import SweepStore
 
         if self.out is not None and self.out.suffix != ".rrd":
             raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
-        found = sweep_status(self.folder)
+        found = sweep.sweep_status(self.folder)
         with SweepStore(self.folder) as store:
             spec = store.spec
         if self.select:
             return self._member(spec, found.failures)
-        from ... import record
-        from ...sweep import open_sweep, sobol_indices
-        from ...sweep.storage.damage import reading
-
         failures = [in_a_line(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
-        with open_sweep(self.folder) as dataset, status(f"writing {out}"):
+        with sweep.open_sweep(self.folder) as dataset, status(f"writing {out}"):
             with reading(self.folder):
                 dataset.load()
             record.log_sweep(out, dataset, failures=failures)
         if spec.has_indices and found.complete:
-            show_indices(self.folder, sobol_indices(self.folder))
+            show_indices(self.folder, sweep.sobol_indices(self.folder))
         return _open(out)
 
-    def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:
-        from ...sweep import open_sweep
-        from ...sweep.storage.damage import reading
+    def _member(self, spec: "sweep.Spec", failures: "Sequence[sweep.Failure]") -> int:
         from ...sweep.workers.work import with_files_found, with_task_found
-        from .member import detailed_study, member_detail
 
         prepare_tasks()
         spec = with_task_found(spec)
         study = detailed_study(spec.task)
         places = selected(spec, self.select)
         name = ",".join(re.sub(r"[^\w.=+-]+", "_", f"{k}={v}") for k, v in named(spec, places))
-        with open_sweep(self.folder) as dataset, reading(self.folder):
+        with sweep.open_sweep(self.folder) as dataset, reading(self.folder):
             member = dataset.isel(places).load()
         state = int(member["status"])
         if state != 1:
@@ -94,7 +88,40 @@ class SweepView:
         return _open(out)
 
 
-def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
+def detailed_study(task: str) -> type[Study]:
+    """Return the study of a task, which must not be a function."""
+    from ...sweep.workers.work import study_of
+
+    if (study := study_of(task)) is None:
+        raise ValueError(
+            f"--select: the task {task!r} has no detail to show; expected a study of yours, or "
+            f"one of {', '.join(sorted(TASKS))}"
+        )
+    return study
+
+
+def member_detail(
+    study: type[Study], parameters: Mapping[str, Any], seed: int, out: Path
+) -> dict[str, Any]:
+    """Run the study of a member again, print its tables, and write its recording.
+
+    **Returns:** the summary that the command prints as JSON.
+    """
+    from ...base.runtime import configure_jax
+    from ...sweep.study_task import studies
+
+    configure_jax()
+    (question,) = studies(study, {}, parameters, seed)
+    with progress(study.command or study.name) as say:
+        result = question.run(say)
+    spec = question.spec(result)
+    show(result, question.headline(spec))
+    with status(f"writing {out}"):
+        record.save_recording(result, out, spec=spec)
+    return {**spec, **record.summary(result)}
+
+
+def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     """Find the index of a member along each dimension of a sweep.
 
     **Arguments:**
@@ -102,8 +129,6 @@ def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
     - `spec`: the specification of the sweep.
     - `given`: `NAME=VALUE` for each dimension with several values. The value of a parameter of a
         grid, or the number of a sample or of a member of a list.
-
-    **Raises:** `ValueError` that lists the values.
     """
     values = dict(_values(spec))
     listed = ", ".join(values)
@@ -124,25 +149,23 @@ def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
     return {name: places.get(name, 0) for name in values}
 
 
-def parameters(spec: "Spec", places: Mapping[str, int]) -> dict[str, Any]:
+def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
     """Return the parameters of a member: its own, and the parameters that all members share."""
     own = {one.name: one.values[places[one.dimension]].item() for one in spec.parameters}
     return {**spec.fixed, **own}
 
 
-def named(spec: "Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
-    """Return the name and the value of each dimension for a member."""
+def named(spec: "sweep.Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
     return [(name, some[places[name]]) for name, some in _values(spec)]
 
 
-def _values(spec: "Spec") -> list[tuple[str, list[Any]]]:
+def _values(spec: "sweep.Spec") -> list[tuple[str, list[Any]]]:
     """Return the values that identify members along each dimension."""
     own = {one.name: one.values.tolist() for one in spec.parameters if one.name == one.dimension}
     return [(name, own.get(name) or [*range(size)]) for name, size in spec.dimensions.items()]
 
 
 def _place(option: str, text: str, values: Sequence[Any]) -> int:
-    """Return the index of the value that a text names."""
     error = ValueError(f"--select {option}: there is no such value; there are {_listed(values)}")
     if isinstance(values[0], str | bool):
         texts = [str(value) for value in values]
@@ -168,7 +191,6 @@ def _listed(values: Sequence[Any]) -> str:
 
 
 def _show(name: str, member: "xr.Dataset") -> None:
-    """Print the result of a member in the sweep."""
     rows = [
         (one.attrs.get("long_name", key), f"{one.item():.6g}", one.attrs.get("units", ""))
         for key, one in member.data_vars.items()

@@ -170,7 +170,7 @@ class ObservedDrift(SeaLayers):
 
     @derived(
         _SQUARES,
-        "share of drifters there then that were released in all cells alike",
+        "share of drifters in the cell at that time, released uniformly",
         "1",
         kind="share",
         padding=_LAND,

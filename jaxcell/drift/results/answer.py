@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 _CYCLES, _NEAR = (12.4206, 24.0), 0.05
 # The number of drifters whose reach a sentence gives, and of nearly closed sets it names.
 _FEW, _NAMED = (1, 2, 5, 10, 20, 50), 4
+# The least share of drifters for which a way out is named.
+_NAMED_SHARE = 0.005
 
 
 def answer(drift: "SeaDrift") -> tuple[str, ...]:
@@ -72,7 +74,10 @@ def _leaving(drift: "SeaDrift") -> str:
     times = [
         f"{left:.0%} after {in_time(hour)} (by the map {map:.0%})" for hour, left, map in pairs
     ]
-    return f"What leaves the map: {', '.join(times)}."
+    ways = zip(drift.exit, drift.layers[0].mean_by_way, strict=True)
+    out = [f"{name} {share:.0%}" for name, share in ways if share >= _NAMED_SHARE]
+    end = f"; in the end by the map: {', '.join(out)}" if out else ""
+    return f"What leaves the map: {', '.join(times)}{end}."
 
 
 def _certainty(drift: "SeaDrift") -> str:

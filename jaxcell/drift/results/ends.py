@@ -23,13 +23,12 @@ from ..water import Water
 
 ALMOST_FOREVER = 10_000
 """The expected number of steps above which drifters take almost forever to end."""
-LARGEST_BY_CELL = 200_000
-"""The number of cells at all phases above which a probability of leaving that takes a solve is
-known only as a mean over the cells."""
-LARGEST_MEAN = 500_000
-"""The number above which it is not known at all, because the solve takes a minute."""
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
+LARGE, LARGEST_SOLVE = 200_000, 2_000_000
+"""The number of cells at all phases from which solves take seconds, and their largest number there,
+times the number of ends, for which the probability of each end is solved."""
+_UNKNOWN = "NaN: not known"
 
 
 class Ends(Result):
@@ -92,33 +91,36 @@ class Ends(Result):
     def almost_for_ever_cells(self) -> int:
         return sum(int(layer.almost_forever.sum()) for layer in self._layers)
 
-    @derived("", "probability of leaving the map, mean", kind="share", padding="NaN: not known")
+    @derived("", "probability of leaving the map, mean", kind="share", padding=_UNKNOWN)
     def mean_leaving(self) -> float:
         cells = [layer.water.cells for layer in self._layers]
         return float(np.average([one.mean_by_way.sum() for one in self._layers], weights=cells))
 
     @derived(
-        "",
-        "probability of leaving into sea without data, mean",
-        kind="share",
-        padding="NaN: not known",
+        "", "probability of leaving into sea without data, mean", kind="share", padding=_UNKNOWN
     )
     def mean_leaving_into_gaps(self) -> float | None:
-        return self._mean_by_way(0) if self.gap_squares else None
+        return self._left_by(0) if self.gap_squares else None
 
     @derived(
-        "",
-        "probability of leaving off the edge of the grid, mean",
-        kind="share",
-        padding="NaN: not known",
+        "", "probability of leaving off the edge of the grid, mean", kind="share", padding=_UNKNOWN
     )
     def mean_leaving_off_edge(self) -> float | None:
-        return self._mean_by_way(1)
+        return self._left_by(slice(2, None))
 
-    @derived("", "probability of stranding on land, mean", kind="share", padding="NaN: not known")
+    @derived("", "probability of stranding on land, mean", kind="share", padding=_UNKNOWN)
     def mean_stranding(self) -> float | None:
         strand = any(layer.water.coast == "strand" for layer in self._layers)
-        return self._mean_by_way(2) if strand else None
+        return self._left_by(1) if strand else None
+
+    @derived(
+        "exit", "probability of leaving by it, mean", kind="share", padding=_UNKNOWN, listed=True
+    )
+    def mean_leaving_by_way(self) -> Float[np.ndarray, "exits"] | None:
+        if not self._tells_ways:
+            return None
+        cells = [layer.water.cells for layer in self._layers]
+        return np.average([layer.mean_by_way for layer in self._layers], 0, cells)
 
     @derived("", "squares of land or sea bed", kind="count")
     def land_squares(self) -> int | None:
@@ -138,11 +140,9 @@ class Ends(Result):
         """True if leaving is divided by the way out, as in a current."""
         return all(len(layer.exits) == len(EXITS) for layer in self._layers)
 
-    def _mean_by_way(self, way: int) -> float | None:
-        if not self._tells_ways:
-            return None
-        cells = [layer.water.cells for layer in self._layers]
-        return float(np.average([one.mean_by_way[way] for one in self._layers], weights=cells))
+    def _left_by(self, ways: slice | int) -> float | None:
+        by_way = self.mean_leaving_by_way
+        return None if by_way is None else float(by_way[ways].sum())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -178,19 +178,14 @@ class LayerEnds(Ends):
     def ends(self) -> Absorption | None:
         """The probabilities of ending in each group, at each phase of a periodic current.
 
-        `None` if they would take more than 256 MiB, or are not accurate enough: where transient
-        cells almost trap drifters, 64-bit numbers may not be enough.
+        `None` if they would take more than 256 MiB, or minutes, or are not accurate enough: where
+        transient cells almost trap drifters, 64-bit numbers may not be enough.
         """
-        behaviour = self.behaviour
-        if 8 * behaviour.groups.count * behaviour.unrolled.cells > LARGEST_TABLE:
+        behaviour, count = self.behaviour, self.behaviour.groups.count
+        if 8 * count * behaviour.unrolled.cells > LARGEST_TABLE or not self._solvable(count):
             return None
         ends = absorption_probabilities(behaviour.unrolled, behaviour.groups, throw=False)
         return ends if ends.certificate.outcome is Outcome.CONVERGED else None
-
-    @functools.cached_property
-    def leaving(self) -> Float[np.ndarray, "cells"]:
-        """The probability of ending off the map from each cell; NaN if not known."""
-        return self.leaving_by_way.sum(axis=0)
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
@@ -198,27 +193,44 @@ class LayerEnds(Ends):
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
     @functools.cached_property
+    def leaving(self) -> Float[np.ndarray, "cells"]:
+        """The probability of ending off the map from each cell; NaN if not known."""
+        if self._solvable(self._possible_ways):
+            return self.leaving_by_way.sum(axis=0)
+        return self._leaving_by(self.exits.sum(axis=0, keepdims=True))[0]
+
+    @functools.cached_property
     def leaving_by_way(self) -> Float[np.ndarray, "ways cells"]:
         """The probability of ending off the map from each cell, by the way out; NaN if not known.
 
-        Without a solve it is known where no drifter can leave (0) or every drifter must (1).
+        In large maps, which take seconds for each way, it is not known for several ways.
         """
+        if self._solvable(self._possible_ways):
+            return self._leaving_by(self.exits)
+        possible = np.any(self.exits, axis=1)[:, None]
+        return np.where(possible & (self.begins.sure_to_leave != 0), np.nan, 0.0)
+
+    @property
+    def _possible_ways(self) -> int:
+        return int(np.count_nonzero(self.exits.any(axis=1)))
+
+    def _solvable(self, ends: int) -> bool:
+        """True if the probability of each of some ends is computed in seconds."""
+        states = self.behaviour.unrolled.cells
+        return ends <= 1 or states <= LARGE or ends * states <= LARGEST_SOLVE
+
+    def _leaving_by(
+        self, exits: Float[np.ndarray, "ways states"]
+    ) -> Float[np.ndarray, "ways cells"]:
+        """Compute the probability of ending by each way; NaN if not accurate."""
         behaviour, cells = self.behaviour, self.water.cells
-        possible, sure = np.any(self.exits, axis=1), self.begins.sure_to_leave
-        shares = np.where(possible[:, None], sure, 0.0)
-        if possible.sum() <= 1:
-            if not np.isnan(sure).any():
-                return shares
-            if self.ends is not None:
-                shares[possible] = np.asarray(self.ends.leaving)[:cells]
-                return shares
-        else:
-            shares = np.where(possible[:, None] & (sure != 0), np.nan, 0.0)
-        if behaviour.unrolled.cells > LARGEST_BY_CELL:
-            return shares
+        possible, sure = np.any(exits, axis=1), self.begins.sure_to_leave
+        # Without a solve it is known where no drifter can leave (0) or every drifter must (1).
+        if possible.sum() <= 1 and not np.isnan(sure).any():
+            return np.where(possible[:, None], sure, 0.0)
         # All persistent groups are one end, and each way out is another.
-        matrix, count = behaviour.unrolled.to_scipy(), len(self.exits)
-        out = scipy.sparse.csr_array(self.exits.T)
+        matrix, count = behaviour.unrolled.to_scipy(), len(exits)
+        out = scipy.sparse.csr_array(exits.T)
         stay = scipy.sparse.eye_array(count)
         chain = Chain.from_scipy(scipy.sparse.block_array([[matrix, out], [None, stay]]))
         group = np.append(np.asarray(behaviour.groups.group).clip(-1, 0), 1 + np.arange(count))
@@ -226,7 +238,7 @@ class LayerEnds(Ends):
         ends = dataclasses.replace(behaviour.groups, group=group, count=1 + count)
         solved = absorption_probabilities(chain, ends, throw=False)
         if solved.certificate.outcome is not Outcome.CONVERGED:
-            return shares
+            return np.where(possible[:, None] & (sure != 0), np.nan, 0.0)
         return np.asarray(solved.value)[1:, :cells]
 
     @functools.cached_property
@@ -234,7 +246,7 @@ class LayerEnds(Ends):
         """The mean of `leaving_by_way` over the cells; NaN if not known."""
         by_cell = self.leaving_by_way.mean(axis=1)
         behaviour, cells = self.behaviour, self.water.cells
-        if not np.isnan(by_cell).any() or behaviour.unrolled.cells > LARGEST_MEAN:
+        if not np.isnan(by_cell).any():
             return by_cell
         transient = np.asarray(behaviour.groups.group) < 0
         part = Transient.of(behaviour.unrolled.to_scipy(), transient)

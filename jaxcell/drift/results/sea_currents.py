@@ -50,7 +50,7 @@ class SeaCurrents(SeaLayers, Compared):
     def coast(self) -> str:
         return self.waters[0].coast
 
-    @derived("exit", "way out of the map", kind="text")
+    @derived("exit", "way out of the map", kind="text", listed=True)
     def exit(self) -> np.ndarray:
         return np.array(EXITS)
 

@@ -82,7 +82,7 @@ class SeaVoyage(Result):
 
     @derived(
         _SQUARES,
-        "what a drifter does",
+        "action of the drifter",
         padding=_LAND,
         meaning_of_values="-1: up, 0: drift, 1: down",
     )

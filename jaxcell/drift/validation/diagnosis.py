@@ -73,14 +73,12 @@ class Diagnosis:
         return longer if spread == "sampled" else (*longer, "spread")
 
 
-def diagnose(
-    water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep, *, start: float | int = 0.0
-) -> Diagnosis:
+def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep) -> Diagnosis:
     """Diagnose whether the persistent groups of a drift map can be trusted.
 
     **Arguments:**
 
-    - `water`, `flow`, `step`, `start`: as for the map.
+    - `water`, `flow`, `step`: as for the map.
     - `groups`: the persistent groups of the map.
 
     **Returns:** [`Diagnosis`][].
@@ -101,7 +99,7 @@ def diagnose(
             f"{groups.group.shape[0]}"
         )
     duration = step.seconds(water, flow)
-    starts = start + np.arange(flow.phases(duration)) * duration
+    starts = np.arange(flow.phases(duration)) * duration
     step = step.lasting(duration)
     right, up = np.stack([flow_map(water, flow, step, start=t) for t in starts.tolist()], axis=1)
     image = water.landing(water.column + right, water.row + up)
@@ -113,7 +111,7 @@ def diagnose(
     whole = size == pieces[water.piece[smallest]]
     alone = smallest[(size == 1) & ~whole]
     x, y = (place[alone].astype(np.float64) for place in (water.column, water.row))
-    end = carried(flow, x, y, _LONG * duration, start, "rk4", 4 * _LONG * step.substeps)
+    end = carried(flow, x, y, _LONG * duration, 0.0, "rk4", 4 * _LONG * step.substeps)
     locked = water.landing(end[0][None], end[1][None], origin=alone, exits=True)[0] != alone
     # Drifters that run ashore land in the nearest cell, as in the map, although they may have left
     # the square.

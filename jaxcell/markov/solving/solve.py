@@ -15,7 +15,9 @@ If it does not converge, a complete factorisation follows, or products above hal
 where a factorisation could exceed any memory.
 
 A chain that is unrolled over the phases of a tide fills up in any order. It is a *cycle* of blocks
-of states, and GMRES solves it by sweeps through all blocks, with the unknowns of one block.
+of states, and GMRES solves it by sweeps through all blocks, with the unknowns of one block. The
+chain between aggregates of them, a round later, is the preconditioner: without it, closed eddies
+take a product for each slow mode.
 
 Where a part is left once in 10^10 steps or less often, all these methods give small residuals and
 wrong answers. Such chains are eliminated without subtractions, which takes some seconds for 10^5

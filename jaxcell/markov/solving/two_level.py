@@ -91,19 +91,24 @@ class TwoLevel:
 
 
 def aggregates(
-    matrix: scipy.sparse.csr_array, most: int = _MAX_AGGREGATES
+    matrix: scipy.sparse.csr_array,
+    most: int = _MAX_AGGREGATES,
+    *,
+    states: int | None = None,
+    size: int = _SIZE,
 ) -> scipy.sparse.csr_array:
-    """Assign each state to the nearest connected state among some random states.
+    """Assign each state to the nearest connected state among random states, one of each `size`.
 
-    The length of a step, in either direction, is the inverse of its probability.
+    The length of a step, in either direction, is the inverse of its probability. Only the first
+    `states` are assigned, by default all.
     """
-    rows = matrix.shape[0]
-    count = min(-(-rows // _SIZE), most)
+    rows = states or matrix.shape[0]
+    count = min(-(-rows // size), most)
     # Drawn at random, because states at even distances of a grid would lie in columns.
     middles = np.sort(np.random.default_rng(_SEED).choice(rows, count, replace=False))
     length = (matrix + matrix.T).tocsr()
     length.data = 1 / length.data
     nearest = csgraph.dijkstra(length, indices=middles, min_only=True, return_predecessors=True)[2]
-    (member,) = np.nonzero(nearest >= 0)
+    (member,) = np.nonzero(nearest[:rows] >= 0)
     place = member, np.searchsorted(middles, nearest[member])
     return scipy.sparse.csr_array((np.ones(member.size), place), shape=(rows, count))

@@ -57,7 +57,7 @@ class Vulnerability(Result):
     "The simulated runs."
     fit: GldFit | None
     "The law that is fitted to the runs, or `None` if the fit failed."
-    failure: Annotated[str | None, quantity("", "why no law is fitted")]
+    failure: Annotated[str | None, quantity("", "reason why no law is fitted")]
 
     @derived("attack_time", "fitted less exact", "1")
     def fit_gap(self) -> Float[np.ndarray, "times"]:

@@ -49,7 +49,7 @@ class CaptureSearch(Result):
     attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
     randomness: Annotated[float, quantity("", "least share of chance in a step", "1", kind="share")]
     "The least share of steps that go to any neighbour with equal probability."
-    start: Annotated[str, quantity("", "where robots are as the attack begins")]
+    start: Annotated[str, quantity("", "robots at the start of the attack")]
     tried: Annotated[
         Float[np.ndarray, "attempts"],
         quantity("attempt", "least probability of capture", "1", kind="share"),

@@ -167,7 +167,7 @@ class PatrolledMap(Result):
     def steps_of_attack(self) -> int:
         return int(self.captures.attack_time[0])
 
-    @derived("", "robots as it comes")
+    @derived("", "robots at the start of the attack")
     def begun(self) -> str:
         return _BEGUN[self.captures.attack.start]
 

@@ -35,11 +35,11 @@ class StrategyGame(Result):
     "The vertices from the closest to the furthest, in mean hitting time."
     patroller_payoff: Annotated[
         Float[np.ndarray, "strategies vertices"],
-        quantity("strategy vertex", "what an attack on the vertex pays the patroller"),
+        quantity("strategy vertex", "payoff of the patroller for an attack on the vertex"),
     ]
     adversary_payoff: Annotated[
         Float[np.ndarray, "strategies vertices"],
-        quantity("strategy vertex", "what an attack on the vertex pays the adversary"),
+        quantity("strategy vertex", "payoff of the adversary for an attack on the vertex"),
     ]
     commitment: Commitment
     "The best mixture of the strategies, and the vertex that the adversary then attacks."
@@ -69,18 +69,18 @@ class StrategyGame(Result):
     def rank(self) -> Int[np.ndarray, "strategies vertices"]:
         return np.argsort(self.closest, axis=1) + 1
 
-    @derived("", "what the patroller is paid")
+    @derived("", "payoff of the patroller")
     def value(self) -> float:
         return self.commitment.value
 
-    @derived("", "what the best strategy alone pays the patroller")
+    @derived("", "payoff of the patroller with the best strategy alone")
     def alone(self) -> float:
         # Among vertices with equal payoffs the adversary attacks the patroller's favourite.
         most = self.adversary_payoff.max(axis=1, keepdims=True)
         answers = np.isclose(self.adversary_payoff, most, rtol=0, atol=1e-9)
         return float(self.patroller_payoff.max(where=answers, initial=-np.inf, axis=1).max())
 
-    @derived("", "what the adversary is paid")
+    @derived("", "payoff of the adversary")
     def adversary_value(self) -> float:
         return float(self.commitment.follower_value[0])
 
@@ -88,7 +88,7 @@ class StrategyGame(Result):
     def attacked(self) -> str:
         return self.names[int(self.commitment.answer[0])]
 
-    @derived("", "how far the mixture may be from the best, relative", kind="residual")
+    @derived("", "optimality gap of the mixture, relative", kind="residual")
     def gap(self) -> float:
         return float(self.commitment.certificate.residual)
 

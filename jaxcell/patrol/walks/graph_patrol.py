@@ -49,8 +49,8 @@ class GraphPatrol(Measures):
     graph: Graph
     names: Sequence[str]
     "The names of the vertices."
-    goal: Annotated[str | None, quantity("", "what the walk makes large")] = None
-    value: Annotated[float | None, quantity("", "how large that is")] = None
+    goal: Annotated[str | None, quantity("", "objective of the walk")] = None
+    value: Annotated[float | None, quantity("", "value of the objective")] = None
     certificate: Certificate | None = None
     "The accuracy of the optimum, or `None` if the walk is not an optimum."
     local: bool = False
@@ -266,7 +266,7 @@ class GraphPatrol(Measures):
     def edges_used(self) -> int:
         return int((self.weight > _USED).sum())
 
-    @derived("", "by what share a walk is better, to first order, at most", kind="residual")
+    @derived("", "relative improvement left, to first order, at most", kind="residual")
     def gap(self) -> float | None:
         return None if self.certificate is None else float(self.certificate.residual)
 

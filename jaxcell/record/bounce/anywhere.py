@@ -118,12 +118,13 @@ def _log_curves(stream: rr.RecordingStream, found: Anywhere) -> list[rrb.View]:
     for name, values, color in zip(
         ("nine_tenths", "median", "first"), extents, colors, strict=True
     ):
-        log_curve(stream, f"extent/{name}", values, _TIMELINE, found.bump, color, shape="Linear")
-    share, title = found.trial.extent <= 2 * found.radius, "Share of robots that are known"
+        path, style = f"extent/{name}", {"color": color, "shape": "Linear"}
+        log_curve(stream, path, values, _TIMELINE, found.bump, **style)
+    share, title = found.trial.extent <= 2 * found.radius, "Share of robots that are localized"
     if isinstance(found, HomeFromAnywhere):
         share = found.bumps_until_home[:, None] <= found.bump
         title = "Share of robots at the goal"
-    log_curve(stream, "share", share.mean(axis=0), _TIMELINE, found.bump, palette.KNOWN)
+    log_curve(stream, "share", share.mean(axis=0), _TIMELINE, found.bump, color=palette.KNOWN)
     last, most = found.bump.size, float(found.extent.max())
     extent = curve_view("extent", "Extent of what is possible, m", last, most)
     return [extent, curve_view("share", title, last, 1.0)]

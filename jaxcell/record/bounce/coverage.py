@@ -154,7 +154,6 @@ def _group_kinds(
 
 
 def _text(policy: CoveragePolicy, shown: int, spec: Spec) -> str:
-    """Write the text beside the heat maps of a mixture."""
     angles, cells = len(policy.bounce), policy.cells
     if angles == 1:
         divides = "Here there is one angle, so all the time goes to it."
@@ -186,7 +185,6 @@ A robot runs straight. At a bump it turns by its bouncing angle, but not precise
 
 
 def _angle_text(policy: CoveragePolicy, i: int) -> str:
-    """Write the text beside the pictures of one angle."""
     groups, cells = policy.groups[i], policy.cells
     which = "" if groups.count == 1 else "one of "
     return f"""# Bouncing by {policy.bounce_deg[i]:.6g}°, imprecisely

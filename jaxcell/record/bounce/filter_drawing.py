@@ -41,11 +41,6 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
     The states outside the knowledge cycles stand in columns by their distance from the start; the
     cycles are loops beside them. Of a filter with more than 300 states, only the last states of a
     run and some cycles are drawn.
-
-    **Arguments:**
-
-    - `filter`: the filter.
-    - `visited`: the states of a run, in order.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)

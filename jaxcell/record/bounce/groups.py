@@ -42,14 +42,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> 
 def log_group_tab(
     map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
-    """Log the pictures, the legend and the text of one bouncing angle, and lay them out.
-
-    **Arguments:**
-
-    - `angle`: the index of the angle.
-    - `title`: the name of the tab.
-    - `shown`: the direction that each time of a timeline shows.
-    """
+    """Log the pictures, the legend and the text of one bouncing angle, and lay them out."""
     stream, period = map.stream, groups.group_period[angle]
     one = _OfAngle(groups.group[angle], groups.step[angle], period)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"
@@ -111,7 +104,12 @@ class _OfAngle:
     @functools.cached_property
     def _steps(self) -> Scale:
         longest, special = int(self.step.max()), {_ON_GROUP: palette.ON_GROUP}
-        return Scale.counting(1, longest, _mappings, special=special)
+        return Scale.counting(
+            1,
+            longest,
+            lambda count: f"{count} mapping{'s' * (count != '1')} to a group",
+            special=special,
+        )
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
         """Return the title, name and classes of each picture, and the class of each cell."""
@@ -131,7 +129,6 @@ class _OfAngle:
         ]
 
     def legends(self) -> list[list[tuple[str, Color]]]:
-        """Return the legend for each direction."""
         scale = self._steps.legend()
         of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
         spacing = 360 / len(self.group)
@@ -165,12 +162,7 @@ class _OfAngle:
         return f"group {group}: period {self.period[group]}, {share:.3g} % of cells"
 
 
-def _mappings(count: str) -> str:
-    return f"{count} mapping{'s' * (count != '1')} to a group"
-
-
 def _text(groups: BounceGroups, i: int, spec: Spec) -> str:
-    """Write the text beside the pictures of one bouncing angle."""
     cells, count = groups.cells, groups.count[i]
     shortest, longest = groups.shortest_period[i], groups.longest_period[i]
     if count == 1:

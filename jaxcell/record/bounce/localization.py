@@ -67,7 +67,6 @@ def _log_graph(stream: rr.RecordingStream, localized: Localized, drawing: Drawin
 
 
 def _legend(map: CellMap, localized: Localized) -> list[tuple[str, Color]]:
-    """Return the legend for the map and the filter."""
     cycles = [("on a knowledge cycle (its colour)", cycle_color(2)[1])]
     return [
         *run_legend(map),
@@ -79,7 +78,6 @@ def _legend(map: CellMap, localized: Localized) -> list[tuple[str, Color]]:
 
 
 def _text(localized: Localized, drawing: Drawing, spec: Spec) -> str:
-    """Write the text of the recording."""
     run = localized.run
     colors = {
         "colour": [f"{one} ({cycle_color(one)[0]})" for one in localized.cycle_color.tolist()]

@@ -8,7 +8,6 @@ from jaxtyping import Float
 
 from ...base.formatting import configuration
 from ...bounce import CostSummary, Plan
-from ...space import CellSpace
 from ..canvas import palette
 from ..canvas.curves import curve
 from ..canvas.map import CellMap, directions_shown
@@ -94,10 +93,7 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
 def _log_runs(
     map: CellMap, plan: Plan, place: Float[np.ndarray, "times 2"]
 ) -> list[tuple[str, Color]]:
-    """Log an arrow per run and a dot per bump, in the colours of their angles.
-
-    **Returns:** the legend.
-    """
+    """Log an arrow per run and a dot per bump, in the colours of their angles."""
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
     color_of = [palette.angle_color(i) for i in range(angle.size)]
@@ -133,18 +129,22 @@ def _log_runs(
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
     """Log the cells that reach the goal: a number of headings per square, and each heading."""
     cells, below = map.cells, f"{path}/" if path else ""
-    headings, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
+    reaching, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format
     scale = Scale.counting(1, cells.directions, label, levels=_MAX_SHADES, special=special)
     classes = scale.classes
-    all_headings = map.picture("heat", classes, scale.levels(headings, {_NONE: headings == 0}))
+    all_headings = map.picture("heat", classes, scale.levels(reaching, {_NONE: reaching == 0}))
     one = [classes[0], PictureClass("not from here", palette.PLAIN)]
     one.append(PictureClass("from here", classes[-1].color))
     shown = directions_shown(cells, plan.visited if plan.found else None)
     one_heading = map.by_direction("heading", one, 1 + plan.reaches, shown)
     shades = scale.legend(_MAX_SHADES)
     for timeline, (when, directions) in shown.items():
-        legends = [[*shades, *_heading_legend(cells, one, k)] for k in directions.tolist()]
+        headings = [f"heading {360 * k / cells.directions:.4g}°" for k in directions.tolist()]
+        legends = [
+            [*shades, *((f"{kind.label}, {heading}", kind.color) for kind in one[:0:-1])]
+            for heading in headings
+        ]
         log_legends(map.stream, f"{below}legend", legends, timeline, when)
     views = rrb.Vertical(
         map.view("Cells that reach the goal", [all_headings, *_ENDS]),
@@ -152,14 +152,6 @@ def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Contain
     )
     rows = len(shades) + 2
     return log_tab(map.stream, path, "Reaching the goal", views, text, rows, shares=(3, 2))
-
-
-def _heading_legend(
-    cells: CellSpace, classes: list[PictureClass], direction: int
-) -> list[PictureClass]:
-    """Return the legend for one heading."""
-    heading = f"heading {360 * direction / cells.directions:.4g}°"
-    return [PictureClass(f"{one.label}, {heading}", one.color) for one in classes[:0:-1]]
 
 
 _HOW_TO_LOOK = """## How to look
@@ -177,7 +169,6 @@ _REACHING = """- **Above**: the number of headings that reach the goal, from eac
 
 
 def _text(plan: Plan, spec: Spec) -> str:
-    """Write the text of the recording."""
     look = _HOW_TO_LOOK if plan.actions.size else ""
     slider = "" if plan.found else _REACHING
     return f"""# From start to goal by bumps

@@ -11,7 +11,7 @@ from ...automata import Policy
 from ...bounce import AdaptivelyLocalized
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
-from ..canvas.palette import CURRENT, KNOWN, PLAIN, Color, angle_color
+from ..canvas.palette import CURRENT, KNOWN, PLAIN, angle_color
 from ..canvas.prose import Spec, counted, degrees, made_with, numbers, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
@@ -85,7 +85,9 @@ def _log_tree(stream: rr.RecordingStream, localized: AdaptivelyLocalized, tree: 
     policy, drawn = localized.policy, sorted(tree)
     names = {state: _name(localized, state) for state in drawn}
     edges = [(above, state) for state, above in tree.items() if above >= 0]
-    colors = np.array([_state_color(policy, state) for state in drawn], np.uint8)
+    turns = {state: int(policy.turn[state]) for state in drawn}
+    color_of = {state: angle_color(turn) for state, turn in turns.items() if turn >= 0}
+    colors = np.array([color_of.get(state, KNOWN if state else PLAIN) for state in drawn], np.uint8)
     place, size = _layout(tree), policy.uncertainty[drawn]
     path, title, visited = "tree/graph", "The policy", localized.run.states
     return log_states(stream, path, title, names, place, edges, size, colors, visited)
@@ -115,13 +117,6 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
     if state in localized.policy.ends:
         does = "localized"
     return f"state {state}: {cells}, {does}"
-
-
-def _state_color(policy: Policy, state: int) -> Color:
-    turn = int(policy.turn[state])
-    if turn >= 0:
-        return angle_color(turn)
-    return PLAIN if state == 0 else KNOWN
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
@@ -156,7 +151,6 @@ Their number, from each cell.
 
 
 def _text(localized: AdaptivelyLocalized, drawn: int, spec: Spec) -> str:
-    """Write the text of the recording."""
     angles = ", ".join(degrees(one) for one in localized.bounces)
     end = localized.run.candidates.size
     where = "**one cell**" if end == 1 else f"one of **{end:,} cells**"

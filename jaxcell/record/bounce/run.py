@@ -72,14 +72,7 @@ def log_localized(
     also: Sequence[str] = (),
     curves: Sequence[rrb.View] = (),
 ) -> rrb.Container:
-    """Log a robot that is localized, the cells where it may be, and their number.
-
-    **Arguments:**
-
-    - `path`: the entity of the numbers of cells.
-    - `also`: further entities on the map.
-    - `curves`: views of further numbers.
-    """
+    """Log a robot that is localized, the cells where it may be, and their number."""
     run, stream, size = localized.run, map.stream, localized.belief_size
     log_beliefs(stream, localized.cells, localized.beliefs)
     log_run(map, (localized.robot_x, localized.robot_y, localized.robot_theta))
@@ -132,18 +125,7 @@ def log_states(
     colors: UInt8[np.ndarray, "*#times states 3"],
     visited: Int[np.ndarray, "times"],
 ) -> rrb.View:
-    """Log states as a graph, in which the current state lights up.
-
-    **Arguments:**
-
-    - `path`: the entity.
-    - `names`: the states to draw, with the texts for the pointer.
-    - `place`: the place of each state, with y down.
-    - `edges`: pairs of states.
-    - `size`: the number of cells of each state.
-    - `colors`: the colours of the other states.
-    - `visited`: the current state at each step.
-    """
+    """Log states, placed with y down, as a graph in which the current state lights up."""
     drawn = np.array([*names])
     nodes = rr.GraphNodes.from_fields(
         node_ids=[*names.values()], positions=place, show_labels=False

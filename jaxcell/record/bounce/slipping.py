@@ -101,6 +101,6 @@ Press play, or drag `step` at the bottom.
 - **pink frame and blue arrow**: the likeliest cell.
 - **green frames**, at the end: the credible set.
 
-The tab **Looking back** shows the probability of each position, given the whole run.
+The tab **Looking back** shows the probability of each position, by the whole run.
 
 {made_with(spec, slipped.cells)}"""

@@ -28,8 +28,17 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
     stride = max(1, -(-team.steps // MAX_TIMES))
     times = np.unique(np.append(np.arange(0, team.steps + 1, stride), team.steps))
     map = CellMap(stream, team.cells)
-    shown = [_log_visited(map, team), "collisions", *_log_robots(map, team, times)]
-    _log_collisions(map, team, times)
+    robots = range(team.starts.size)
+    for robot in robots:
+        poses = team.robot_x[:, robot], team.robot_y[:, robot], team.robot_theta[:, robot]
+        path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
+        log_robot(stream, path, poses, map.arrow, _shade(robot), trail, times)
+    move, collided = np.nonzero(team.collided)
+    # A move is seen at its end.
+    marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
+    map.frames("collisions", team.cell[move, collided], _MARK, times, marks, order=40.0)
+    shown = [_log_visited(map, team), "collisions"]
+    shown += [f"{kind}_{robot}" for kind in ("trail", "robot") for robot in robots]
     seen = map.view("The robots, and the positions that they have visited", shown)
     views = rrb.Vertical(seen, _log_curves(stream, team, times), row_shares=[7, 3])
     tab = log_tab(
@@ -39,7 +48,6 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
 
 
 def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
-    """Log the first visitor of each visited square."""
     classes = [PictureClass("not visited", CLEAR)]
     for robot in range(min(team.starts.size, len(ROBOTS))):
         name, color = robot_color(robot)
@@ -53,28 +61,9 @@ def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
     return map.picture("visited", classes, kind, "step", changes)
 
 
-def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> list[str]:
-    """Log each robot and the trail behind it."""
-    robots, poses = range(team.starts.size), (team.robot_x, team.robot_y, team.robot_theta)
-    for robot in robots:
-        x, y, theta = (one[:, robot] for one in poses)
-        path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
-        log_robot(map.stream, path, (x, y, theta), map.arrow, _shade(robot), trail, times)
-    return [f"{kind}_{robot}" for kind in ("trail", "robot") for robot in robots]
-
-
-def _log_collisions(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> None:
-    """Mark the robots that collided since the time before."""
-    move, robot = np.nonzero(team.collided)
-    # A move is seen at its end.
-    marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
-    map.frames("collisions", team.cell[move, robot], _MARK, times, marks, order=40.0)
-
-
 def _log_curves(
     stream: rr.RecordingStream, team: TeamTrajectory, times: Int[np.ndarray, "times"]
 ) -> rrb.Container:
-    """Log numbers along the trajectory as curves."""
     part = np.searchsorted(team.part_begin, team.time, side="right")
     collisions = np.append(0, np.cumsum(team.collisions))
     of, views = team.cells.positions, []
@@ -104,7 +93,6 @@ def _shade(robot: int) -> Color:
 
 
 def _text(team: TeamTrajectory, stride: int, spec: Spec) -> str:
-    """Write the text of the recording."""
     robots = range(team.starts.size)
     who = {"robot": robots, "colour": [robot_color(robot)[0] for robot in robots]}
     every = f" Every {stride:,}th step is shown." if stride > 1 else ""

@@ -21,16 +21,13 @@ def log_curve(
     values: Num[np.ndarray, "times"],
     timeline: str = "step",
     times: Int[np.ndarray, "times"] | None = None,
-    color: Color = BELIEF,
-    name: str | None = None,
-    shape: Shape = "StepAfter",
-    width: float = 2.0,
+    **style: Any,
 ) -> None:
-    """Log a number at each time as a curve, by default with steps that begin at the times."""
+    """Log a number at each time as a curve, with the style of [`log_curve_style`][]."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
-    log_curve_style(stream, path, color, name, shape, width)
+    log_curve_style(stream, path, **style)
 
 
 def curve(
@@ -55,7 +52,7 @@ def log_curve_style(
     shape: Shape = "StepAfter",
     width: float = 2.0,
 ) -> None:
-    """Log the style of a curve; its numbers are logged later."""
+    """Log the style of a curve, by default with steps that begin at the times."""
     names = None if name is None else [name]
     line = rr.SeriesLines(colors=color, widths=width, interpolation_mode=shape, names=names)
     stream.log(path, line, static=True)
@@ -76,8 +73,6 @@ def curve_view(
     - `last`: the last time; `None` while the recording grows.
     - `most`: the largest number, for an axis from 0 to this number. For counts it is an `int`, and
         the axis is long enough for the viewer to place ticks at whole numbers only.
-    - `legend`: `True` to name the curves.
-    - `first`: the first time.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

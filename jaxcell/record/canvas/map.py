@@ -45,19 +45,11 @@ class CellMap:
         named = [PictureClass(*one) for one in classes]
         log_pictures(stream, "map/grid/free", named, self._squares, order=-20.0)
         if self._sticks_out:
-            fine, beyond = _beyond(self.cells)
+            fine, beyond = self._beyond()
             stream.log("map/beyond", _stretch(self.cells, fine), static=True)
             named = [PictureClass("within the walls", CLEAR), PictureClass(*classes[0])]
             log_pictures(stream, "map/beyond", named, beyond, order=-5.0)
         log_lines(stream, "map/walls", _walls(self.cells), WALL, 1.2, 10.0)
-
-    @functools.cached_property
-    def _sticks_out(self) -> bool:
-        return _sticks_out(self.cells)
-
-    @functools.cached_property
-    def _squares(self) -> UInt8[np.ndarray, "rows columns"]:
-        return _squares(self.cells)
 
     @property
     def margin_legend(self) -> list[tuple[str, Color]]:
@@ -118,8 +110,6 @@ class CellMap:
         """Log the class of each position as a picture, or as one picture per time.
 
         The arguments are those of [`log_pictures`][].
-
-        **Returns:** the name of the entity, for [`CellMap.view`][].
         """
         pictures = on_squares(self.cells, kind)
         log_pictures(self.stream, f"map/grid/{name}", classes, pictures, timeline, times)
@@ -137,8 +127,6 @@ class CellMap:
         **Arguments:**
 
         - `shown`: the direction that each time of a timeline shows.
-
-        **Returns:** the name of the entity, for [`CellMap.view`][].
         """
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
@@ -170,6 +158,49 @@ class CellMap:
         ground = ("walls", "beyond", "grid/free") if self._sticks_out else ("walls", "grid/free")
         shown = [f"/map/{one}" for one in (*ground, *contents)]
         return plane("/", title, box, shown, OBSTACLE)
+
+    @functools.cached_property
+    def _sticks_out(self) -> bool:
+        """Return whether walls cut squares, so that a free square may reach past them."""
+        cells = self.cells
+        if cells.workspace is None:
+            return False
+        strips = [(one - np.array(cells.origin)) / cells.cell for one in _walls(cells)]
+        aligned = all(np.allclose(one, np.rint(one), rtol=0, atol=1e-6) for one in strips)
+        # An edge along one axis keeps the other coordinate.
+        upright = all((np.abs(np.diff(one, axis=0)).min(axis=1) < 1e-6).all() for one in strips)
+        return not (aligned and upright)
+
+    @functools.cached_property
+    def _squares(self) -> UInt8[np.ndarray, "rows columns"]:
+        """Return 0 for squares in an obstacle, 1 for free ones, 2 for those too near a wall."""
+        cells = self.cells
+        squares = cells.free.astype(np.uint8)
+        if self._sticks_out:
+            # Another picture covers the parts in obstacles.
+            squares[squares == 0] = 2
+        elif cells.workspace is not None and cells.workspace.robot_radius > 0:
+            row, column = np.nonzero(~cells.free)
+            x = cells.origin[0] + (column + 0.5) * cells.cell
+            y = cells.origin[1] + (row + 0.5) * cells.cell
+            environment = cells.workspace.environment
+            shapely.prepare(environment)
+            inside = shapely.intersects_xy(environment, x, y)
+            squares[row[inside], column[inside]] = 2
+        return squares
+
+    def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
+        """Return the side of fine squares in metres, and 1 for each square beyond the walls.
+
+        If the map is a picture, several squares make one of its pixels.
+        """
+        cells = self.cells
+        assert cells.workspace is not None
+        rows, columns = cells.free.shape
+        pixel = cells.workspace.cell or cells.cell
+        side = pixel / math.ceil(_FINE * pixel / cells.cell)
+        side = max(side, cells.cell * math.sqrt(rows * columns / _MAX_FINE))
+        return side, rasterise(cells.workspace.environment, self.bounds, side).astype(np.uint8)
 
 
 Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]
@@ -245,49 +276,6 @@ def send_pictures(
 def _stretch(cells: CellSpace, side: float) -> rr.Transform3D:
     """Return the transform of a picture, whose pixels have this side in metres, to the map."""
     return rr.Transform3D(translation=[*cells.origin, 0], scale=[side, side, 1])
-
-
-def _sticks_out(cells: CellSpace) -> bool:
-    """Return whether walls cut squares, so that a free square may reach past them."""
-    if cells.workspace is None:
-        return False
-    strips = [(one - np.array(cells.origin)) / cells.cell for one in _walls(cells)]
-    aligned = all(np.allclose(one, np.rint(one), rtol=0, atol=1e-6) for one in strips)
-    # An edge along one axis keeps the other coordinate.
-    upright = all((np.abs(np.diff(one, axis=0)).min(axis=1) < 1e-6).all() for one in strips)
-    return not (aligned and upright)
-
-
-def _beyond(cells: CellSpace) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
-    """Return the side of fine squares in metres, and 1 for each square beyond the walls.
-
-    If the map is a picture, several squares make one of its pixels.
-    """
-    assert cells.workspace is not None
-    rows, columns = cells.free.shape
-    pixel = cells.workspace.cell or cells.cell
-    side = pixel / math.ceil(_FINE * pixel / cells.cell)
-    side = max(side, cells.cell * math.sqrt(rows * columns / _MAX_FINE))
-    left, bottom = cells.origin
-    box = left, bottom, left + columns * cells.cell, bottom + rows * cells.cell
-    return side, rasterise(cells.workspace.environment, box, side).astype(np.uint8)
-
-
-def _squares(cells: CellSpace) -> UInt8[np.ndarray, "rows columns"]:
-    """Return 0 for squares in an obstacle, 1 for free ones, 2 for those too near a wall."""
-    squares = cells.free.astype(np.uint8)
-    if _sticks_out(cells):
-        # Another picture covers the parts in obstacles.
-        squares[squares == 0] = 2
-    elif cells.workspace is not None and cells.workspace.robot_radius > 0:
-        row, column = np.nonzero(~cells.free)
-        x = cells.origin[0] + (column + 0.5) * cells.cell
-        y = cells.origin[1] + (row + 0.5) * cells.cell
-        environment = cells.workspace.environment
-        shapely.prepare(environment)
-        inside = shapely.intersects_xy(environment, x, y)
-        squares[row[inside], column[inside]] = 2
-    return squares
 
 
 def _walls(cells: CellSpace) -> list[Float[np.ndarray, "points 2"]]:

@@ -140,7 +140,6 @@ def log_arrows(
     radius: float,
     order: float,
 ) -> None:
-    """Log arrows that begin at places."""
     arrows = rr.Arrows2D(origins=xy, vectors=vectors, colors=color, radii=radius, draw_order=order)
     stream.log(path, arrows, static=True)
 
@@ -163,14 +162,8 @@ def log_robot(
 
     **Arguments:**
 
-    - `path`: the entity of the robot.
-    - `poses`: the pose of each state.
-    - `length`: the length of the arrow.
-    - `trail`: the entity of the trail.
     - `times`: the states to show; by default all.
     - `trail_color`: by default the colour of the robot.
-    - `corners`: the number of corners of the trail.
-    - `width`: the width of the trail, in points of the screen.
     - `middle`: the share of the arrow behind the centre of the robot; with a half, the arrow stays
         in its square at any heading.
     - `order`: the drawing order of the robot; the trail lies below it.
@@ -205,7 +198,6 @@ def log_walker(
 
     **Arguments:**
 
-    - `radius`: the radius of the dot.
     - `width`: the width of the line along the last steps, in points of the screen.
     - `rim`: the width of a light rim of this line, or `None` for no rim.
     """

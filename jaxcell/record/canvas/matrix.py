@@ -36,7 +36,6 @@ def log_matrix(
     **Arguments:**
 
     - `values`: the numbers, not negative; NaN where there is none.
-    - `rows`, `columns`: their names.
     - `unit`: the unit of the numbers, or an empty text.
     - `margin`: the space for the names of rows, in squares.
 

@@ -41,7 +41,6 @@ def log_tab(
     **Arguments:**
 
     - `path`: the entity above its text and legend; empty for the whole recording.
-    - `name`: the name of the tab.
     - `views`: the views on the left; several make a grid, and the legend fills a hole in it.
     - `text`: the text in Markdown; it may be empty if there is a legend.
     - `legend`: the meanings of the colours, or an empty list. For a legend that changes over time,

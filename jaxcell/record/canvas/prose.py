@@ -19,7 +19,6 @@ Spec: TypeAlias = Mapping[str, Any]
 
 
 def describe(cells: CellSpace) -> str:
-    """Describe the map and its cells."""
     if cells.workspace is not None:
         place = cells.workspace.describe()
     else:
@@ -64,10 +63,6 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = 
 def numbers(result: Result, cells: CellSpace | None = None) -> str:
     """Write the single numbers and texts of a result as a table in Markdown.
 
-    **Arguments:**
-
-    - `cells`: the cells of its positions; by default the cells of the result.
-
     **Returns:** the table; an empty text if there is nothing to show.
     """
     singles, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
@@ -88,8 +83,6 @@ def described(
     - `results`: one result, with a row per element along the dimension of the quantities; or
         several results of one class, with a row per result.
     - `names`: the quantities; a quantity that no result has is left out.
-    - `first`: columns before the quantities, by their heads.
-    - `most`: the largest number of rows.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])

@@ -88,13 +88,11 @@ class Scale:
 
     @property
     def colors(self) -> list[Color]:
-        """The colour of each level."""
         rows = ramp(np.linspace(0, 1, self.bounds.size - 1)).tolist()
         return [(red, green, blue) for red, green, blue in rows]
 
     @property
     def classes(self) -> list[PictureClass]:
-        """The classes of a picture."""
         ground = [(self.ground, CLEAR), *self.special.items()]
         named = zip(map(self._range, range(len(self.colors))), self.colors, strict=True)
         return [PictureClass(*one) for one in (*ground, *named)]
@@ -108,7 +106,6 @@ class Scale:
 
         **Arguments:**
 
-        - `values`: the numbers.
         - `special`: masks of the special classes, by their meanings; later ones win.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")
@@ -139,12 +136,10 @@ class Scale:
         return levels + [(name, self.special[name]) for name in names]
 
     def _bound(self, number: int) -> str:
-        """Return the meaning of a bound."""
         more = " or more" if self.open and number == self.bounds.size - 1 else ""
         return self.label(self._written(self.bounds[number])) + more
 
     def _range(self, level: int) -> str:
-        """Return the meaning of a level."""
         low, high = self.bounds[level], self.bounds[level + 1] - self.whole
         if self.open and level == self.bounds.size - 2:
             return f"{self.label(self._written(low))} or more"

@@ -23,9 +23,6 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
     """Open a stream into a file, which appears only if the block ends without an error.
 
     In the block, Rerun raises for bad arguments.
-
-    **Raises:** `ValueError` if the name does not end in `.rrd`, as the viewer requires;
-    `FileNotFoundError` if the folder does not exist; `OSError` if the disk is full.
     """
     if Path(path).suffix != ".rrd":
         raise ValueError(f"{path}: expected the name of a recording, which ends in .rrd")

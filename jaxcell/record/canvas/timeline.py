@@ -24,7 +24,6 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 
     **Arguments:**
 
-    - `name`: the name of the parameter.
     - `values`: its values. If they are texts, or not all different, their numbers are the times.
     """
     times, digits = _scaled(values) if values.dtype.kind in "iuf" else (values, None)

@@ -120,8 +120,6 @@ def check_attributes(title: str, checks: Checks) -> dict[str, float | int]:
 
     Checks are computed from the arrays of the dataset only, so they can be repeated on a saved
     file. The limits are far above rounding: only a defect, or altered arrays, exceed them.
-
-    **Raises:** `RuntimeError` if a value exceeds its limit.
     """
     for name, (value, limit) in checks.items():
         if not (value <= limit or limit == np.inf):
@@ -158,7 +156,6 @@ def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, n
 
 
 def _checks(result: Result, prefix: str) -> Checks:
-    """Return the checks of a result and of its parts."""
     checks = {prefix + name: check for name, check in result.checks().items()}
     for name, part in parts(result).items():
         if not isinstance(part, tuple):

@@ -75,7 +75,6 @@ def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
 
 
 def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
-    """Convert a value of a quantity to JSON."""
     if isinstance(value, str | bool | None):
         return value
     array = np.asarray(value)

@@ -19,8 +19,6 @@ _MAX_COLUMNS = 3
 
 
 class Table(NamedTuple):
-    """A table of texts."""
-
     title: str
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -29,15 +27,7 @@ class Table(NamedTuple):
 def tables(
     result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
 ) -> Iterator[Table]:
-    """Make a table of the single numbers of a result, its other tables, and those of its parts.
-
-    **Arguments:**
-
-    - `result`: the result of a study.
-    - `heading`: the title of the first table.
-    - `seconds`: the time of the computation.
-    - `cells`: the cells of its positions; by default those of the result.
-    """
+    """Make a table of the single numbers of a result, its other tables, and those of its parts."""
     described, below = _brief(result), parts(result)
     for part in below.values():
         if isinstance(part, tuple) and len(part) == 1:
@@ -67,13 +57,11 @@ def tables(
 
 
 def _brief(result: Result) -> dict[str, tuple[Quantity, Any]]:
-    """Return the quantities to show."""
     found = summarized(result)
     return {name: found[name] for name in result.brief if name in found} or found
 
 
 def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]:
-    """Make the tables of a result along its dimensions."""
     described = summarized(result)
     for dim, found in columns(result).items():
         if result.brief and dim not in result.brief:

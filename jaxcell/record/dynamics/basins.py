@@ -6,20 +6,19 @@ from jaxtyping import Int, UInt8
 from ...dynamics import Basins, Continuation
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import log_pictures
-from ..canvas.marks import LABEL, log_labels
+from ..canvas.marks import LABEL
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES, MARGIN, OBSTACLE, PLAIN, Color, PictureClass, mix, tint
 from ..canvas.prose import Spec, described, made_with, numbers
 from ..canvas.scale import Scale
-from ..canvas.stream import plane, send_blueprint, send_changing
+from ..canvas.stream import send_blueprint, send_changing
 from ..canvas.timeline import along_values
+from .box import SIDE, category, log_axes, scaled, view
 
 
-# Sides of the drawn box, whatever the units of its axes.
-_SIDE = 10.0
-_AROUND = -3, -1.2, _SIDE + 1, _SIDE + 1.4
 _OUT: Color = MARGIN
 _MAX_NAMED = len(CATEGORIES)
+_PICTURES = "basins", "steps"
 _SEEN = """Cells of one colour lead to the same attractor, which has a dark shade; grey cells lead
 out of the box. A period is in mappings, 0 where an orbit does not come back."""
 
@@ -41,11 +40,11 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     scale = Scale.counting(0, int(basins.step.max()), "{} mappings".format, ground="out of the box")
     steps = _slices(basins, np.where(basins.basin < 0, 0, scale.levels(basins.step)), times)
     log_pictures(stream, "box/steps", scale.classes, steps, "slice", times)
-    _log_ends(stream, basins)
+    log_axes(stream, basins.box, basins.names, _PICTURES)
     _log_edges(stream, basins)
     views: list[rrb.View] = [
-        _view("Basins", "basins", "edges/**"),
-        _view("Mappings to the attractor", "steps"),
+        view("Basins", "basins", "edges/**"),
+        view("Mappings to the attractor", "steps"),
     ]
     if _deep(basins):
         _log_orbits(stream, basins)
@@ -74,9 +73,9 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
     log_pictures(stream, "box/basins", _classes(branches.attractors), pictures, line, times)
     for number, share in enumerate(branches.fraction.T):
         curve = f"fractions/attractor_{number}"
-        log_curve(stream, curve, share, line, times, _color(number), shape="Linear")
-    _log_ends(stream, branches.members[0])
-    style = {**LABEL, "positions": [[_SIDE / 2, -0.6]]}
+        log_curve(stream, curve, share, line, times, color=category(number), shape="Linear")
+    log_axes(stream, branches.members[0].box, branches.members[0].names, _PICTURES)
+    style = {**LABEL, "positions": [[SIDE / 2, -0.6]]}
     send_changing(
         stream,
         "box/parameters",
@@ -94,7 +93,7 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
     text = "\n\n".join([_heading(branches, spec), seen, table, made_with(spec)])
     first, last = int(times.min()), int(times.max())
     curves = curve_view("fractions", f"Share of the box, along {line}", last, 1.0, first=first)
-    views = [_view("Basins", "basins", "parameters"), curves]
+    views = [view("Basins", "basins", "parameters"), curves]
     legend = _legend(branches.attractors)
     tab = log_tab(stream, "", branches.title, views, text, legend)
     send_blueprint(stream, [tab], line, speed=max(4.0, (last - first) / 10))
@@ -110,7 +109,7 @@ def _classes(attractors: int) -> list[PictureClass]:
     """Return the classes: 0 leads to no attractor; then the basin of each attractor, and itself."""
     named = [PictureClass("out of the box", _OUT)]
     for k in range(attractors):
-        color = _color(k)
+        color = category(k)
         named += [
             PictureClass(f"leads to attractor {k}", tint(color, 0.35)),
             PictureClass(f"attractor {k}", mix(color, OBSTACLE, 0.6)),
@@ -118,12 +117,8 @@ def _classes(attractors: int) -> list[PictureClass]:
     return named[:256]
 
 
-def _color(attractor: int) -> Color:
-    return list(CATEGORIES.values())[attractor] if attractor < _MAX_NAMED else PLAIN
-
-
 def _legend(attractors: int) -> list[tuple[str, Color]]:
-    named = [(f"attractor {k}", _color(k)) for k in range(min(attractors, _MAX_NAMED))]
+    named = [(f"attractor {k}", category(k)) for k in range(min(attractors, _MAX_NAMED))]
     more = attractors - len(named)
     other = [(f"{more} more attractors", PLAIN)] if more else []
     return [*named, *other, ("out of the box", _OUT)]
@@ -173,15 +168,13 @@ def _pictures(
 
 def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
     """Log the attractors of a box with three axes or more, in its first three."""
-    size = np.array(basins.box.upper) - np.array(basins.box.lower)
     each = {f"attractor_{k}": orbit for k, orbit in enumerate(basins.orbit[:_MAX_NAMED])}
     if basins.attractors > _MAX_NAMED:
         each["more_attractors"] = np.concatenate(basins.orbit[_MAX_NAMED:])
     for k, (name, orbit) in enumerate(each.items()):
-        place = _SIDE * (orbit[:, :3] - np.array(basins.box.lower)[:3]) / size[:3]
-        cloud = rr.Points3D(place, colors=_color(k), radii=0.08)
+        cloud = rr.Points3D(scaled(basins.box, orbit)[:, :3], colors=category(k), radii=0.08)
         stream.log(f"space/{name}", cloud, static=True)
-    half = np.full(3, _SIDE / 2)
+    half = np.full(3, SIDE / 2)
     frame = rr.Boxes3D(centers=[half], half_sizes=[half], colors=PLAIN)
     stream.log("space/box", frame, static=True)
 
@@ -192,11 +185,10 @@ def _log_edges(stream: rr.RecordingStream, basins: Basins) -> None:
     if edges is None or not edges.period.size:
         return
     pad = [(0, 0), (0, max(0, 2 - box.dimensions))]
-    size = np.array(box.upper) - np.array(box.lower)
 
     def drawn(points: np.ndarray) -> np.ndarray:
-        place = np.pad((box.wrapped(points) - np.array(box.lower)) / size, pad)[:, :2]
-        return _SIDE * np.where([False, True], 1 - place, place)
+        place = np.pad(scaled(box, box.wrapped(points)), pad)[:, :2]
+        return np.where([False, True], SIDE - place, place)
 
     # A refined state is drawn at its point alone.
     moving = [edges.orbit[k] for k in np.flatnonzero(edges.period == 0)]
@@ -209,30 +201,3 @@ def _log_edges(stream: rr.RecordingStream, basins: Basins) -> None:
     labels = [f"{one} | {other}" for one, other in zip(edges.first, edges.second, strict=True)]
     states = rr.Points2D(drawn(edges.point), colors=OBSTACLE, radii=0.1, labels=labels)
     stream.log("box/edges/states", states, static=True)
-
-
-def _log_ends(stream: rr.RecordingStream, basins: Basins) -> None:
-    """Log the ends and the names of the drawn axes."""
-    box = basins.box
-    columns, rows = box.cells[0], box.cells[1] if box.dimensions > 1 else 1
-    stretch = rr.Transform3D(translation=[0, _SIDE, 0], scale=[_SIDE / columns, -_SIDE / rows, 1])
-    for name in ("basins", "steps"):
-        stream.log(f"box/{name}", stretch, static=True)
-    below = _SIDE + 0.2
-    names = (*basins.names, "")
-    labels = [
-        (f"{box.lower[0]:.4g}", 0.0, below),
-        (names[0], _SIDE / 2, below),
-        (f"{box.upper[0]:.4g}", _SIDE, below),
-    ]
-    if box.dimensions > 1:
-        labels += [
-            (f"{box.upper[1]:.4g}", -0.7, 0.0),
-            (names[1], -1.4, _SIDE / 2),
-            (f"{box.lower[1]:.4g}", -0.7, _SIDE - 0.4),
-        ]
-    log_labels(stream, "box/ends", labels)
-
-
-def _view(title: str, *shown: str) -> rrb.Spatial2DView:
-    return plane("box", title, _AROUND, [f"/box/{one}" for one in (*shown, "ends")])

@@ -42,7 +42,6 @@ class Ground:
     "The dimensions that are drawn."
 
     def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-        """Draw a quantity on the ground."""
         raise NotImplementedError
 
 

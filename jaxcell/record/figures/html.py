@@ -21,10 +21,6 @@ _ROWS = 12
 def html(result: Result) -> str:
     """Describe a result in HTML that needs neither files nor a kernel.
 
-    **Arguments:**
-
-    - `result`: the result of a study.
-
     **Returns:** its remarks, the tables that a command prints, the dimensions of its arrays, and a
     picture, if it has an array and matplotlib is installed.
     """

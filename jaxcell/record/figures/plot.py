@@ -70,7 +70,9 @@ def plot(
     for dim in [dim for dim in dims if dim not in kept or dim in options]:
         entry = options.pop(dim, -1 if dim in _PROCESSES else 0)
         labels, _ = _coordinate(owner, dim, array.shape[dims.index(dim)])
-        chosen += [f"{dim.replace('_', ' ')} {_text(labels[entry])}"]
+        label = labels[entry]
+        text = f"{label:g}" if isinstance(label, float) else str(label)
+        chosen += [f"{dim.replace('_', ' ')} {text}"]
         array = array.take(entry, dims.index(dim))
         dims.remove(dim)
     if ax is None:
@@ -145,12 +147,7 @@ def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
     return list(range(size)), dim.replace("_", " ")
 
 
-def _text(label: Any) -> str:
-    return f"{label:g}" if isinstance(label, float) else str(label)
-
-
 def _draw_image(ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw an array of two dimensions."""
     colored = drawn.colored()
     image = ax.imshow(
         colored.values,

@@ -193,7 +193,6 @@ class RobotRecording:
                 self._follow(robot)
 
     def _follow(self, robot: Track) -> None:
-        """Log the new poses of a robot."""
         poses, observation = robot.follow()
         if not len(poses):
             return
@@ -259,37 +258,31 @@ class RobotRecording:
 
     def _log_styles(self) -> None:
         """Log the styles of marks and curves, which do not change."""
-        styles: dict[str, rr.AsComponents] = {"odometry": rr.Transform3D(scale=[1, -1, 1])}
+        self._stream.log("odometry", rr.Transform3D(scale=[1, -1, 1]), static=True)
+        styles: list[tuple[str, Any, Color, float, float]] = []
         if self._of_filter is not None:
             log_belief_style(self._stream, self._of_filter)
             log_shades(self._stream)
-            frame = rr.Boxes2D.from_fields(colors=KNOWN, radii=points(2.5), draw_order=30)
-            styles["map/candidates"] = frame
+            styles.append(("map/candidates", rr.Boxes2D, KNOWN, points(2.5), 30))
         for robot in self._robots:
-            name, estimate = robot.about.name, f"{self._frame(robot)}/estimates/{robot.about.name}"
-            trail = TRAIL if len(self._robots) == 1 else robot.color
-            styles |= {
-                f"map/robots/{name}": rr.Arrows2D.from_fields(
-                    colors=robot.color, radii=self._length / 7, draw_order=18
-                ),
-                estimate: rr.Points2D.from_fields(
-                    colors=_ESTIMATE, radii=points(5.0), draw_order=28
-                ),
-                f"map/trails/{name}": _line(trail, 15.0),
-                f"{estimate}/trail": _line(_ESTIMATE, 14.0),
-            }
-            if robot.about.radius:
-                styles[f"map/robots/{name}/body"] = rr.Points2D.from_fields(
-                    colors=mix(robot.color, (255, 255, 255), 0.6),
-                    radii=robot.about.radius,
-                    draw_order=17,
-                )
+            name, color, radius = robot.about.name, robot.color, robot.about.radius
+            estimate, line = f"{self._frame(robot)}/estimates/{name}", rr.LineStrips2D
+            trail = TRAIL if len(self._robots) == 1 else color
+            body, wide = mix(color, (255, 255, 255), 0.6), points(1.5)
+            styles += [
+                (f"map/robots/{name}", rr.Arrows2D, color, self._length / 7, 18),
+                (f"map/trails/{name}", line, trail, wide, 15),
+                (estimate, rr.Points2D, _ESTIMATE, points(5.0), 28),
+                (f"{estimate}/trail", line, _ESTIMATE, wide, 14),
+            ]
+            if radius:
+                styles.append((f"map/robots/{name}/body", rr.Points2D, body, radius, 17))
             if robot.about.touches is not None:
-                styles[f"map/robots/{name}/touch"] = rr.Points2D.from_fields(
-                    colors=_TOUCH, radii=points(6.0), draw_order=29
-                )
-            log_curve_style(self._stream, f"robot/{name}/bumped", robot.color)
-        for path, style in styles.items():
+                touch = f"map/robots/{name}/touch"
+                styles.append((touch, rr.Points2D, _TOUCH, points(6.0), 29))
+            log_curve_style(self._stream, f"robot/{name}/bumped", color)
+        for path, kind, color, radius, order in styles:
+            style = kind.from_fields(colors=color, radii=radius, draw_order=order)
             self._stream.log(path, style, static=True)
         curves = {"filter/uncertainty": BELIEF, "filter/color": KNOWN}
         curves |= {"belief/credible": BELIEF, "belief/nowhere": _ESTIMATE}
@@ -324,30 +317,21 @@ class RobotRecording:
     def _layout(self) -> rrb.Container:
         views: list[rrb.View] = []
         if self._map is not None:
-            shown = [
-                "grid/heat",
-                "credible",
-                "grid/belief",
-                "belief",
-                "trails/**",
-                "robots/**",
-                "estimates/**",
-            ]
-            views.append(self._map.view("Places on the map", [*shown, "candidates"]))
+            shown = "grid/heat", "credible", "grid/belief", "belief"
+            marks = "trails/**", "robots/**", "estimates/**", "candidates"
+            views.append(self._map.view("Places on the map", [*shown, *marks]))
         if any(self._frame(robot) == "odometry" for robot in self._robots):
             title = "Places by odometry"
             views.append(rrb.Spatial2DView(origin="odometry", name=title, background=OBSTACLE))
-        curves: list[rrb.View] = []
+        charts: list[tuple[str, str, float | int | None]] = []
         if self._filter is not None:
-            colors = int(self._filter.color.max())
-            curves.append(curve_view("filter/uncertainty", "Cells where it may be", None))
-            curves.append(curve_view("filter/color", "Colour of the filter", None, colors))
+            charts.append(("filter/uncertainty", "Cells where it may be", None))
+            charts.append(("filter/color", "Colour of the filter", int(self._filter.color.max())))
         if self._heat is not None:
-            credible = "Cells of the credible set, 95 %"
-            curves.append(curve_view("belief/credible", credible, None))
-            nowhere = "Probability of being nowhere"
-            curves.append(curve_view("belief/nowhere", nowhere, None, 1.0))
-        curves.append(curve_view("robot", "Bumps (1) and steps (0)", None))
+            charts.append(("belief/credible", "Cells of the credible set, 95 %", None))
+            charts.append(("belief/nowhere", "Probability of being nowhere", 1.0))
+        charts.append(("robot", "Bumps (1) and steps (0)", None))
+        curves = [curve_view(path, title, None, most) for path, title, most in charts]
         observed = rrb.TextLogView(origin="log", name="Observations")
         return rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*views), rrb.Horizontal(*curves), row_shares=[7, 3]),
@@ -357,34 +341,26 @@ class RobotRecording:
         )
 
     def _text(self) -> str:
-        marks = ["- **Pink**: its place by the encoders of its wheels."]
-        if any(robot.about.trace is not None for robot in self._robots):
-            marks.insert(
-                0, "- **Arrow and line**: the true pose of the emulated robot, and its trail."
-            )
-        if any(robot.about.radius for robot in self._robots):
-            marks.insert(1, "- **Disc**: its body.")
-        if any(robot.about.touches is not None for robot in self._robots):
-            marks.insert(2, "- **Light blue**: the place where a wall touches it.")
-        if self._of_filter is not None:
-            by = "filter"
-            if isinstance(self._filter, Policy):
-                by = "policy, at each bump and before it turns"
-            marks += [
-                f"- **Blue**: the cells where it may be, by its {by}; squares if there are more "
-                f"than {MAX_ARROWS}.",
-                "- **Green**: the cells that are left when it is localized.",
-            ]
-        if self._heat is not None:
-            marks += [
-                "- **Colours**: the probability of each position by its belief, from dark (0.001) "
-                "to bright.",
-                "- **Green**: the cells that hold it with probability 0.95, if they are few.",
-            ]
-        parts = ["# A run of a robot", "\n".join(marks)]
-        parts += ["The timeline `observation` counts its observations."]
-        return "\n\n".join(filter(None, [*parts, made_with(self._spec, self._cells)]))
-
-
-def _line(color: Color, order: float) -> rr.AsComponents:
-    return rr.LineStrips2D.from_fields(colors=color, radii=points(1.5), draw_order=order)
+        robots, policy = [robot.about for robot in self._robots], isinstance(self._filter, Policy)
+        by = "policy, at each bump and before it turns" if policy else "filter"
+        filtered, heated = self._of_filter is not None, self._heat is not None
+        marks = {
+            "**Arrow and line**: the true pose of the emulated robot, and its trail.": any(
+                robot.trace is not None for robot in robots
+            ),
+            "**Disc**: its body.": any(robot.radius for robot in robots),
+            "**Light blue**: the place where a wall touches it.": any(
+                robot.touches is not None for robot in robots
+            ),
+            "**Pink**: its place by the encoders of its wheels.": True,
+            f"**Blue**: the cells where it may be, by its {by}; squares if there are more than "
+            f"{MAX_ARROWS}.": filtered,
+            "**Green**: the cells that are left when it is localized.": filtered,
+            "**Colours**: the probability of each position by its belief, from dark (0.001) to "
+            "bright.": heated,
+            "**Green**: the cells that hold it with probability 0.95, if they are few.": heated,
+        }
+        listed = "\n".join(f"- {mark}" for mark, drawn in marks.items() if drawn)
+        counts = "The timeline `observation` counts its observations."
+        parts = ["# A run of a robot", listed, counts, made_with(self._spec, self._cells)]
+        return "\n\n".join(filter(None, parts))

@@ -51,7 +51,6 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 
     **Arguments:**
 
-    - `dataset`: the result of a sweep.
     - `most`: the most steps of an axis. If there are more values, neighbours share a step.
     """
     all_axes = [
@@ -83,13 +82,6 @@ def statistics(
     values: Float[np.ndarray, "*sizes"], known: Bool[np.ndarray, "*sizes"], place: int, axis: Axis
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
     """Compute quantiles of the members of each step of an axis.
-
-    **Arguments:**
-
-    - `values`: the numbers of all members.
-    - `known`: `True` for the members that count.
-    - `place`: the index of the dimension of the axis in `values`.
-    - `axis`: the axis.
 
     **Returns:** the steps that have members, their `QUANTILES`, and `True` if no step has several.
     """

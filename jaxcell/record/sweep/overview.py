@@ -121,7 +121,8 @@ def _log_variable(
         for label, row in zip(labels, rows, strict=False):
             path = f"series/{name}/{label.replace(' ', '_')}"
             at, width = axis.times[steps], 2.5 if label in ("median", "value") else 1.2
-            log_curve(stream, path, row, axis.timeline, at, _COLORS[label], label, "Linear", width)
+            style = {"color": _COLORS[label], "name": label, "shape": "Linear", "width": width}
+            log_curve(stream, path, row, axis.timeline, at, **style)
     legend = rrb.PlotLegend(visible=True, corner=rrb.Corner2D.RightTop)
     title = _meaning(variable) or name
     series = rrb.TimeSeriesView(origin=f"series/{name}", name=title, plot_legend=legend)
@@ -189,7 +190,6 @@ def _meaning(variable: xr.DataArray) -> str:
 def _text(
     dataset: xr.Dataset, all_axes: Sequence[Axis], shown: Sequence[str], failures: Sequence[str]
 ) -> str:
-    """Write the text of the recording."""
     status = dataset["status"]
     sizes = " x ".join(f"{status.sizes[name]:,} {name}" for name in status.dims)
     done, failed, undone = (int((status == state).sum()) for state in (1, 2, 0))

@@ -3,17 +3,12 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
+from ... import bounce, space, walls
 from ..map_study import MapStudy
 from ..parameters import AtLeastOne, Degrees, Length, Only
 from ..study import Say, numbers
-
-
-if TYPE_CHECKING:
-    from ...bounce import Anywhere, HomeFromAnywhere
-    from ...space import Workspace
-    from ...walls import Errors, Trial, WallFilter
 
 
 _DEGREE = math.pi / 180
@@ -57,13 +52,8 @@ class AnywhereStudy(MapStudy):
         if self.anywhere:
             self.bounds()
 
-    def bounds(self) -> "Errors":
-        """Read the bounds of the errors.
-
-        **Raises:** `ValueError` that names the bound.
-        """
-        from ...walls import Errors
-
+    def bounds(self) -> "walls.Errors":
+        """Read the bounds of the errors."""
         bounds = {}
         for text in self.errors:
             name, _, value = text.partition("=")
@@ -71,17 +61,15 @@ class AnywhereStudy(MapStudy):
                 raise ValueError(f"errors {text!r}: expected one of {', '.join(_ERRORS)}, with =")
             expected = "a number after ="
             bounds[name] = numbers("errors", value, 1, expected)[0] * _ERRORS[name]
-        return Errors(**bounds)
+        return walls.Errors(**bounds)
 
     def needed(self, extent: Any) -> float | int:
         return 0 if self.anywhere else super().needed(extent)
 
-    def filter(self, cells: Any) -> "WallFilter":
+    def filter(self, cells: Any) -> "walls.WallFilter":
         """Build the filter of the walls of a room."""
-        from ...walls import WallFilter
-
         step = cells.cell if self.step is None else self.step
-        return WallFilter.of(
+        return walls.WallFilter.of(
             cells.workspace,
             headings=self._known_headings(cells),
             slices=self.slices,
@@ -94,9 +82,8 @@ class AnywhereStudy(MapStudy):
         """The aim of the choice among angles, and the number of bumps to look ahead."""
         return {}
 
-    def save_task(self, result: "Anywhere", out: Path) -> None:
+    def save_task(self, result: "bounce.Anywhere", out: Path) -> None:
         """Write the task file for `jaxcell robot run`."""
-        from ...bounce import HomeFromAnywhere
         from ...robot.tasks.anywhere_task import save_anywhere
 
         cells, filter = result.cells, result.filter
@@ -112,7 +99,7 @@ class AnywhereStudy(MapStudy):
             "known_m": result.radius,
             **self.choice,
         }
-        if isinstance(result, HomeFromAnywhere):
+        if isinstance(result, bounce.HomeFromAnywhere):
             about |= {"goal_m": result.homing.goal, "goal_radius_m": result.homing.radius}
         assert cells.workspace is not None
         save_anywhere(out / "anywhere.json", cells.workspace, **about)
@@ -120,41 +107,15 @@ class AnywhereStudy(MapStudy):
     def _known_headings(self, cells: Any) -> int | None:
         return cells.directions if self.heading == "known" else None
 
-    def localized_anywhere(
-        self, bounces: tuple[Degrees, ...], start: str | None, say: Say
-    ) -> "Anywhere":
-        """Localize robots that start anywhere."""
-        from ...bounce import Anywhere
-
-        driven = self._driven(bounces, start, say)
-        return Anywhere(**driven)
-
-    def home_from_anywhere(
-        self,
-        bounces: tuple[Degrees, ...],
-        goal: tuple[float, float],
-        goal_radius: float,
-        start: str | None,
-        say: Say,
-    ) -> "HomeFromAnywhere":
-        """Bring robots that start anywhere to a goal."""
-        from ...bounce import HomeFromAnywhere
-
-        driven = self._driven(bounces, start, say, (goal, goal_radius))
-        planned = _planned(driven["cells"], driven["bounces"], driven["trial"], goal)
-        return HomeFromAnywhere(**driven, **planned)
-
-    def _driven(
+    def run_anywhere(
         self,
         bounces: tuple[Degrees, ...],
         start: str | None,
         say: Say,
         goal: tuple[tuple[float, float], float] | None = None,
-    ) -> dict[str, Any]:
-        """Drive the robots, to a goal and its radius if there is one."""
+    ) -> "bounce.Anywhere":
+        """Drive robots that start anywhere until they are localized, or to a goal with a radius."""
         import numpy as np
-
-        from ...walls import Homing, drive_anywhere
 
         cells = self.cells()
         workspace = cells.workspace
@@ -164,9 +125,9 @@ class AnywhereStudy(MapStudy):
         angles = np.radians(bounces)
         homing = None
         if goal is not None:
-            homing = Homing(filter, *goal, tuple(angles.tolist()))
+            homing = walls.Homing(filter, *goal, tuple(angles.tolist()))
             say("counting bumps to the goal")
-        trial = drive_anywhere(
+        trial = walls.drive_anywhere(
             workspace,
             filter,
             angles.tolist(),
@@ -180,16 +141,16 @@ class AnywhereStudy(MapStudy):
             say=say,
         )
         radius = cells.cell / 2 if self.radius is None else self.radius
-        driven = {"cells": cells, "filter": filter, "headings": self._known_headings(cells)}
-        driven |= {"bounces": angles, "radius": radius, "trial": trial}
-        return driven if homing is None else driven | {"homing": homing}
+        driven: dict[str, Any] = {"cells": cells, "filter": filter, "bounces": angles}
+        driven |= {"radius": radius, "trial": trial, "headings": self._known_headings(cells)}
+        if homing is None:
+            return bounce.Anywhere(**driven)
+        planned = _planned(cells, angles, trial, homing.goal)
+        return bounce.HomeFromAnywhere(**driven, homing=homing, **planned)
 
 
-def pose_at(workspace: "Workspace", text: str, parameter: str) -> tuple[float, float, float]:
-    """Read a pose in the free space of a room.
-
-    **Raises:** `ValueError` that names the parameter, for any other place.
-    """
+def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[float, float, float]:
+    """Read a pose in the free space of a room."""
     import shapely
 
     x, y, heading = numbers(parameter, text, 3, '"x,y,heading" in metres and degrees')
@@ -198,15 +159,14 @@ def pose_at(workspace: "Workspace", text: str, parameter: str) -> tuple[float, f
     return x, y, math.radians(heading)
 
 
-def _planned(cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float]) -> dict[str, Any]:
+def _planned(
+    cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
+) -> dict[str, Any]:
     """Return the median bumps and metres of plans of cells, which know their starts.
 
     Both are `None` if an angle is no multiple of the angle between directions.
     """
     import numpy as np
-
-    from ...bounce import plan
-    from ...space import nearest_cell
 
     step = 2 * math.pi / cells.directions
     if np.abs(angles / step - np.round(angles / step)).max() > 1e-9:
@@ -214,9 +174,9 @@ def _planned(cells: Any, angles: Any, trial: "Trial", goal: tuple[float, float])
     end = int(cells.index(*goal, 0.0)) % cells.positions
     plans = []
     for place, heading in zip(trial.start[:_PLANS], trial.heading[:_PLANS, 0], strict=True):
-        start = int(nearest_cell(cells, place[0], place[1], heading))
+        start = int(space.nearest_cell(cells, place[0], place[1], heading))
         candidates = [
-            plan(cells, bounces=angles, start=start, goal=direction * cells.positions + end)
+            bounce.plan(cells, bounces=angles, start=start, goal=direction * cells.positions + end)
             for direction in range(0, cells.directions, max(1, cells.directions // 8))
         ]
         arriving = [candidate for candidate in candidates if candidate.found]

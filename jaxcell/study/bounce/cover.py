@@ -1,17 +1,13 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
 
+from ... import bounce, space, verify as verification
 from ..map_study import MapStudy
 from ..parameters import AtLeastOne, Degrees, Limit
 from ..study import Say, silent
-
-
-if TYPE_CHECKING:
-    from ...bounce import CoveragePolicy
-    from ...space.extent import Extent
-    from ...verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -38,24 +34,19 @@ class Cover(MapStudy):
     """Number of directions."""
 
     def check_files(self) -> None:
-        from .target import check_target
-
         super().check_files()
         check_target(self.target)
 
-    def needed(self, extent: "Extent") -> float | int:
-        from ...space import estimates
-
+    def needed(self, extent: "space.Extent") -> float | int:
         # No more turns than directions, whatever the error.
         spread = min(max(self.error * extent.directions / 360, 0), extent.directions)
         branches = 1 + 2 * round(spread)
         angles = len(self.bounces)
-        return estimates.coverage(extent, self.motion, angles=angles, branches=branches)
+        return space.estimates.coverage(extent, self.motion, angles=angles, branches=branches)
 
-    def run(self, say: Say = silent) -> "CoveragePolicy":
+    def run(self, say: Say = silent) -> "bounce.CoveragePolicy":
         import numpy as np
 
-        from ...bounce import coverage_policy
         from .target import read_target
 
         cells = self.cells()
@@ -65,7 +56,7 @@ class Cover(MapStudy):
         )
         say(doing)
         count = len(self.bounces)
-        return coverage_policy(
+        return bounce.coverage_policy(
             cells,
             np.radians(self.bounces),
             float(np.radians(self.error)),
@@ -76,10 +67,20 @@ class Cover(MapStudy):
             progress=lambda done: say(doing, done, count),
         )
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...verify import compare_coverage
-
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         error = math.radians(self.error)
-        return compare_coverage(
+        return verification.compare_coverage(
             result, error, self.reliability, weights=self.weights, motion=self.motion
+        )
+
+
+def check_target(text: str) -> None:
+    """Refuse a target whose file does not exist."""
+    file, _, _ = text.rpartition(":")
+    if file.endswith(".nc") and not Path(file).is_file():
+        raise ValueError(f"target {text}: there is no file {file}")
+    if text != "uniform" and not file.endswith(".nc") and not Path(text).is_file():
+        raise ValueError(
+            f"target {text}: there is no such file; expected 'uniform', an image, or "
+            "FILE.nc:VARIABLE"
         )

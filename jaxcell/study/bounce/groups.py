@@ -2,18 +2,13 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+from ... import bounce as bouncing, record, space, verify as verification
 from ...base import memory
 from ..map_study import MapStudy
 from ..parameters import Degrees
 from ..study import Say, silent
-
-
-if TYPE_CHECKING:
-    from ...bounce import BounceGroups
-    from ...space.extent import Extent
-    from ...verify import Comparison
 
 
 MAX_AT_ONCE = 20_000_000
@@ -37,29 +32,21 @@ class Groups(MapStudy):
     bounce: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
 
-    def needed(self, extent: "Extent") -> float | int:
-        from ...space import estimates
+    def needed(self, extent: "space.Extent") -> float | int:
+        return space.estimates.counts(extent, self.motion)
 
-        return estimates.counts(extent, self.motion)
-
-    def written(self, extent: "Extent") -> float | int:
-        from ...space import estimates
-
+    def written(self, extent: "space.Extent") -> float | int:
         angles = len(self.bounce)
         if self._at_once(extent):
-            return estimates.images(extent, angles, self.motion)
-        return estimates.by_direction(extent, self.motion)
+            return space.estimates.images(extent, angles, self.motion)
+        return space.estimates.by_direction(extent, self.motion)
 
     def at_once(self, result: Any) -> bool:
-        from ...space.extent import Extent
+        return self._at_once(space.Extent.of(result.cells))
 
-        return self._at_once(Extent.of(result.cells))
-
-    def _at_once(self, extent: "Extent") -> bool:
-        from ...space import estimates
-
+    def _at_once(self, extent: "space.Extent") -> bool:
         angles = len(self.bounce)
-        needed = estimates.images(extent, angles, self.motion)
+        needed = space.estimates.images(extent, angles, self.motion)
         return extent.size * angles <= MAX_AT_ONCE and (self._free is None or needed <= self._free)
 
     @functools.cached_property
@@ -67,22 +54,16 @@ class Groups(MapStudy):
         """The memory that is free at the first call, which decides how results are written."""
         return memory.free()
 
-    def run(self, say: Say = silent) -> "BounceGroups":
+    def run(self, say: Say = silent) -> "bouncing.BounceGroups":
         import numpy as np
-
-        from ...bounce import BounceGroups
 
         cells = self.cells()
         say(f"mapping {len(self.bounce)} x {cells.size:,} cells")
-        return BounceGroups.of(cells, np.radians(self.bounce), motion=self.motion)
+        return bouncing.BounceGroups.of(cells, np.radians(self.bounce), motion=self.motion)
 
     def write(self, result: Any, out: Path) -> None:
-        from ... import record
-
         if not self.at_once(result):
             record.save_cells(result, out / "groups.zarr", spec=self.spec(result))
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...verify import compare_groups
-
-        return compare_groups(result)
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_groups(result)

@@ -2,20 +2,14 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
+from ... import automata, bounce as bouncing, record, space, verify as verification
+from ...base.quantities import Result
 from ..map_study import cell_at
 from ..parameters import Degrees, Limit, Metres, Only, Share
 from ..study import Say, silent
 from .anywhere import AnywhereStudy
-
-
-if TYPE_CHECKING:
-    from ...automata import Filter, Policy, Smallest
-    from ...bounce import AdaptivelyLocalized, Anywhere, Localized, OffsetLocalized, Slipped
-    from ...space import CellSpace
-    from ...space.extent import Extent
-    from ...verify import Comparison
 
 
 _CHOICE = Only(bounces=True, anywhere=False, slip=False)
@@ -72,9 +66,7 @@ class Localize(AnywhereStudy):
     def choice(self) -> dict[str, Any]:
         return {"aim": self.aim, "ahead": self.ahead}
 
-    def needed(self, extent: "Extent") -> float | int:
-        from ...space import estimates
-
+    def needed(self, extent: "space.Extent") -> float | int:
         if self.anywhere:
             return 0
         if self.slip is not None:
@@ -82,8 +74,8 @@ class Localize(AnywhereStudy):
 
             return needed(angles=max(1, len(self.bounces)))
         if self.bounces:
-            return estimates.choice(extent, self.motion)
-        return estimates.localization(extent, self.motion)
+            return space.estimates.choice(extent, self.motion)
+        return space.estimates.localization(extent, self.motion)
 
     @property
     def smaller(self) -> str:
@@ -91,14 +83,12 @@ class Localize(AnywhereStudy):
             return ""
         return "`jaxcell groups` writes the groups one direction at a time, or "
 
-    def run(
-        self, say: Say = silent
-    ) -> "Localized | AdaptivelyLocalized | OffsetLocalized | Slipped | Anywhere":
+    def run(self, say: Say = silent) -> Result:
         import numpy as np
 
         if self.anywhere:
             bounces = self.bounces if self.bounce is None else (self.bounce,)
-            return self.localized_anywhere(bounces, self.start, say)
+            return self.run_anywhere(bounces, self.start, say)
         cells = self.cells()
         if self.offsets:
             return self._at_any_offset(cells, say)
@@ -113,69 +103,67 @@ class Localize(AnywhereStudy):
         assert self.bounce is not None
         return self._filter(cells, math.radians(self.bounce), start, say)
 
-    def _filter(self, cells: "CellSpace", bounce: float, start: int, say: Say) -> "Localized":
-        from ...bounce import Localized, bounce_map, localization_filter, localize
-
+    def _filter(
+        self, cells: "space.CellSpace", bounce: float, start: int, say: Say
+    ) -> "bouncing.Localized":
         say(f"mapping {cells.size:,} cells")
-        mapped = bounce_map(cells, bounce, motion=self.motion)
+        mapped = bouncing.bounce_map(cells, bounce, motion=self.motion)
         say(f"building the filter of {cells.size:,} cells")
-        filter = localization_filter(mapped, open_world=self.open_world)
-        run = localize(mapped, filter, start)
+        filter = bouncing.localization_filter(mapped, open_world=self.open_world)
+        run = bouncing.localize(mapped, filter, start)
         small = self._smallest(filter, say)
-        return Localized(filter, cells, self.motion, bounce, run, smallest=small)
+        return bouncing.Localized(filter, cells, self.motion, bounce, run, smallest=small)
 
-    def _at_any_offset(self, cells: "CellSpace", say: Say) -> "OffsetLocalized":
-        from ...bounce import OffsetLocalized, Offsets, localization_filter
-
+    def _at_any_offset(self, cells: "space.CellSpace", say: Say) -> "bouncing.OffsetLocalized":
         assert self.bounce is not None
         bounce = math.radians(self.bounce)
         say("finding the classes of offsets")
-        offsets = Offsets.of(cells, motion=self.motion)
+        offsets = bouncing.Offsets.of(cells, motion=self.motion)
         mapped = offsets.bounce_map(bounce)
         say(f"building the filter of {mapped.image.size:,} configurations")
-        filter = localization_filter(mapped, open_world=self.open_world)
-        return OffsetLocalized(filter, cells, offsets, bounce, smallest=self._smallest(filter, say))
+        filter = bouncing.localization_filter(mapped, open_world=self.open_world)
+        return bouncing.OffsetLocalized(
+            filter, cells, offsets, bounce, smallest=self._smallest(filter, say)
+        )
 
-    def _choose(self, cells: "CellSpace", start: int, say: Say) -> "AdaptivelyLocalized":
+    def _choose(
+        self, cells: "space.CellSpace", start: int, say: Say
+    ) -> "bouncing.AdaptivelyLocalized":
         import numpy as np
-
-        from ...bounce import AdaptivelyLocalized, localization_policy
 
         say(f"choosing angles for {cells.size:,} cells")
-        policy = localization_policy(
+        policy = bouncing.localization_policy(
             cells, np.radians(self.bounces), self.goal, aim=self.aim, motion=self.motion
         )
-        found = AdaptivelyLocalized.of(policy, start)
+        found = bouncing.AdaptivelyLocalized.of(policy, start)
         return dataclasses.replace(found, smallest=self._smallest(policy.policy, say))
 
-    def _smallest(self, source: "Filter | Policy", say: Say) -> "Smallest | None":
-        from ...automata import smallest
+    def _smallest(
+        self, source: "automata.Filter | automata.Policy", say: Say
+    ) -> "automata.Smallest | None":
+        return automata.smallest(source, say=say) if self.smallest else None
 
-        return smallest(source, say=say) if self.smallest else None
-
-    def _slipped(self, cells: "CellSpace", start: int, say: Say) -> "Slipped":
+    def _slipped(self, cells: "space.CellSpace", start: int, say: Say) -> "bouncing.Slipped":
         import numpy as np
 
-        from ...bounce import FineCells, slip_map, slipping_run
         from ...bounce.plans.roadmap import different_shifts
         from ...robot.emulation.body import bumper_give
-        from ...space import Slip
 
         assert self.slip is not None
         bounces = np.radians(self.bounces if self.bounce is None else [self.bounce])
         if self.bounces:
             different_shifts(bounces, cells.directions)
-        slip = Slip.of(
+        slip = space.Slip.of(
             self.slip,
             give=bumper_give(cells.cell),
             bump_turn=math.radians(self.bump_turn),
             bump_skid=self.bump_skid,
         )
-        fine = FineCells.within(cells, slip)
+        fine = bouncing.FineCells.within(cells, slip)
         say(f"mapping {fine.size:,} fine cells")
-        hidden = slip_map(fine, bounces.tolist(), slip, step=self.step)
+        hidden = bouncing.slip_map(fine, bounces.tolist(), slip, step=self.step)
         say("driving the robot")
-        return slipping_run(
+        return bouncing.slipping_run(
             hidden,
             cells,
             bounces,
@@ -188,8 +176,6 @@ class Localize(AnywhereStudy):
         )
 
     def write(self, result: Any, out: Path) -> None:
-        from ... import record
-
         spec = self.spec(result)
         if self.anywhere:
             self.save_task(result, out)
@@ -203,17 +189,17 @@ class Localize(AnywhereStudy):
             dataclasses.replace(result.filter, metadata=spec).save(out / "filter.jxf")
             record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...bounce import bounce_map
-        from ...verify import compare_filter, compare_groups, compare_policy, compare_slip
-
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         if self.anywhere:
             return []
         if self.slip is not None:
-            return compare_slip(result)
+            return verification.compare_slip(result)
         if self.bounces:
-            return compare_policy(result)
+            return verification.compare_policy(result)
         if self.offsets:
-            return compare_filter(result, result.offsets.bounce_map(result.bounce))
-        mapped = bounce_map(result.cells, result.bounce, motion=self.motion)
-        return [*compare_groups(result.groups), *compare_filter(result, mapped)]
+            return verification.compare_filter(result, result.offsets.bounce_map(result.bounce))
+        mapped = bouncing.bounce_map(result.cells, result.bounce, motion=self.motion)
+        return [
+            *verification.compare_groups(result.groups),
+            *verification.compare_filter(result, mapped),
+        ]

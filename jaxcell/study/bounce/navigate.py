@@ -1,18 +1,14 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
+from ... import bounce, space, verify as verification
+from ...base.quantities import Result
 from ..map_study import MapStudy, cell_at
 from ..parameters import Degrees, Length, Limit, Only, Share
-from ..study import Say, numbers, silent
+from ..study import Say, about, numbers, silent
 from .anywhere import AnywhereStudy
-
-
-if TYPE_CHECKING:
-    from ...base.quantities import Result
-    from ...space.extent import Extent
-    from ...verify import Comparison
 
 
 _Cost: TypeAlias = Annotated[float, Limit(gt=0)]
@@ -32,17 +28,13 @@ class Plans(MapStudy):
     change: _Cost = 100.0
     """Cost of a bump with another angle."""
 
-    def needed(self, extent: "Extent") -> float | int:
-        from ...space import estimates
+    def needed(self, extent: "space.Extent") -> float | int:
+        return space.estimates.plans(extent, self.motion)
 
-        return estimates.plans(extent, self.motion)
-
-    def run(self, say: Say = silent) -> "Result":
-        from ...bounce import all_plans
-
+    def run(self, say: Say = silent) -> Result:
         cells = self.cells()
         say(f"planning among all pairs of {cells.size:,} cells")
-        return all_plans(cells, **self.choices, motion=self.motion).cost_summary()
+        return bounce.all_plans(cells, **self.choices, motion=self.motion).cost_summary()
 
     @property
     def choices(self) -> dict[str, Any]:
@@ -55,10 +47,8 @@ class Plans(MapStudy):
             "change": _whole(self.change),
         }
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...verify import compare_plan
-
-        return compare_plan(result.costliest, self.motion)
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_plan(result.costliest, self.motion)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,41 +79,39 @@ class Navigate(AnywhereStudy, Plans):
         if not self.anywhere and self.start is None:
             raise ValueError("start: expected the start of the robot, or `anywhere`")
 
-    def needed(self, extent: "Extent") -> float | int:
+    def needed(self, extent: "space.Extent") -> float | int:
         if self.slip is None:
             return super().needed(extent)
         from ...bounce.slip.fine_cells import needed
 
         return super().needed(extent) + needed(angles=len(self.bounces))
 
-    def run(self, say: Say = silent) -> "Result":
-        from ...bounce import plan
-
+    def run(self, say: Say = silent) -> Result:
         if self.anywhere:
             return self._home(say)
         cells = self.cells()
         start, goal = (cell_at(cells, getattr(self, end), end) for end in ("start", "goal"))
         say(f"planning among {cells.size:,} cells")
-        planned = plan(cells, start=start, goal=goal, **self.choices, motion=self.motion)
+        planned = bounce.plan(cells, start=start, goal=goal, **self.choices, motion=self.motion)
         if self.slip is None:
             return planned
         from .slipped_plan import slipped_plan
 
         return slipped_plan(planned, self.slip, self.bounces, self.step, say)
 
-    def _home(self, say: Say) -> "Result":
+    def _home(self, say: Say) -> Result:
         x, y = numbers("goal", self.goal, 2, '"x,y" in metres, for robots that start anywhere')
+        with about(f"goal {self.goal!r}"):
+            self.cells().index(x, y)
         radius = max(self.cells().cell, 0.5) if self.goal_radius is None else self.goal_radius
-        return self.home_from_anywhere(self.bounces, (x, y), radius, self.start, say)
+        return self.run_anywhere(self.bounces, self.start, say, ((x, y), radius))
 
     def write(self, result: Any, out: Path) -> None:
         if self.anywhere:
             self.save_task(result, out)
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
-        from ...verify import compare_plan
-
-        return [] if self.anywhere else compare_plan(result, self.motion)
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return [] if self.anywhere else verification.compare_plan(result, self.motion)
 
 
 def _whole(cost: float) -> int | float:

@@ -1,15 +1,10 @@
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
+from ... import bounce as bouncing
 from ...base.limits import Collision
 from ..parameters import Degrees, Limit, WholeNumber
 from ..study import Say, Study, silent
-
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ...bounce import RoomGroups
 
 
 _Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
@@ -45,22 +40,20 @@ class Rooms(Study):
     seed: WholeNumber = 0
     """Seed of the rooms."""
 
-    def free(self) -> "np.ndarray":
-        """Return the free squares of the room."""
+    def free(self) -> Any:
+        """Return the array of the free squares of the room."""
         from ...space.maps.random_rooms import place, random_room
 
         if self.environment == "random":
             return random_room(self.seed, self.room, self.columns, self.rows, self.obstacles)
         return place(self.seed, self.environment, self.room).free
 
-    def run(self, say: Say = silent) -> "RoomGroups":
+    def run(self, say: Say = silent) -> "bouncing.RoomGroups":
         import numpy as np
 
-        from ...bounce import Motion, RoomGroups
-
-        free, bounce = self.free(), np.radians(self.bounce)
-        return RoomGroups.of_room(
-            free, bounce, self.directions, motion=Motion(collision=self.collision)
+        motion = bouncing.Motion(collision=self.collision)
+        return bouncing.RoomGroups.of_room(
+            self.free(), np.radians(self.bounce), self.directions, motion=motion
         )
 
     def headline(self, spec: dict[str, Any]) -> str:

@@ -1,15 +1,18 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+import numpy as np
+from scipy.stats import binomtest
+
+from ...bounce import FineCells, Plan, SlippedPlan, arrival_by, plan_runs, slip_map, slip_policy
+from ...bounce.slip.policy import PolicyRobot, driven
+from ...robot import Walker
+from ...robot.emulation.body import Body, bumper_give
+from ...robot.emulation.direct import DirectBody
+from ...robot.plan import run_plan
+from ...space import Slip, cell_strides, nearest_cell
 from ..study import Say
-
-
-if TYPE_CHECKING:
-    from ...bounce import Plan, SlippedPlan
-    from ...robot import Walker
-    from ...robot.emulation.body import Body
 
 
 # Runs of the emulated robot, and of the plan in continuous space, without the error of cells.
@@ -20,34 +23,9 @@ _PLANS, _MEANS, _MOST = 4, 4, 4000
 
 
 def slipped_plan(
-    plan: "Plan", error: float, bounces_deg: Sequence[float], step: float | None, say: Say
-) -> "SlippedPlan":
-    """Find the probability that a plan arrives despite slips, and a policy that surely arrives.
-
-    **Arguments:**
-
-    - `plan`: the plan.
-    - `error`: the parameter `slip`: the relative error of steps and turns.
-    - `bounces_deg`: the bouncing angles to choose from, in degrees.
-    - `step`: length of a step in metres, `None` for one cell.
-    - `say`: called with the work that begins.
-    """
-    import numpy as np
-    from scipy.stats import binomtest
-
-    from ...bounce import (
-        FineCells,
-        SlippedPlan,
-        arrival_by,
-        plan_runs,
-        slip_map,
-        slip_policy,
-    )
-    from ...bounce.slip.policy import PolicyRobot, driven
-    from ...robot.emulation.body import bumper_give
-    from ...robot.plan import run_plan
-    from ...space import Slip, nearest_cell
-
+    plan: Plan, error: float, bounces_deg: Sequence[float], step: float | None, say: Say
+) -> SlippedPlan:
+    """Find the probability that a plan arrives despite slips, and a policy that surely arrives."""
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
     slip = Slip.of(error, give=bumper_give(cells.cell))
     fine = FineCells.within(cells, slip)
@@ -104,15 +82,8 @@ def slipped_plan(
     )
 
 
-def _robot(plan: "Plan", error: float, step: float | None, seed: int) -> "tuple[Walker, Body]":
+def _robot(plan: Plan, error: float, step: float | None, seed: int) -> tuple[Walker, Body]:
     """An emulated robot at the start, without the driver."""
-    import numpy as np
-
-    from ...robot import Walker
-    from ...robot.emulation.body import Body
-    from ...robot.emulation.direct import DirectBody
-    from ...space import cell_strides
-
     cells, length = plan.cells, plan.cells.cell if step is None else step
     body = Body.in_cell(cells, plan.start, error, np.random.default_rng([0, seed]))
     strides = cell_strides(cells.directions, cells.cell, length)

@@ -1,38 +1,24 @@
 """Read the target of a coverage: the share of time of each position."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Float
+from PIL import UnidentifiedImageError
 
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from ...space import CellSpace
+from ...bounce.coverage import coverage_target
+from ...drift.currents.netcdf import open_netcdf
+from ...space import CellSpace
+from ...space.maps.images import read_image
+from .cover import check_target
 
 
 _MAX_VALUES = 100_000_000
 _LARGEST_COORDINATE = 1e9
 
 
-def check_target(text: str) -> None:
-    """Refuse a target whose file does not exist.
-
-    **Raises:** `ValueError` that names the parameter.
-    """
-    file, _, _ = text.rpartition(":")
-    if file.endswith(".nc") and not Path(file).is_file():
-        raise ValueError(f"target {text}: there is no file {file}")
-    if text != "uniform" and not file.endswith(".nc") and not Path(text).is_file():
-        raise ValueError(
-            f"target {text}: there is no such file; expected 'uniform', an image, or "
-            "FILE.nc:VARIABLE"
-        )
-
-
-def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]:
+def read_target(cells: CellSpace, text: str) -> Float[np.ndarray, "positions"]:
     """Read the share of each position from the parameter `target`.
 
     **Arguments:**
@@ -40,11 +26,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
     - `cells`: the cell space.
     - `text`: `uniform`; the name of an image, whose bright parts are worth more; or
         `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
-
-    **Raises:** `ValueError` or `OSError` that names the parameter and the fault.
     """
-    from ...bounce.coverage import coverage_target
-
     if text == "uniform":
         return coverage_target(cells)
     check_target(text)
@@ -63,10 +45,6 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
 
 
 def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
-    from PIL import UnidentifiedImageError
-
-    from ...space.maps.images import read_image
-
     try:
         image = read_image(path.read_bytes())
     except UnidentifiedImageError:
@@ -76,9 +54,7 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
     return np.asarray(plain, float)
 
 
-def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray, "positions"]:
-    from ...drift.currents.netcdf import open_netcdf
-
+def _variable(cells: CellSpace, path: Path, variable: str) -> Float[np.ndarray, "positions"]:
     with open_netcdf(path) as file:
         if variable not in file.dataset:
             names = ", ".join(map(str, file.dataset.data_vars)) or "no variables"
@@ -101,11 +77,9 @@ def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray
 
 
 def _nearest(
-    array: "xr.DataArray", name: str, centres: Float[np.ndarray, "positions"]
-) -> "xr.DataArray":
+    array: xr.DataArray, name: str, centres: Float[np.ndarray, "positions"]
+) -> xr.DataArray:
     """Return the index of the nearest of sorted coordinates to each centre."""
-    import xarray as xr
-
     values = np.asarray(array[name], float)
     # The bound keeps differences finite.
     if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():

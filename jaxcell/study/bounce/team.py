@@ -2,18 +2,12 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+from ... import bounce, space, verify as verification
 from ..map_study import MapStudy, cell_at
 from ..parameters import AtLeastOne, Degrees
 from ..study import Say, silent
-
-
-if TYPE_CHECKING:
-    from ...bounce import TeamTrajectory
-    from ...space import CellSpace
-    from ...space.extent import Extent
-    from ...verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,22 +39,18 @@ class Team(MapStudy):
                 f"robots {self.robots}: `starts` names {len(self.starts)}; give one of the two"
             )
 
-    def needed(self, extent: "Extent") -> float | int:
-        from ...space import estimates
+    def needed(self, extent: "space.Extent") -> float | int:
+        return space.estimates.team(extent, self.motion)
 
-        return estimates.team(extent, self.motion)
-
-    def run(self, say: Say = silent) -> "TeamTrajectory":
+    def run(self, say: Say = silent) -> "bounce.TeamTrajectory":
         import numpy as np
-
-        from ...bounce import team_trajectory
 
         cells = self.cells()
         starts = self._starts(cells)
         plural = "robot" if len(starts) == 1 else "robots"
         doing = f"covering {cells.positions:,} positions with {len(starts)} {plural}"
         say(doing)
-        return team_trajectory(
+        return bounce.team_trajectory(
             cells,
             starts,
             np.radians(self.bounces),
@@ -77,10 +67,9 @@ class Team(MapStudy):
     def write(self, result: Any, out: Path) -> None:
         """Write the file for `jaxcell robot run`."""
         from ...robot.team import member_actions, save_team
-        from ...space import free_steps
 
         spec = self.spec(result)
-        steps = free_steps(result.cells, self.motion)
+        steps = space.free_steps(result.cells, self.motion)
         x, y, theta = (each.tolist() for each in result.cells.centre(result.starts))
         bounces = self.bounces * (1 if len(self.bounces) > 1 else len(x))
         save_team(
@@ -91,14 +80,12 @@ class Team(MapStudy):
             member_actions(result.cell, result.bumped, steps),
         )
 
-    def verify(self, result: Any) -> "Sequence[Comparison]":
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         import numpy as np
 
-        from ...verify import compare_team
+        return verification.compare_team(result, np.radians(self.bounces), motion=self.motion)
 
-        return compare_team(result, np.radians(self.bounces), motion=self.motion)
-
-    def _starts(self, cells: "CellSpace") -> list[int]:
+    def _starts(self, cells: "space.CellSpace") -> list[int]:
         """Return the parameter `starts` as cells, or random cells in different positions."""
         if self.starts:
             return [cell_at(cells, start, "starts") for start in self.starts]

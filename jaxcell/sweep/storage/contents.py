@@ -25,11 +25,6 @@ class Contents:
     def read(cls, journal: Journal, *, check: bool) -> "Contents":
         """Read a journal.
 
-        **Arguments:**
-
-        - `journal`: the journal.
-        - `check`: whether to read the records of chunks too, and not only their headers.
-
         **Raises:** `msgspec.DecodeError` for a record that another program has written.
         """
         read = cls()

@@ -22,11 +22,6 @@ _MAP_SERVER = (".yaml", ".yml")
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
     """Describe all else, besides the specification, that the numbers of a sweep depend on.
 
-    **Arguments:**
-
-    - `spec`: the specification.
-    - `wide`: whether JAX computes with 64 bits.
-
     **Returns:** attributes of the result.
     """
     revision = git_revision()
@@ -87,7 +82,6 @@ def _texts(spec: Spec) -> Iterator[str]:
 
 
 def _strings(value: Any) -> Iterator[str]:
-    """Yield all texts in a value, its lists and its tables."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list):
@@ -108,7 +102,6 @@ def _image(path: Path) -> str | None:
 
 
 def _source(spec: Spec, module: str) -> Path | None:
-    """Find the file of a module, or `None`."""
     if module.endswith(".py"):
         return spec.find_file(module)
     dotted = all(part.isidentifier() for part in module.split("."))

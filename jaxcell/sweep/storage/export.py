@@ -62,14 +62,7 @@ def digests_of_files(folder: Path) -> dict[str, str]:
 
 
 def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -> None:
-    """Write the result of a sweep, with only the members of one file in memory at a time.
-
-    **Arguments:**
-
-    - `store`: the store, in which a member is done.
-    - `target`: a folder, or another store of Zarr.
-    - `file_bytes`: the size of files, see `FILE_BYTES`.
-    """
+    """Write the result of a sweep, with only the members of one file in memory at a time."""
     import zarr
 
     spec, frame = store.spec, store.frame
@@ -103,14 +96,7 @@ def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -
 def file_lengths(
     spec: Spec, variables: Mapping[str, Variable], file_bytes: int = FILE_BYTES
 ) -> dict[str, int]:
-    """The number of members in a file along each dimension, a multiple of that in a chunk.
-
-    **Arguments:**
-
-    - `spec`: the specification of the sweep.
-    - `variables`: its variables.
-    - `file_bytes`: the size of files.
-    """
+    """The number of members in a file along each dimension, a multiple of that in a chunk."""
     arrays = [one.values for one in variables.values()]
     member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
     chunk_bytes = member_bytes * math.prod(spec.lengths.values())
@@ -120,13 +106,7 @@ def file_lengths(
 
 
 def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
-    """The coordinates of the result of a sweep.
-
-    **Arguments:**
-
-    - `spec`: the specification of the sweep.
-    - `own`: the coordinates that its task gives.
-    """
+    """The coordinates of the result of a sweep."""
     along = {one.name: Variable((one.dimension,), one.values, {}) for one in spec.parameters}
     for name in (LIST_DIMENSION, RANDOM_DIMENSION):
         if name in spec.dimensions:

@@ -28,8 +28,6 @@ _SECONDS_BETWEEN_SYNCS = 1.0
 
 
 class Kind(enum.IntEnum):
-    """The kinds of records."""
-
     SPEC = 1
     FRAME = 2
     CHUNK = 3
@@ -96,20 +94,14 @@ class Journal:
                     place = record.end
 
     def content(self, record: Record) -> bytes:
-        """Read the content of a record.
-
-        **Raises:** `ValueError` if it is damaged.
-        """
+        """Read the content of a record."""
         content = os.pread(self._file, record.length, record.start)
         if zlib.crc32(content) != record.checksum:
             raise ValueError(f"the checksum of the record at byte {record.start} does not match")
         return content
 
     def append(self, kind: Kind, content: bytes, number: int = 0, state: int = 0) -> Record:
-        """Append a record. The content stays if this process is killed.
-
-        **Raises:** `OSError` if there is no room.
-        """
+        """Append a record. The content stays if this process is killed."""
         checksum = zlib.crc32(content)
         fields = _FIELDS.pack(_MARK, kind, state, number, len(content), checksum)
         left = memoryview(fields + _CHECKSUM.pack(zlib.crc32(fields)) + content)

@@ -17,8 +17,6 @@ def locked(path: Path) -> Iterator[None]:
     """Lock a file, which is made if it is missing, and write the name of this process to it.
 
     The system removes the lock when the process ends, also by a kill.
-
-    **Raises:** `BlockingIOError` that names the process that holds the lock.
     """
     with open(path, "a+", encoding="utf-8") as file:
         # `holder` takes the lock for a moment too.

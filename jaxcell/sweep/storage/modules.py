@@ -81,7 +81,6 @@ def _with_parents(module: str) -> Iterator[str]:
 
 
 def _members(package: str) -> list[str]:
-    """List the names of the modules in a package."""
     folders = _found(package)[1]
     return [path.stem for folder in folders for path in sorted(Path(folder).glob("*.py"))]
 

@@ -27,14 +27,6 @@ def opened(
 
     An existing sweep grows if the specification has all its members, and others.
 
-    **Arguments:**
-
-    - `folder`: the folder of the store.
-    - `spec`: the specification of the run.
-    - `resume`: whether the folder may have a sweep.
-    - `made`: all that the numbers depend on besides the specification, by `made_with`.
-    - `anyway`: whether to resume a sweep that was made with other versions or files.
-
     **Raises:** `FileExistsError` if the folder has a sweep that is not to be resumed; `ValueError`
     if that sweep has another specification, or was made with other versions or files.
     """
@@ -127,13 +119,6 @@ def _grow(
     """Make a store one of a larger specification, with the members that are done.
 
     The larger journal takes the place of the smaller one when all of it is on the disk.
-
-    **Arguments:**
-
-    - `store`: the store.
-    - `spec`: the larger specification.
-    - `places`: the places of its members in the store, by `Spec.places_in`.
-    - `made`: the attributes of the result.
     """
     with tempfile.TemporaryDirectory(prefix=".sweep-", dir=store.folder) as name:
         temporary = Path(name)

@@ -37,8 +37,6 @@ class Begun(msgspec.Struct):
 
 
 class Members(msgspec.Struct):
-    """The members of a chunk."""
-
     states: bytes
     values: bytes
     "All variables, compressed; empty if no member is done."
@@ -56,7 +54,6 @@ class Members(msgspec.Struct):
         return cls(states.tobytes(), bytes(_ZSTD.encode(values)) if values else b"", dict(failed))
 
     def fill(self, states: np.ndarray, arrays: Mapping[str, np.ndarray]) -> None:
-        """Fill the arrays of a chunk."""
         states[...] = np.frombuffer(self.states, np.int8).reshape(states.shape)
         values, start = _ZSTD.decode(self.values) if self.values else b"", 0
         for array in arrays.values() if values else ():
@@ -73,7 +70,6 @@ def encode(content: Any) -> bytes:
 
 
 def decode(content: bytes, kind: Any) -> Any:
-    """Decode the content of a record."""
     return msgspec.msgpack.decode(content, type=kind, dec_hook=_array)
 
 

@@ -41,8 +41,6 @@ class SweepStore:
 
         - `append`: whether to write. All records are read then; a chunk whose record is damaged is
             to do, and an incomplete record at the end is removed.
-
-        **Raises:** `ValueError` if the folder has no sweep, or a damaged one.
         """
         path = folder / JOURNAL
         if not path.is_file():
@@ -102,10 +100,7 @@ class SweepStore:
             return differences(self.made, made)
 
     def read(self, number: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Read the states of the members of a chunk, and the variables.
-
-        **Raises:** `ValueError` if the record is damaged.
-        """
+        """Read the states of the members of a chunk, and the variables."""
         states, arrays = self.empty(self.spec.chunk(number).shape)
         if number in self.contents.chunks:
             with reading(self.folder):
@@ -159,7 +154,6 @@ class SweepStore:
         return number in self.contents.chunks and bool((self.read(number)[0] != TO_DO).all())
 
     def lost_files(self) -> list[str]:
-        """Find the files of the result that are missing."""
         names = self.contents.exported or {}
         return [name for name in names if not os.path.exists(self.zarr / name)]
 
@@ -172,10 +166,7 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the variables of the first result, which are recorded.
-
-        **Raises:** `ValueError` if the result has other variables.
-        """
+        """Check that a result has the variables of the first result, which are recorded."""
         if self.frame is None:
             variables = {
                 name: dataclasses.replace(one, values=one.values[:0])
@@ -188,10 +179,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, parts: Parts) -> list[Failure]:
-        """Write the outcomes of the members of a chunk that were missing.
-
-        **Returns:** the members that failed.
-        """
+        """Write the outcomes of the missing members of a chunk; return those that failed."""
         chunk, own = parts.chunk, self.spec.places(parts.chunk)
         states, arrays = self.read(chunk.number)
         missing = states != DONE
@@ -218,17 +206,13 @@ class SweepStore:
         arrays: Mapping[str, np.ndarray],
         failed: Mapping[int, tuple[str, str]],
     ) -> None:
-        """Append the record of a chunk."""
         state = FAILED if (states == FAILED).any() else TO_DO
         state = DONE if (states == DONE).all() else state
         values = arrays if (states == DONE).any() else {}
         self._put(chunk.number, state, Members.of(states, values, failed))
 
     def copy(self, other: "SweepStore", number: int) -> list[Failure]:
-        """Copy a chunk from another store of the same sweep.
-
-        **Returns:** the members that failed.
-        """
+        """Copy a chunk from another store of the same sweep; return the members that failed."""
         with reading(other.folder):
             members = other._members(number)
         self._put(number, other.contents.chunks[number].state, members)

@@ -137,7 +137,6 @@ def scheduler_address(file: str | os.PathLike[str]) -> str:
 
 
 def local(take: Take) -> Outcomes:
-    """Compute in this process."""
     for job in iter(take, None):
         yield job, compute(job)
 
@@ -162,19 +161,13 @@ def _in_turn(
     submit: Callable[[list[Job]], Iterable[Any]],
     results: Callable[[list[Any]], Iterable[Computed | Failed]],
 ) -> Outcomes:
-    """Submit jobs, and give their outcomes in the order in which they end.
-
-    **Arguments:**
-
-    - `take`: gives the next job.
-    - `most`: gives the number of jobs that may be submitted and not have ended.
-    - `submit`: submits jobs, and gives their futures.
-    - `results`: gives the outcomes of futures that have ended.
-    """
+    """Keep up to `most()` jobs submitted, and give outcomes in the order in which jobs end."""
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     while True:
-        while jobs := _take_some(take, min(most() - len(pending), _TOGETHER)):
+        while room := max(0, min(most() - len(pending), _TOGETHER)):
+            if not (jobs := [*itertools.islice(iter(take, None), room)]):
+                break
             for job, future in zip(jobs, submit(jobs), strict=True):
                 pending[future] = job
                 future.add_done_callback(ended.put)
@@ -247,11 +240,6 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
             if timeout is not None:
                 with contextlib.suppress(OSError):
                     client.run(_close_team, run)
-
-
-def _take_some(take: Take, most: int) -> list[Job]:
-    """Take up to `most` jobs, as many as there are now."""
-    return [*itertools.islice(iter(take, None), max(most, 0))]
 
 
 def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:

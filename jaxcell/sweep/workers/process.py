@@ -40,10 +40,7 @@ class Worker:
             )
 
     def compute(self, job: Job, timeout: float | None) -> Computed | Failed:
-        """Compute a job. The seconds of the timeout begin when the process has started.
-
-        **Raises:** `TimeoutError`; `EOFError` if the process died.
-        """
+        """Compute a job. The seconds of the timeout begin when the process has started."""
         try:
             if not self._ready:
                 self._connection.recv()
@@ -56,7 +53,6 @@ class Worker:
             raise EOFError from error
 
     def end(self) -> None:
-        """Kill the process."""
         self._process.kill()
         self._process.wait()
 
@@ -71,10 +67,7 @@ class Team:
         self._closed = False
 
     def compute(self, job: Job) -> Computed | Failed:
-        """Compute a job by the worker of this thread.
-
-        **Raises:** `EOFError` if the team is closed.
-        """
+        """Compute a job by the worker of this thread."""
         for _ in range(_MAX_DEATHS):
             worker = self._worker()
             try:

@@ -49,7 +49,6 @@ class Job:
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
-        """Make the job of a whole chunk."""
         batch = spec.batch(chunk)
         places = np.arange(len(next(iter(batch.values()))))
         return cls(chunk.number, places, spec.task, batch, spec.fixed, spec.seed, wide)
@@ -92,10 +91,7 @@ class Failed:
 
 
 def find_task(name: str) -> Task:
-    """Find the function of a task.
-
-    **Raises:** `ValueError` for an unknown name.
-    """
+    """Find the function of a task."""
     reference = name
     if ":" not in name:
         from ..tasks import TASKS
@@ -126,19 +122,13 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def check_parameters(spec: Spec) -> None:
-    """Check the task, and the parameters of the first chunk if the task is a study.
-
-    **Raises:** `ValueError` for an unknown task, and for unknown, missing or ill-typed parameters.
-    """
+    """Check the task, and the parameters of the first chunk if the task is a study."""
     if (study := study_of(spec.task)) is not None:
         studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
 
 
 def prepared(spec: Spec) -> Spec:
-    """Check a specification, and find its files.
-
-    **Raises:** `ValueError` as `check_parameters` and `with_files_found`, with the file name.
-    """
+    """Check a specification, and find its files."""
     try:
         spec = with_task_found(spec)
         check_parameters(spec)
@@ -158,8 +148,6 @@ def with_files_found(spec: Spec) -> Spec:
     """Replace relative paths by absolute ones if the task is a study, so that workers find them.
 
     A path starts at the folder of the specification, or else at the current folder.
-
-    **Raises:** `ValueError` if a file is missing; it names the folders.
     """
     study = study_of(spec.task)
     kinds = {} if study is None else parameters(study)
@@ -214,7 +202,6 @@ def compute(job: Job) -> Computed | Failed:
 
 
 def failure(error: BaseException) -> Failed:
-    """Make the failure of an exception."""
     lines = "".join(traceback.format_exception(error)).splitlines()
     message = " ".join(str(error).split())
     name = type(error).__name__

@@ -1,0 +1,79 @@
+"""The outcome of a run: computed from its log, and printed."""
+
+from pathlib import Path
+from typing import Any
+
+from ...base.formatting import configuration
+from ...robot.anywhere import replay_anywhere
+from ...robot.followers import replay_follower
+from ...robot.outcome import RunOutcome
+from ...robot.patrol import replay_patrol
+from ...robot.plan import plan_outcome
+from ...robot.run_log import LoggedRun, stopped
+from ...robot.tasks.anywhere_task import AnywhereTask
+from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask, load_task
+from ...robot.tasks.patrol_task import PatrolTask
+from ...robot.tasks.task import digest
+from ...robot.team import replay_member
+from ..terminal import table
+from .emulation import Emulation
+
+
+_SIDES = ("East", "North", "West", "South")
+
+
+def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None) -> None:
+    """Print the outcome of a run for people."""
+    observed, cells = summary["observations"], summary["cells"]
+    rows: list[tuple[str, object]] = [
+        ("result", summary["result"]),
+        ("why", summary["reason"]),
+        ("observed", observed if len(observed) <= 60 else f"{observed[:57]}... ({len(observed)})"),
+    ]
+    if "visited" in summary:
+        rows.append(("visited", f"{len(summary['visited'])} cells"))
+    if summary.get("obstacles"):
+        met = [f"{_SIDES[side]} of position {at}" for at, side in summary["obstacles"][:8]]
+        rows.append(("in the way", "\n".join(met)))
+    if emulation is None:
+        rows += [("may be in", ", ".join(map(str, cells[:20])))] * bool(cells)
+    else:
+        truth, space = summary["emulated"], emulation.cells
+        end = "no cell" if truth["end"] is None else configuration(space, truth["end"])
+        rows += [("started at", configuration(space, truth["start"])), ("is at", end)]
+        if cells:
+            # A file of another map may end in a cell that the emulated map does not have.
+            places = (
+                configuration(space, z) if z < space.size else f"{z}, of another map"
+                for z in cells[:8]
+            )
+            rows.append(("may be at", "\n".join(places)))
+            among = "yes" if truth["truth_is_a_candidate"] else "NO"
+            rows.append(("the truth is among them", among))
+    table(title, ("", ""), rows)
+
+
+def replayed(run: LoggedRun, file: Path | None = None) -> RunOutcome:
+    """Return the outcome of a logged run so far; `file` is its task, if that has moved."""
+    return stopped(_replayed(run, file), run)
+
+
+def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
+    kind = run.header["kind"]
+    if kind == "plan":
+        return plan_outcome(run.header["actions"], run.observations)
+    if kind == "team":
+        return replay_member(run)
+    path = Path(run.header["file"]) if file is None else file
+    if digest(path) != run.header["sha256"]:
+        raise ValueError(f"it is of another {kind} than {path} is now")
+    match load_task(path, run.header["robot"] if kind == "patrol" else None):
+        case FilterTask() as task:
+            return replay_follower(run, task.follower(run.header.get("until", "known")))
+        case PolicyTask() | BeliefTask() as task:
+            return replay_follower(run, task.follower())
+        case AnywhereTask() as task:
+            return replay_anywhere(run, task.settings)
+        case PatrolTask() as task:
+            return replay_patrol(run, task)
+    raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")

@@ -1,0 +1,260 @@
+"""Run a task on a robot, as the options of `jaxcell robot run` say."""
+
+import contextlib
+import dataclasses
+import json
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ...base.optional_modules import has_module
+from ...base.paths import name_in_results
+from ...robot import Create, RobotStopped, RunLog, Walker, load_task, read_log
+from ...robot.calibration import Calibrated, Calibration, calibration_file
+from ...robot.create.clock import ByClock
+from ...robot.emulation.simulated import SimulatedCreate
+from ...robot.outcome import RunOutcome
+from ...robot.run_log import LoggedRun, why_stopped
+from ...robot.tasks.anywhere_task import AnywhereTask
+from ...robot.tasks.files import AnyTask
+from ...robot.tasks.patrol_task import PatrolTask
+from ...robot.tasks.task import digest
+from ...robot.walker import Drivable
+from ..output import write_text
+from ..terminal import note, note_results, say, status
+from ..view import shown_live
+from .emulation import Emulation, emulate
+from .heading import check_heading, direction_at
+from .outcome import replayed, show
+from .recording import cells_of, recording_of
+from .resume import (
+    Place,
+    Standing,
+    StandingStill,
+    place_in_words,
+    resume_command,
+    run_before,
+    start_after,
+)
+from .run import RobotRun
+from .runners import patrol_start, runner_of
+
+
+Listener: TypeAlias = Callable[[str, Mapping[str, Any]], None]
+
+_LOG, _RECORDING = "run.jsonl", "run.rrd"
+
+
+def run_robot(options: RobotRun) -> int:
+    """Run a task, and return the exit status."""
+    out = options.out
+    if out is not None and (out / _LOG).exists():
+        raise FileExistsError(
+            f"--out {out}: it has the {_LOG} of another run, and no log is replaced; "
+            "expected another folder"
+        )
+    task = load_task(options.file, options.robot)
+    before = None
+    if options.resume is not None:
+        if options.simulate is not None and options.start is None:
+            raise ValueError("--resume: expected --start too, the place of the emulated robot")
+        before = run_before(options.resume, task)
+    emulation = None
+    if options.simulate is not None:
+        emulation = emulate(options.simulate, task, options, np.random.default_rng(options.seed))
+    direction = _direction(options, task, emulation, before)
+    with contextlib.ExitStack() as kept:
+        return _Run(options, task, emulation, direction).start(before, kept)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    options: RobotRun
+    task: AnyTask
+    emulation: Emulation | None
+    direction: int | None
+
+    def start(self, before: LoggedRun | None, kept: contextlib.ExitStack) -> int:
+        """Run the task, after an earlier run if there is one; return the exit status."""
+        options, task, emulation = self.options, self.task, self.emulation
+        calibration = self._calibration()
+        header, follow = runner_of(task, options, emulation, self.direction, before)
+        pose = None if emulation is None else emulation.pose
+        resumed = None
+        if before is not None and options.resume is not None:
+            resumed = {
+                "log": str(options.resume.absolute()),
+                "sha256": digest(options.resume),
+                "observations": len(before.observations),
+            }
+            pose = before.header.get("pose")
+            note(f"The robot must stand {place_in_words(self._place(before))}")
+            if options.simulate is None and not options.json and sys.stdin.isatty():
+                input("Press Enter when it stands there: ")
+        # Before the connection to the robot, because the imports take seconds.
+        viewer = None if options.live is None else kept.enter_context(shown_live(options.live))
+        place = options.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
+        place.mkdir(parents=True, exist_ok=True)
+        recording = None
+        if has_module("rerun") and (options.out or viewer):
+            recording = recording_of(
+                task, place / _RECORDING, start=pose, emulation=emulation, viewer=viewer
+            )
+        header |= {
+            "pose": pose,
+            "resumed": resumed,
+            "calibration": None if calibration is None else dataclasses.asdict(calibration),
+        }
+        code = None
+        try:
+            with contextlib.ExitStack() as stack:
+                robot, listeners = self._robot(stack)
+                walker = self._walker(self._moving(robot, calibration), before)
+                if recording is not None:
+                    listeners.append(stack.enter_context(recording).event)
+
+                def tell(name: str, fields: Mapping[str, Any]) -> None:
+                    for listener in listeners:
+                        listener(name, fields)
+
+                doing = f"running {options.file.name}"
+                with RunLog(place / _LOG, header) as log, status(doing):
+                    log.on_event = tell
+                    outcome = follow(walker, log)
+        except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
+            outcome, code = _stopped(error, place / _LOG)
+            note(f"jaxcell robot run: {outcome.reason}")
+            resumable = outcome.result == "stopped" and outcome.observations
+            if options.out is not None and resumable and not isinstance(task, AnywhereTask):
+                log_file, start = options.out / _LOG, None
+                if emulation is not None:
+                    places = map(self._place, (before, read_log(log_file)))
+                    start = start_after(emulation.pose, *places)
+                note(f"To resume:\n{resume_command(options, log_file, start)}")
+        self._report(outcome)
+        if code is not None:
+            return code
+        return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
+
+    def _report(self, outcome: RunOutcome) -> None:
+        """Print the summary of a run, and write it to `out`."""
+        options = self.options
+        summary = {
+            "command": "jaxcell robot run",
+            "file": name_in_results(options.file),
+            "port": options.port if options.ros is None else f"ROS 2, {options.ros}",
+            **dataclasses.asdict(outcome),
+        }
+        if self.emulation is not None:
+            summary["emulated"] = self.emulation.describe(outcome)
+        if options.out is not None:
+            write_text(options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+        if options.json:
+            say(json.dumps(summary))
+        else:
+            show(options.file.name, summary, self.emulation)
+            if options.out is not None:
+                note_results(options.out)
+        if options.out is not None and not has_module("rerun"):
+            note(
+                f"No recording is written without Rerun. Elsewhere: jaxcell robot replay "
+                f"{options.out / _LOG} --file {options.file.name} --out {options.out}"
+            )
+
+    def _place(self, run: LoggedRun | None) -> Place:
+        """Compute the place of the robot after a logged run; without a run it is the start."""
+        _, follow = runner_of(self.task, self.options, self.emulation, self.direction, run)
+        walker = self._walker(Standing(), run)
+        with contextlib.suppress(StandingStill):
+            follow(walker, None)
+        return walker.place
+
+    def _calibration(self) -> Calibration | None:
+        """Read the calibration of the robot's encoders, if there is one."""
+        if self.options.calibration is not None:
+            return Calibration.load(self.options.calibration)
+        path = calibration_file()
+        if self.options.port is None or self.options.steps == "clock" or not path.exists():
+            return None
+        note(f"The robot uses the calibration in {path}")
+        return Calibration.load(path)
+
+    def _robot(self, stack: contextlib.ExitStack) -> tuple[Any, list[Listener]]:
+        """Connect to the robot and arm it; return it with the listeners to its events."""
+        if self.options.ros is not None:
+            from ...robot import ros
+
+            kind = ros.Create3 if self.options.ros == "create3" else ros.Base
+            robot = stack.enter_context(kind(remap=self.options.remap))
+            robot.arm()
+            return robot, [ros.Candidates(robot, self.task, cells_of(self.task)).event]
+        if self.emulation is not None:
+            create: Create = stack.enter_context(SimulatedCreate(self.emulation.robot))
+        else:
+            assert self.options.port is not None
+            create = stack.enter_context(Create.open(self.options.port))
+            create.arm()
+        create.speed = self.options.speed or create.speed
+        return create, []
+
+    def _moving(self, robot: Any, calibration: Calibration | None) -> Drivable:
+        """Give the robot its source of distances: encoders, calibration, or clock."""
+        if calibration is not None:
+            return Calibrated(robot, calibration)
+        if self.options.steps == "encoder":
+            return robot
+        if self.emulation is None:
+            return ByClock(robot)
+        emulated = self.emulation.robot
+        return ByClock(robot, clock=lambda: emulated.seconds, sleep=robot.sleep)
+
+    def _walker(self, robot: Drivable, before: LoggedRun | None) -> Walker:
+        return Walker(
+            robot,
+            self.task.step,
+            # Without a direction the strides are equal in all directions.
+            strides=self.task.strides,
+            direction=self.direction or 0,
+            recalled="" if before is None else before.observations,
+            tolerance=self.options.tolerance,
+            turn_tolerance=math.radians(self.options.turn_tolerance),
+        )
+
+
+def _direction(
+    options: RobotRun, task: AnyTask, emulation: Emulation | None, before: LoggedRun | None
+) -> int | None:
+    """Return the direction in which the robot starts, as far as it knows, or `None`.
+
+    It is the same on an emulated robot as on a real one.
+    """
+    if isinstance(task, AnywhereTask):
+        if options.heading is not None:
+            raise ValueError("--heading: a robot that starts anywhere has no use for it")
+        return None
+    if before is not None:
+        direction = before.direction
+    elif options.heading is not None:
+        direction = direction_at(options.heading, task.directions)
+    elif isinstance(task, PatrolTask):
+        direction = patrol_start(task, options.start, emulation) // task.cells.positions
+    else:
+        direction = task.start_direction
+    if direction is None:
+        check_heading(task)
+    return direction
+
+
+def _stopped(error: BaseException, log: Path) -> tuple[RunOutcome, int]:
+    """Return the outcome of a stopped run, from its log if there is one, and the exit status."""
+    code = 130 if isinstance(error, KeyboardInterrupt) else 1
+    if isinstance(error, SystemExit):
+        code = int(error.code or 0)
+    if log.exists():
+        return replayed(read_log(log)), code
+    return RunOutcome("stopped", "", why_stopped(error)), code
