@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .mapping import Chain
     from .markov import DecisionModel
     from .patrol import Graph
-    from .robot import Walker
+    from .robot import PatrolTask, Walker
     from .space import CellSpace
     from .sweep import Spec
 
@@ -54,10 +54,21 @@ def walker(x: float = 0.5, direction: int = 0) -> "Walker":
     from .robot.emulation.body import Body
     from .robot.emulation.simulated import SimulatedCreate
 
-    workspace = corridor().workspace
-    assert workspace is not None
-    robot = SimulatedCreate(Body(workspace, (x, 0.5, direction * np.pi / 2)))
+    robot = SimulatedCreate(Body(corridor().room, (x, 0.5, direction * np.pi / 2)))
     return Walker(robot, 1.0, strides=cell_strides(4, 1.0, 1.0), direction=direction)
+
+
+def patrol_task() -> "PatrolTask":
+    """Make the task of a robot that patrols between the ends of the corridor."""
+    from .robot import PatrolTask, load_task, save_patrols
+
+    walk = np.array([[2, 1, 0]]), np.ones((1, 3))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "patrol.json")
+        save_patrols(path, corridor(directions=4), [walk], [0], 1.5)
+        task = load_task(path)
+    assert isinstance(task, PatrolTask)
+    return task
 
 
 def walk() -> "Chain":

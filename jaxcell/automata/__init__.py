@@ -31,26 +31,10 @@ linear in the total size of the sets.
 filter. For `k` maps, `k` open-world filters run side by side, and the robot is in one of the maps
 not refuted (section 2.4.4).
 
-Functions and classes:
-
-- `subset_construction`: the deterministic automaton, an `Automaton`.
-- `HiddenMap`: a map with several images of a cell, each with a probability and an observation.
-    `Belief` follows the probability of each cell, `Bounded` the set of possible cells; an
-    `Estimate` is the knowledge of either, and `credible` the likeliest configurations. A belief
-    with several angles turns by the one with the least `expected_entropy` at the next bump.
-- `Filter`: its colours, knowledge cycles (`KnowledgeCycle`), uncertainties and configurations;
-    `Filter.run` returns a `FilterRun`, `Filter.start` a `FilterState` for observations.
-- `Environments`, `EnvironmentsState`: the filters of several maps.
-- `equivalence`: the distinguishable states of a machine with inputs, an `Equivalence`.
-- `adaptive_choice`: the inputs that find the state of such a machine soonest, `Decisions`;
-    `homing_sequence`: one sequence of inputs that suffices for all observations, `Homing`.
-- `Policy`, `PolicyState`: the choice of angles at bumps as a file, and its state on a robot;
-    `policy_to_c_header`.
-- `fastest_localization`: the shortest string that localizes a robot.
-- `minimize`: the smallest filter with the same colours.
-- `smallest`: the least `MooreMachine` with the same outputs on all strings that can occur, and the
-    proof, a `Smallest`; `machine_to_c_header`, `machine_bytes` and `fewest_bytes`, its tables in C.
-- `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other formats.
+`subset_construction`, `minimize`, `fastest_localization`; `smallest`, `fewest_bytes`,
+`machine_bytes`; `equivalence`, `homing_sequence`, `adaptive_choice`; `credible`,
+`expected_entropy`; `to_c_header`, `policy_to_c_header`, `machine_to_c_header`, `to_dot`, `to_json`,
+`to_jflap`.
 """
 
 from ..base.hosted import attach

@@ -88,9 +88,7 @@ class Belief:
     def smoothed(self, events: Sequence[int]) -> Float[np.ndarray, "times cells"]:
         """Compute the probability of each cell at each time of a run, given the whole run.
 
-        **Arguments:**
-
-        - `events`: events as in [`HiddenMap.leaving`][]: with one angle, the observations.
+        Events are as in [`HiddenMap.leaving`][]; with one angle they are the observations.
 
         **Raises:** `ValueError` if the run is impossible on the map.
         """
@@ -107,11 +105,7 @@ class Belief:
     def likeliest_path(self, events: Sequence[int]) -> Int[np.ndarray, "times"]:
         """Find the most probable cells of a run, from the start to the end (Viterbi).
 
-        **Arguments:**
-
-        - `events`: events as in [`Belief.smoothed`][].
-
-        **Raises:** `ValueError` if the run is impossible on the map.
+        Events and errors are as in [`Belief.smoothed`][].
         """
         arriving = [self.hidden.leaving(event).T.tocsr() for event in range(1 + self.hidden.angles)]
         with np.errstate(divide="ignore"):
@@ -148,12 +142,8 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
     and a distribution of the configuration of the bump; the result is the mean entropy of these
     distributions. Runs without a bump, after up to a hundred steps, are one more outcome.
 
-    **Arguments:**
-
-    - `hidden`: the map.
-    - `weight`: the probability of each cell now, up to a factor.
-
-    **Returns:** the entropy in bits, 0 if all weights are 0.
+    **Arguments:** a hidden map, and the probability of each cell now, up to a factor. **Returns:**
+    the entropy in bits, 0 if all probabilities are 0.
 
     A robot in one of three cells in a row always moves on and bumps at the end, so its steps
     identify its cell. A robot that always stays learns nothing:

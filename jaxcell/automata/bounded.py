@@ -86,13 +86,10 @@ class Bounded:
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
 
     def automaton(self, *, limit: int = _LIMIT) -> Automaton:
-        """Make the automaton of the sets for all observation strings, if they are few.
+        """Make the automaton of the sets for all observation strings.
 
-        **Arguments:**
-
-        - `limit`: the largest total size of the sets, in cells.
-
-        **Raises:** `ValueError` if the sets exceed it; then use [`Bounded.observe`][].
+        **Raises:** `ValueError` if the sets have more than `limit` cells in all; then use
+        [`Bounded.observe`][].
         """
         sets, number = [self.start()], {self.start().tobytes(): 0}
         transition, members, state = [], sets[0].size, 0

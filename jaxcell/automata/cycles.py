@@ -24,16 +24,7 @@ class KnowledgeCycle:
 def knowledge_cycles(
     transition: Int32[np.ndarray, "states 2"], uncertainty: Int32[np.ndarray, "states"]
 ) -> tuple[KnowledgeCycle, ...]:
-    """Find the knowledge cycles of a deterministic I-state automaton.
-
-    **Arguments:**
-
-    - `transition`: the state after observation 0 or 1, -1 if it is impossible.
-    - `uncertainty`: the number of configurations of each state.
-
-    **Returns:** the cycles in the order of their smallest states, with colours 2, 3, ... in that
-    order.
-    """
+    """Find the knowledge cycles of a deterministic I-state automaton, by their smallest states."""
     states = transition.shape[0]
     single = np.sum(transition >= 0, axis=1) == 1
     # A state without a choice has one successor; all other states, which are in no knowledge cycle,

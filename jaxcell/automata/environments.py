@@ -27,9 +27,7 @@ class Environments:
     """
 
     def __init__(self, filters: Mapping[str, Filter]):
-        """**Arguments:**
-
-        - `filters`: the filter of each map by its name; closed-world filters get a trap.
+        """Take the filter of each map by its name; closed-world filters get a trap.
 
         **Raises:** `ValueError` if there are no filters.
         """

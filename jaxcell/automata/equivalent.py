@@ -29,12 +29,7 @@ class Equivalence:
     def distinguish(self, a: int, b: int) -> Int[np.ndarray, "length"]:
         """Find a shortest sequence of inputs whose last observation differs between two states.
 
-        **Arguments:**
-
-        - `a`, `b`: states of different classes.
-
-        **Returns:** the numbers of the inputs; of several shortest sequences, the first in
-        lexicographic order.
+        Of several shortest sequences it is the first in lexicographic order.
 
         **Raises:** `ValueError` if the states are equivalent, or if a state does not exist.
         """
@@ -84,9 +79,6 @@ def equivalence(
     - `observations`: the observation between each state and its image; any sortable values.
 
     **Returns:** [`Equivalence`][].
-
-    **Raises:** `ValueError` if there are no inputs or states, if the shapes of images and
-    observations differ, or if an image is not a state.
 
     A ring of three states; input 0 moves along it, input 1 stays, and the bell of state 2 rings.
     One input distinguishes states 0 and 2, and two distinguish 0 and 1:
@@ -194,7 +186,7 @@ class _Blocks:
     ) -> Int[np.ndarray, "changed"]:
         """Split blocks by the kinds of `states`; all other states have another kind.
 
-        **Returns:** the states whose block has a new number: all but those of the largest parts.
+        Returns the states whose block has a new number: all but those of the largest parts.
         """
         sort = np.lexsort((kind, self.label[states]))
         states, kind, block = states[sort], kind[sort], self.label[states[sort]]

@@ -6,12 +6,8 @@ from .filter import Filter
 def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str | None:
     """Find the shortest observation string that localizes a robot, the first in dictionary order.
 
-    **Arguments:**
-
-    - `filter`: a localization filter.
-    - `uncertainty`: the number of configurations of the cycles that count; by default any.
-
-    **Returns:** the string of 0s and 1s, or `None` if no knowledge cycle has that uncertainty.
+    **Arguments:** a filter, and the number of configurations of the knowledge cycles that count, by
+    default any. **Returns:** the string, or `None` if no cycle has that number.
 
     On a ring of three cells with one bump, the bump identifies the cell:
 

@@ -2,7 +2,7 @@ import dataclasses
 import functools
 import os
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int32, Int64, Shaped
@@ -55,7 +55,28 @@ class Filter:
     "A JSON object that is stored with the filter: its map and its bounce."
 
     def __post_init__(self) -> None:
-        _check_parts(self.transition, self.offsets, self.members, self.open_world)
+        transition, offsets, states = self.transition, self.offsets, len(self.transition)
+        if states <= self.open_world:
+            raise ValueError(
+                f"transition: {states} states; expected a start" + " and a trap" * self.open_world
+            )
+        if transition.min() < -1 or transition.max() >= states:
+            raise ValueError(f"transition: expected states from 0 to {states - 1}, or -1 for none")
+        total = self.members.size
+        if offsets[0] != 0 or offsets[-1] != total or np.any(np.diff(offsets) < 0):
+            raise ValueError(f"offsets: expected to rise from 0 to the {total} members")
+        if self.open_world and (transition.min() < 0 or np.any(transition[-1] != states - 1)):
+            raise ValueError(
+                "transition: expected every observation and, as last state, a trap in an open world"
+            )
+        # The largest state met before each edge grows by 1; a state is met before its edges.
+        ordinary = self._ordinary
+        met = np.maximum.accumulate(np.append(0, ordinary.ravel()))
+        late = met[:-1:2] < np.arange(len(ordinary))
+        if met[-1] != len(ordinary) - 1 or np.any(np.diff(met) > 1) or np.any(late):
+            raise ValueError(
+                "transition: expected states in breadth-first order from state 0, each reached"
+            )
         object.__setattr__(self, "metadata", checked_metadata(self.metadata))
 
     @staticmethod
@@ -65,15 +86,9 @@ class Filter:
         open_world: bool = False,
         metadata: Mapping[str, Any] | None = None,
     ) -> "Filter":
-        """Colour a deterministic I-state automaton.
+        """Colour a deterministic I-state automaton; an open-world filter has a trap.
 
-        **Arguments:**
-
-        - `automaton`: the result of [`jaxcell.automata.subset_construction`][].
-        - `open_world`: whether the robot may be elsewhere; see [`Filter.with_trap`][].
-        - `metadata`: a JSON object to store with the filter.
-
-        **Returns:** [`Filter`][].
+        `metadata` is a JSON object to store with the filter.
         """
         closed = Filter(
             transition=automaton.transition,
@@ -88,8 +103,6 @@ class Filter:
         """Return the open-world filter, in which every missing observation leads to a trap.
 
         The trap is the last state, without exits (Alam 2018, Definition 2.4.6).
-
-        **Returns:** [`Filter`][], the same object if it is open-world already.
         """
         if self.open_world:
             return self
@@ -111,11 +124,15 @@ class Filter:
     @functools.cached_property
     def cycles(self) -> tuple[KnowledgeCycle, ...]:
         """The knowledge cycles in the order of their smallest states, with colours 2, 3, ..."""
-        transition = self.transition
-        if self.open_world:
-            trap = len(transition) - 1
-            transition = np.where(transition[:-1] == trap, np.int32(-1), transition[:-1])
-        return knowledge_cycles(transition, self.uncertainty[: len(transition)])
+        return knowledge_cycles(self._ordinary, self.uncertainty[: len(self._ordinary)])
+
+    @property
+    def _ordinary(self) -> Int32[np.ndarray, "ordinary 2"]:
+        """The transitions without the trap; -1 if an observation is impossible."""
+        if not self.open_world:
+            return self.transition
+        transition = self.transition[:-1]
+        return np.where(transition == self.trap, np.int32(-1), transition)
 
     @functools.cached_property
     def color(self) -> Int32[np.ndarray, "states"]:
@@ -143,16 +160,10 @@ class Filter:
 
     def start(self) -> "FilterState":
         """Return the filter before its first observation."""
-        return FilterState(self, self._tables, 0, 0, None)
+        return FilterState(self, 0, 0, None)
 
     def run(self, observations: Observations) -> "FilterRun":
-        """Run the filter on an observation string.
-
-        **Arguments:**
-
-        - `observations`: observations 0 and 1, as numbers or as a string of digits.
-
-        **Returns:** [`FilterRun`][].
+        """Run the filter on observations 0 and 1, as numbers or as a string of digits.
 
         **Raises:** `ValueError`, with its index, for an observation that is neither 0 nor 1, or
         that is impossible in a closed-world filter.
@@ -164,7 +175,7 @@ class Filter:
             states.append(state.index)
         path = np.array(states, np.int32)
         colors = self.color[path]
-        localized = np.flatnonzero((colors > 1) & (path != self._tables.trap))
+        localized = np.flatnonzero((colors > 1) & (path != self.trap))
         return FilterRun(
             states=path,
             colors=colors,
@@ -208,11 +219,6 @@ class Filter:
                 metadata=header["metadata"],
             )
 
-    @functools.cached_property
-    def _tables(self) -> "_Tables":
-        zero, one = self.transition.T.tolist()
-        return _Tables(zero, one, self.color.tolist(), self.trap)
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FilterRun:
@@ -231,15 +237,6 @@ class FilterRun:
     "The index in `states` of the first state in a knowledge cycle, or `None`."
 
 
-class _Tables(NamedTuple):
-    """The tables of a filter as Python lists, which are faster than arrays for single look-ups."""
-
-    zero: list[int]
-    one: list[int]
-    color: list[int]
-    trap: int | None
-
-
 @dataclasses.dataclass(slots=True, eq=False)
 class FilterState:
     """The state of a filter after some observations; an observation returns another object.
@@ -248,7 +245,6 @@ class FilterState:
     """
 
     filter: Filter
-    _tables: _Tables = dataclasses.field(repr=False)
     index: int
     "The state of the filter."
     time: int
@@ -261,27 +257,23 @@ class FilterState:
 
         **Raises:** `ValueError` as [`Filter.run`][].
         """
-        tables = self._tables
-        if observation == 0:
-            index = tables.zero[self.index]
-        elif observation == 1:
-            index = tables.one[self.index]
-        else:
+        if observation not in (0, 1):
             raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
+        index = self.filter.transition.item(self.index, int(observation))
         refuted_at = self.refuted_at
         if index < 0:
             raise ValueError(
                 f"observation {self.time} is {int(observation)}, which cannot occur in this map "
                 "after those before it; only an open-world filter allows for another map"
             )
-        if refuted_at is None and index == tables.trap:
+        if refuted_at is None and index == self.filter.trap:
             refuted_at = self.time
-        return FilterState(self.filter, tables, index, self.time + 1, refuted_at)
+        return FilterState(self.filter, index, self.time + 1, refuted_at)
 
     @property
     def color(self) -> int:
         """The colour of the state, the output of the filter."""
-        return self._tables.color[self.index]
+        return self.filter.color.item(self.index)
 
     @property
     def uncertainty(self) -> int:
@@ -291,7 +283,7 @@ class FilterState:
     @property
     def localized(self) -> bool:
         """`True` if the filter is in a knowledge cycle."""
-        return self._tables.color[self.index] > 1 and self.index != self._tables.trap
+        return self.color > 1 and self.index != self.filter.trap
 
     @property
     def refuted(self) -> bool:
@@ -314,35 +306,3 @@ def digits(observations: Observations) -> Iterable[int]:
         if character not in "01":
             raise ValueError(f"observation {index} is {character!r}; expected 0 or 1")
     return map(int, observations)
-
-
-def _check_parts(
-    transition: Int32[np.ndarray, "states 2"],
-    offsets: Int64[np.ndarray, "states+1"],
-    members: Int32[np.ndarray, "total"],
-    open_world: bool,
-) -> None:
-    states = len(transition)
-    if states <= open_world:
-        raise ValueError(
-            f"transition: {states} states; expected a start" + " and a trap" * open_world
-        )
-    if transition.min() < -1 or transition.max() >= states:
-        raise ValueError(f"transition: expected states from 0 to {states - 1}, or -1 for none")
-    if offsets[0] != 0 or offsets[-1] != members.size or np.any(np.diff(offsets) < 0):
-        raise ValueError(f"offsets: expected to rise from 0 to the {members.size} members")
-    ordinary = transition
-    if open_world:
-        trap = states - 1
-        if transition.min() < 0 or np.any(transition[trap] != trap):
-            raise ValueError(
-                "transition: expected every observation and, as last state, a trap in an open world"
-            )
-        ordinary = np.where(transition[:trap] == trap, np.int32(-1), transition[:trap])
-    # The largest state met before each edge grows by 1 at a time; a state is met before its edges.
-    met = np.maximum.accumulate(np.append(0, ordinary.ravel()))
-    late = met[:-1:2] < np.arange(len(ordinary))
-    if met[-1] != len(ordinary) - 1 or np.any(np.diff(met) > 1) or np.any(late):
-        raise ValueError(
-            "transition: expected states in breadth-first order from state 0, each reached"
-        )

@@ -118,12 +118,7 @@ class HiddenMap:
     def after(self, event: int, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
         """Compute the probability of each cell after one event, as in [`HiddenMap.leaving`][].
 
-        **Arguments:**
-
-        - `event`: the event.
-        - `weight`: the probability of each cell before it.
-
-        **Returns:** probabilities whose sum is the probability of the event.
+        `weight` is the probability before it; the result sums to the probability of the event.
         """
         leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
         if here.size < FEW * weight.size:

@@ -52,8 +52,6 @@ def homing_sequence(
 
     **Returns:** [`Homing`][].
 
-    **Raises:** `ValueError` as [`adaptive_choice`][].
-
     A ring of three states whose bell rings in state 2:
 
         >>> import numpy as np

@@ -94,15 +94,11 @@ class MooreMachine:
 
     @staticmethod
     def of_plan(actions: Sequence[float]) -> "MooreMachine":
-        """Make the machine that follows a plan.
+        """Make the machine that follows a plan: 0 for a step, else the angle to turn by at a bump.
 
-        **Arguments:**
-
-        - `actions`: 0 for a step, else the angle to turn by at a bump.
-
-        **Returns:** [`MooreMachine`][] of observations, with one state per action and the start.
-        With `n` different angles its outputs are the numbers of angles in ascending order, `n` to
-        go on, `n + 1` at the end, and `n + 2 + i` at an end where it turns by angle `i`.
+        It reads observations, and has one state per action and the start. With `n` different angles
+        its outputs are the numbers of angles in ascending order, `n` to go on, `n + 1` at the end,
+        and `n + 2 + i` at an end where it turns by angle `i`.
 
             >>> from jaxcell import automata
             >>> automata.MooreMachine.of_plan([0, 1.5, 0, 0]).color.tolist()

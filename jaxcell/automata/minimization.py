@@ -10,16 +10,12 @@ from .filter import Filter
 def minimize(filter: Filter) -> Filter:
     """Find the smallest filter with the same colours and the same impossible observations.
 
-    This is the quotient by bisimulation (Moore's equivalence with missing edges preserved). In the
-    quotient `cells` is the union of the configurations of the merged states, and `uncertainty` the
-    largest uncertainty among them, which can be less than the size of that union: the quotient
-    gives the same colours as the filter, and less precise cells.
+    It is the quotient by bisimulation (Moore's equivalence with missing edges preserved). Its
+    `cells` is the union of the configurations of the merged states, and `uncertainty` the largest
+    uncertainty among them, which can be less than the size of that union: the quotient gives the
+    same colours as the filter, and less precise cells.
 
-    **Arguments:**
-
-    - `filter`: a localization filter, closed- or open-world.
-
-    **Returns:** [`Filter`][], with colours equal to those of `filter`.
+    **Arguments:** a filter. **Returns:** the quotient.
 
     A ring of four cells that bumps every second step, and a path into it. The filter knows the cell
     of the ring; its colours only give the half of the ring:

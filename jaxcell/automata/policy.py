@@ -54,7 +54,30 @@ class Policy:
     "A JSON object that is stored with the policy: its map and the angles."
 
     def __post_init__(self) -> None:
-        self._check()
+        states = self.turn.size
+        for name, bounds, total in (
+            ("first", self.first, self.steps.size),
+            ("offsets", self.offsets, self.members.size),
+        ):
+            if bounds[0] != 0 or bounds[-1] != total or np.any(np.diff(bounds) < 0):
+                raise ValueError(f"{name}: expected to rise from 0 to {total}")
+        if states < 2:
+            raise ValueError("turn: expected a start, and a state after it")
+        owner = np.repeat(np.arange(states), np.diff(self.first))
+        falls = (np.diff(owner) == 0) & (np.diff(self.steps) <= 0)
+        if self.steps.min(initial=0) < 0 or falls.any():
+            raise ValueError("steps: expected numbers from 0, rising in each state")
+        # States are numbered in the order in which they are met, so the start leads to all others.
+        new = np.maximum.accumulate(np.append(0, self.target))
+        late = new[self.first[:-1]] < np.arange(states)
+        if self.target.min(initial=1) < 1 or new[-1] != states - 1 or np.any(np.diff(new) > 1):
+            raise ValueError("target: expected states in the order in which they are met")
+        if late.any() or not self._ends_everywhere():
+            raise ValueError("target: expected no state to lead back to itself")
+        turns = np.diff(self.first) > 0
+        turns[0] = False
+        if np.any((self.turn >= 0) != turns) or self.turn.min() < -1:
+            raise ValueError("turn: expected an angle where steps follow a bump, and -1 elsewhere")
         object.__setattr__(self, "metadata", checked_metadata(self.metadata))
 
     @property
@@ -120,32 +143,6 @@ class Policy:
             ):
                 raise ValueError("its tables are of different lengths")
             return Policy(**named, metadata=header["metadata"])
-
-    def _check(self) -> None:
-        states = self.turn.size
-        for name, bounds, total in (
-            ("first", self.first, self.steps.size),
-            ("offsets", self.offsets, self.members.size),
-        ):
-            if bounds[0] != 0 or bounds[-1] != total or np.any(np.diff(bounds) < 0):
-                raise ValueError(f"{name}: expected to rise from 0 to {total}")
-        if states < 2:
-            raise ValueError("turn: expected a start, and a state after it")
-        owner = np.repeat(np.arange(states), np.diff(self.first))
-        falls = (np.diff(owner) == 0) & (np.diff(self.steps) <= 0)
-        if self.steps.min(initial=0) < 0 or falls.any():
-            raise ValueError("steps: expected numbers from 0, rising in each state")
-        # States are numbered in the order in which they are met, so the start leads to all others.
-        new = np.maximum.accumulate(np.append(0, self.target))
-        late = new[self.first[:-1]] < np.arange(states)
-        if self.target.min(initial=1) < 1 or new[-1] != states - 1 or np.any(np.diff(new) > 1):
-            raise ValueError("target: expected states in the order in which they are met")
-        if late.any() or not self._ends_everywhere():
-            raise ValueError("target: expected no state to lead back to itself")
-        turns = np.diff(self.first) > 0
-        turns[0] = False
-        if np.any((self.turn >= 0) != turns) or self.turn.min() < -1:
-            raise ValueError("turn: expected an angle where steps follow a bump, and -1 elsewhere")
 
     def _ends_everywhere(self) -> bool:
         """Check that every run of the policy ends: no state leads back to itself."""

@@ -40,10 +40,10 @@ class Certificate:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Solution:
-    """A number for every cell, with a certificate."""
+    """A number for every cell, or pair of cells, with a certificate."""
 
-    value: Float[Array, "cells"]
+    value: Float[Array, "*cells"]
     certificate: Certificate
-    moved: Float[Array, "cells"] | None = None
+    moved: Float[Array, "*cells"] | None = None
     """The change of each value with half of the samples of the chain, `inf` if only one of both is
     infinite; `None` for a chain that is not made from samples."""

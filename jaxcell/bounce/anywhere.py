@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.quantities import Checks, Result, derived, quantity
+from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
 from ..walls import Homing, Trial, WallFilter, alike_places
 
@@ -81,9 +81,9 @@ class Anywhere(Result):
         # Bounds are moved outward by nanometres.
         return self.trial.extent.round(6)
 
-    @derived("robot bump", "whether the robot is where its filter says", kind="flag")
-    def held(self) -> Bool[np.ndarray, "robots bumps"]:
-        return self.trial.held
+    held = from_part(
+        "trial.held", "robot bump", "whether the robot is where its filter says", kind="flag"
+    )
 
     @derived("robot", "bumps until the robot is localized for good", kind="time")
     def bumps_until_known(self) -> Float[np.ndarray, "robots"]:
@@ -101,9 +101,7 @@ class Anywhere(Result):
     def theta(self) -> Float[np.ndarray, "robots bumps"]:
         return self.trial.heading % (2 * np.pi)
 
-    @derived("robot bump", "length of the run before the bump", "m")
-    def run(self) -> Float[np.ndarray, "robots bumps"]:
-        return self.trial.run
+    run = from_part("trial.run", "robot bump", "length of the run before the bump", "m")
 
     @derived("stretch", "bump after which the first robot may be on the stretch", kind="index")
     def stretch_bump(self) -> Int[np.ndarray, "stretches"]:

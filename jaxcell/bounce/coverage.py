@@ -175,19 +175,16 @@ def coverage_policy(
 
     **Arguments:**
 
-    - `cells`: the cell space.
     - `bounces`: different bouncing angles in radians, counter-clockwise.
-    - `error`, `reliability`: as for [`noisy_bounce_map`][].
-    - `target`: as for [`coverage_target`][].
+    - `error`, `reliability`, `target`: as for [`noisy_bounce_map`][] and [`coverage_target`][].
     - `weights`: the weights of the persistent groups of one angle, as for
         [`jaxcell.markov.limiting_distribution`][].
-    - `motion`: how the robot moves.
     - `progress`: called with the number of finished angles.
 
-    **Returns:** [`CoveragePolicy`][].
+    **Returns:** [`CoveragePolicy`][], with the mixture and what it is made from.
 
-    **Raises:** `ValueError` for bad angles or a bad target; `RuntimeError` if a solve stalls, or if
-    JAX is set to 32 bits; `MemoryError` if the noisy maps do not fit the free memory.
+    **Raises:** `RuntimeError` if a solve stalls, or if JAX is set to 32 bits; `MemoryError` if the
+    noisy maps do not fit the free memory.
 
     A room of two by two squares is covered evenly by any policy:
 
@@ -241,15 +238,12 @@ def coverage_policy(
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
     """Make a target for coverage, as a distribution over the positions.
 
-    **Arguments:**
+    **Arguments:** a cell space, and the worth of each position, in any unit: `None` for equal
+    worth; a function of arrays `x, y` of centres in metres; an array over the positions; or an
+    image `[rows, columns]`, its first row at the top, which is stretched over all squares of the
+    map and read at the centres.
 
-    - `cells`: the cell space.
-    - `target`: the worth of each position, in any unit: `None` for equal worth; a function of
-        arrays `x, y` of centres in metres; an array over the positions; or an image `[rows,
-        columns]`, its first row at the top, which is stretched over all squares of the map and read
-        at the centres.
-
-    **Returns:** the shares, which sum to 1.
+    **Returns:** shares that sum to 1.
 
     The last of three squares is worth twice as much as the others:
 

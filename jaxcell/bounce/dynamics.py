@@ -34,15 +34,10 @@ class Moves:
 def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
     """Find the end of one step from the centre of every cell. The last few answers are kept.
 
-    **Arguments:**
+    **Arguments:** a cell space and a motion. **Returns:** [`Moves`][], for any bouncing angle.
 
-    - `cells`: the cell space.
-    - `motion`: how the robot moves.
-
-    **Returns:** [`Moves`][].
-
-    **Raises:** `ValueError` for a step that is too short or not finite; `MemoryError` where the
-    moves would not fit the free memory.
+    **Raises:** `ValueError` for a step that is too short; `MemoryError` where the moves would not
+    fit the free memory.
 
     A corridor of three squares, with the directions East and West:
 
@@ -64,12 +59,8 @@ def bounce_shift(
 ) -> Int[np.ndarray, "..."]:
     """Express bouncing angles as numbers of directions.
 
-    **Arguments:**
-
-    - `bounce`: angles in radians, counter-clockwise.
-    - `directions`: number of directions in a full turn.
-
-    **Returns:** the numbers of directions, at least 0 and less than `directions`.
+    **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
+    turn. **Returns:** numbers from 0 and less than that number.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions.
 
@@ -107,14 +98,8 @@ def bounce_map(
     robot turns in place: the image is the same position in the direction `bounce` farther
     (observation 1). This is Eq. 2.4 of Alam 2018.
 
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `bounce`: bouncing angle in radians, counter-clockwise; an array of angles makes a batch of
-        maps.
-    - `motion`: how the robot moves.
-
-    **Returns:** [`jaxcell.mapping.SimpleMap`][] with arrays over the cells.
+    **Arguments:** a cell space, bouncing angles in radians, counter-clockwise, and a motion.
+    **Returns:** the map; a batch of maps for an array of angles.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions; `MemoryError`
     where the images would not fit the free memory; else as [`moves`][].
@@ -144,12 +129,8 @@ def bounce_map(
 def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
     """Compute the bounce map of known moves, under `jit` and under `vmap` over both arguments.
 
-    **Arguments:**
-
-    - `moves`: the moves.
-    - `shift`: number of directions by which the robot turns at a bump.
-
-    **Returns:** [`jaxcell.mapping.SimpleMap`][].
+    **Arguments:** the moves, and the number of directions by which the robot turns at a bump.
+    **Returns:** a map over all cells.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -185,12 +166,7 @@ def motion_violations(
 ) -> Bool[np.ndarray, "times-1 robots"]:
     """Find the moves in which a robot does not keep its direction, or its position at a bump.
 
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `path`: the cells of each robot over time.
-    - `bumped`: whether the robot turned in place.
-    - `turn`: the number of directions that it turned by, or `None` if that is not known.
+    `turn` is the number of directions of a turn in place, or `None` if that is not known.
     """
     direction, position = np.divmod(path, cells.positions)
     stays = position[1:] == position[:-1]

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..base.quantities import Checks, Result, derived, quantity
+from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..mapping import GroupTotals, PeriodicGroups
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.steps import Steps
@@ -61,12 +61,6 @@ class BounceGroups(Result):
         motion: Motion = CELL_BY_CELL,
     ) -> "BounceGroups":
         """Find the periodic groups of the bounce map of each angle.
-
-        **Arguments:**
-
-        - `cells`: the cell space.
-        - `bounce`: one or several bouncing angles, in radians.
-        - `motion`: how the robot moves.
 
         **Raises:** `ValueError` for an angle that is not a whole number of directions;
         `MemoryError` if the computation would exceed the free memory.
@@ -219,9 +213,7 @@ class RoomGroups(BounceGroups):
         ),
     ]
 
-    @derived("", "free cells of the room", "1", kind="count")
-    def positions(self) -> int:
-        return self.cells.positions
+    positions = from_part("cells.positions", "", "free cells of the room", "1", kind="count")
 
     @classmethod
     def of_room(
@@ -234,11 +226,8 @@ class RoomGroups(BounceGroups):
     ) -> "RoomGroups":
         """Find the periodic groups and the filters in a room.
 
-        **Arguments:**
-
-        - `free`: the free squares; row 0 is the lowest.
-        - `bounce`: bouncing angles in radians.
-        - `directions`, `motion`: as for [`jaxcell.bounce.walls`][].
+        Row 0 of the squares is the lowest. `directions` and `motion` are as for
+        [`jaxcell.bounce.walls`][].
 
         An open room of two rows of three squares, with turns by 90 and by 180 degrees:
 

@@ -121,14 +121,10 @@ def bounce_groups(
 ) -> PeriodicGroups:
     """Find the periodic groups of a bounce map, by way of the section of its bumps.
 
-    The result is that of [`jaxcell.mapping.periodic_groups`][] for the image of
-    [`jaxcell.bounce.bounce_map`][], many times faster: the rows `groups` of the benchmarks.
+    **Arguments:** as for [`jaxcell.bounce.bounce_map`][], with its errors.
 
-    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
-
-    **Returns:** [`jaxcell.mapping.PeriodicGroups`][].
-
-    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.bounce_map`][].
+    **Returns:** the result of [`jaxcell.mapping.periodic_groups`][] for the image of that map, many
+    times faster: the rows `groups` of the benchmarks.
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -170,9 +166,7 @@ def group_summary(
 ) -> GroupSummary:
     """Count the periodic groups of a bounce map, with their periods, basins and transients.
 
-    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
-
-    **Returns:** [`jaxcell.mapping.GroupSummary`][].
+    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]. **Returns:** numbers of each group.
 
     A corridor of three squares, whose six cells are one periodic group:
 

@@ -39,17 +39,11 @@ def grid_groups(
 ) -> GroupTotals:
     """Total the periodic groups of many grids of one shape, each with many bouncing angles.
 
-    The totals are those of [`jaxcell.bounce.group_summary`][] for each grid and angle.
+    **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
+    1 m; bouncing angles in radians, counter-clockwise; and as for [`walls`][].
 
-    **Arguments:**
-
-    - `free`: the free squares, at least one of each grid; row 0 is the lowest.
-    - `bounce`: bouncing angles in radians, counter-clockwise; a number, or an axis of them.
-    - `directions`: number of directions.
-    - `motion`: how the robot moves; the side of a square is 1 m.
-
-    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[*rooms, angles]`, or `[*rooms]` for
-    a number.
+    **Returns:** the totals of [`jaxcell.bounce.group_summary`][] of the shape `[*rooms, angles]`,
+    or `[*rooms]` for a single angle.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions, a step shorter
     than a square, and a grid without a free square.
@@ -78,12 +72,8 @@ def grid_groups(
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
     """Total the periodic groups of grids with known walls.
 
-    **Arguments:**
-
-    - `walls`: the walls of grids.
-    - `shift`: number of directions by which the robot turns at a bump.
-
-    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[grids, angles]`.
+    **Arguments:** the walls, and the turns at bumps as numbers of directions. **Returns:** totals
+    of the shape `[grids, angles]`.
 
     An open room of two rows of three squares, with turns to the left and right about:
 
@@ -202,10 +192,7 @@ def _measure(
 def _once_around(
     tables: _Tables, turn: Int[np.ndarray, "order cycles"]
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """Follow each place of the first layer around its cycle.
-
-    **Returns:** the place of the first layer to which it leads, and the mappings to it.
-    """
+    """Find the place of the first layer to which each of its places leads, and the mappings."""
     slots = tables.behind.shape[1]
     cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
     mappings = np.zeros(slot.size, np.int64)
@@ -237,12 +224,8 @@ def _pull(
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
     """Go backwards through the layers, from the mappings from the first layer to its groups.
 
-    **Arguments:**
-
-    - `wanted`: a mask of places of the first layer. Layers that lead to none of these places are
-        left out, unless the mask is empty.
-
-    **Returns:** the mappings from places of the first layer, one round before; and the longest
+    Layers that lead to none of the `wanted` places of the first layer are left out, unless none is
+    wanted. Returns the mappings from places of the first layer, one round before, and the longest
     transient of each cycle, among the layers that were not left out.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]

@@ -31,13 +31,7 @@ class Headings:
 
     @classmethod
     def of(cls, way: Int[np.ndarray, "directions"], shift: int) -> "Headings":
-        """Find the cycles.
-
-        **Arguments:**
-
-        - `way`: the way of each direction.
-        - `shift`: number of directions by which the robot turns at a bump.
-        """
+        """Find the cycles of a robot that turns by `shift` directions at a bump."""
         return _headings(way.tobytes(), way.dtype.str, shift)
 
     def spread(
@@ -45,11 +39,8 @@ class Headings:
     ) -> "SpreadGroups":
         """Number the groups of all cycles by their smallest cells.
 
-        **Arguments:**
-
-        - `leads`: a mask of the slots of the section that represent a group.
-        - `lowest`: the smallest cell of the group of each of these slots.
-        - `positions`: number of cells of a direction.
+        Slots of the section in the mask `leads` represent a group each, whose smallest cell is
+        `lowest`. A direction has `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]

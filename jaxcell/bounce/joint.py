@@ -30,14 +30,7 @@ class JointImage:
 
 
 def squares_of(cells: CellSpace) -> Int[np.ndarray, "2 positions"]:
-    """Find the column and row of each position, which show where robots meet.
-
-    **Arguments:**
-
-    - `cells`: the cell space.
-
-    **Returns:** the columns, and the rows.
-    """
+    """Find the column and the row of each position, which show where robots meet."""
     row, column = np.divmod(cells.square, cells.free.shape[1])
     return np.stack([column, row])
 
@@ -67,14 +60,7 @@ def joint_image(
 
     Works under `jit`, and under `vmap` over any of the arguments.
 
-    **Arguments:**
-
-    - `moves`: the ends of steps.
-    - `squares`: column and row of each position, from [`squares_of`][].
-    - `shift`: number of directions by which each robot turns at a bump.
-    - `state`: the cell of each robot, no two in one position.
-
-    **Returns:** [`JointImage`][].
+    No two robots are in one position. `squares` are those of [`squares_of`][].
     """
     directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction, position = state // positions, state % positions
@@ -121,15 +107,7 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """Follow many joint states side by side.
-
-    **Arguments:** as for [`joint_image`][], and
-
-    - `states`: the cells of the robots at the beginning of each lane.
-    - `steps`: number of steps.
-
-    **Returns:** [`JointImage`][] with batch axes (steps, lanes).
-    """
+    """Follow many joint states side by side. The result has batch axes (steps, lanes)."""
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 
     def step(states, _):  # type: ignore[no-untyped-def]

@@ -25,18 +25,12 @@ def noisy_bounce_map(
     with probability `reliability`. Otherwise it turns by another angle that differs by at most
     `error`, all whole directions with equal probability (Alg. 3.3).
 
-    **Arguments:**
+    **Arguments:** a cell space; angles in radians, counter-clockwise, of which the error is a whole
+    number of directions; and a reliability above 0 and at most 1. **Returns:** a chain without
+    sink.
 
-    - `cells`: the cell space.
-    - `bounce`: bouncing angle in radians, counter-clockwise.
-    - `error`: the largest error in radians, a whole number of directions.
-    - `reliability`: the probability of a turn without error, above 0 and at most 1.
-    - `motion`: how the robot moves.
-
-    **Returns:** [`jaxcell.mapping.Chain`][], without a sink.
-
-    **Raises:** `ValueError` for angles or a reliability that do not fit, and as
-    [`jaxcell.bounce.bounce_map`][]; `RuntimeError` if JAX is set to 32 bits.
+    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.bounce_map`][]; `RuntimeError` if
+    JAX is set to 32 bits.
 
     Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are right
     about, and one each is to the North and the South:
@@ -59,12 +53,8 @@ def noisy_turns(
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
     """List the turns at a wall, in directions, the turn without error first.
 
-    **Arguments:**
-
-    - `bounce`, `error`, `reliability`: as for [`noisy_bounce_map`][].
-    - `directions`: number of directions in a full turn.
-
-    **Returns:** the turns, and the probability of each.
+    **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns, and the probability of
+    each.
 
     Mostly to the left, one in ten times a direction farther, and one in ten times a direction less:
 

@@ -48,7 +48,7 @@ class AngleGroups:
     leader: Int32[np.ndarray, "slots"]
     "The slot that represents the group of each slot."
     lead: Int32[np.ndarray, "slots"]
-    "The number to add to the steps to the wall, as in [`jaxcell.mapping.SectionGroups`][]."
+    "The number to add to the steps to the wall, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
     "The groups of all directions."
     period: Int32[np.ndarray, "groups"]
@@ -89,15 +89,7 @@ _cycles_of_angles = jax.jit(jax.vmap(section_cycles))
 
 
 def angle_groups(cells: CellSpace, runs: Runs, shifts: Sequence[int]) -> list[AngleGroups]:
-    """Find the periodic groups of several bouncing angles.
-
-    **Arguments:**
-
-    - `cells`, `runs`: the cell space and its straight runs.
-    - `shifts`: the angles, each as a number of directions by which the robot turns at a bump.
-
-    **Returns:** the groups of each angle.
-    """
+    """Find the periodic groups of several bouncing angles, each as a number of directions."""
     headings = [Headings.of(runs.steps.way, shift) for shift in shifts]
     sections = [runs.of_directions(one.leading) for one in headings]
     slots = bucket(max(wall.size for _, _, wall in sections))

@@ -69,7 +69,7 @@ class Runs:
     ]:
         """List the walls of chosen directions, by direction.
 
-        **Returns:** the first slot of each direction; the direction and the wall of each slot.
+        Returns the first slot of each direction, and the direction and the wall of each slot.
         """
         way = self.steps.way
         count = np.where(chosen, np.diff(self.begin)[way], 0)
@@ -88,7 +88,7 @@ class Runs:
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
         """List the free squares run by run, about a million at a time.
 
-        **Returns:** the squares, the walls that they run to, counted from the first wall of the
+        Each part has the squares, the walls that they run to, counted from the first wall of the
         way, and the steps to these walls.
         """
         square, hop = self.square[self.of_way(way)], self.steps.hop(way)
@@ -103,10 +103,8 @@ class Runs:
     def of_cells(
         self, cells: CellSpace
     ) -> tuple[Int32[np.ndarray, "ways positions"], Int32[np.ndarray, "ways positions"]]:
-        """Find the run of each position in each way.
-
-        **Returns:** the wall at its end, counted from the first wall of the way, and the steps to
-        it.
+        """Find the run of each position in each way: its wall, counted from the first one, and its
+        steps.
         """
         ends, lengths = np.empty((2, self.begin.size - 1, cells.positions), np.int32)
         position = cells.position_of_square.ravel()
@@ -119,8 +117,8 @@ class Runs:
 def _walls(steps: Steps, way: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Find the walls of one way.
 
-    **Returns:** the squares of the walls; the number of squares behind each wall; the order of the
-    walls along the lines of the way; and the places of the walls on these lines, in this order.
+    Returns the squares of the walls; the number of squares behind each wall; the order of the walls
+    along the lines of the way; and the places of the walls on these lines, in this order.
     """
     possible = steps.possible(way)
     square = np.flatnonzero(steps.free & ~possible)

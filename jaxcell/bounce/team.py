@@ -43,16 +43,13 @@ def team_trajectory(
 
     **Arguments:**
 
-    - `cells`: the cell space.
     - `starts`: the cell of each robot, no two in one position.
     - `bounces`: bouncing angles in radians, one for all robots or one for each.
-    - `motion`: how the robots move.
-    - `max_parts`: the largest number of parts.
     - `part_steps`: the largest number of steps of a part, because several robots may take millions
         of steps until they repeat a state; by default the number of cells, at most 100,000.
     - `progress`: called after each part with the numbers of parts and of visited positions.
 
-    **Returns:** [`TeamTrajectory`][].
+    **Returns:** [`TeamTrajectory`][], the cells of all robots over time.
 
     **Raises:** `ValueError` for starts, angles or numbers that do not fit, and as
     [`jaxcell.bounce.moves`][].
@@ -92,10 +89,9 @@ def team_trajectories(
 
     All runs are simulated side by side, each with all the turns that it tries.
 
-    **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run. `progress` is
-    called after each part with the most parts and the fewest positions of a run.
-
-    **Returns:** a [`TeamTrajectory`][] for each run.
+    **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
+    is called with the most parts and the fewest positions of a run. **Returns:** a trajectory for
+    each run.
 
     The number of steps from two pairs of starts in a corridor of three squares:
 
@@ -279,7 +275,9 @@ class _Part:
         states = steps.state[: self.limit - self.length]
         stop = len(states)
         self.growing = self.length + stop < self.limit
-        for i, state in enumerate(_hashable(states)):
+        whole = np.ascontiguousarray(states)
+        keys = whole.view(f"V{whole.itemsize * whole.shape[1]}").ravel().tolist()
+        for i, state in enumerate(keys):
             if state in self.visited or state in self.run.visited:
                 stop, self.growing = i + 1, False
                 break
@@ -292,11 +290,6 @@ class _Part:
         self.steps.append(_Steps(*(field[:stop] for field in steps)))
         self.length += stop
         self.collisions += int(steps.collisions[:stop].sum())
-
-
-def _hashable(states: Int[np.ndarray, "steps robots"]) -> list[bytes]:
-    states = np.ascontiguousarray(states)
-    return states.view(f"V{states.itemsize * states.shape[1]}").ravel().tolist()
 
 
 def _simulate(

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.quantities import Checks, Result, derived, quantity
+from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
 from .dynamics import motion_violations
 
@@ -75,17 +75,13 @@ class TeamTrajectory(Result):
     def answered(self) -> bool:
         return self.uncovered == 0
 
-    @derived("", "reason for the end", kind="text")
-    def meaning(self) -> str:
-        return self.outcome.value
+    meaning = from_part("outcome.value", "", "reason for the end", kind="text")
 
     @derived("", "steps", kind="count")
     def steps(self) -> int:
         return len(self.bumped)
 
-    @derived("", "parts", kind="count")
-    def parts(self) -> int:
-        return self.part_begin.size
+    parts = from_part("part_begin.size", "", "parts", kind="count")
 
     @derived("", "steps to cover 50 %", kind="time")
     def steps_to_50_percent(self) -> float:
@@ -111,9 +107,9 @@ class TeamTrajectory(Result):
     def positions_covered(self) -> int:
         return int(self.covered[-1])
 
-    @derived("", "positions that stay uncovered", kind="count")
-    def uncovered(self) -> int:
-        return self.uncovered_positions.size
+    uncovered = from_part(
+        "uncovered_positions.size", "", "positions that stay uncovered", kind="count"
+    )
 
     @derived("", "remark", kind="text")
     def remark(self) -> str | None:

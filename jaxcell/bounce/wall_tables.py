@@ -63,12 +63,8 @@ class Walls:
     ]:
         """Make the walls of all directions of one grid the states of a machine.
 
-        **Arguments:**
-
-        - `shifts`: the numbers of directions that the robot may turn by at a bump.
-        - `grid`: the number of the grid.
-
-        **Returns:** the next wall after each turn, the steps to it, and the squares behind each.
+        At a bump the robot may turn by `shifts` directions. Returns the next wall after each turn,
+        the steps to it, and the squares behind each wall.
         """
         count = self.count[grid, self.way]
         first = np.cumsum([0, *count])
@@ -91,13 +87,8 @@ def walls(
 ) -> Walls:
     """Tabulate the walls of grids whose blocked squares are the obstacles.
 
-    **Arguments:**
-
-    - `free`: the free squares of each grid; row 0 is the lowest.
-    - `directions`: number of directions.
-    - `motion`: how the robot moves; the side of a square is 1 m.
-
-    **Returns:** [`Walls`][].
+    **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
+    1 m; the number of directions; and a motion. **Returns:** the walls of all grids.
 
     An open room of two rows of three squares; two of them lie at the East wall and three at the
     North wall:

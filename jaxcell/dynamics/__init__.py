@@ -21,25 +21,10 @@ that differ with steps of half the length, and the cells that lead to a saddle. 
 volumes has groups and no attractors: results then report that orbits had not settled, or that most
 cells are periodic.
 
-Functions:
-
-- `flow`, `strobe`, `section`: a `Map`; any function of JAX is a `Map` too.
-- `images`: the image of every cell, in chunks.
-- `basins`: attractors, basins and steps, a `Basins`. `continuation`: these over parameters,
-    matched, a `Continuation`.
-- `stored_basins`: basins of more cells than memory holds, in files; `foretold`: the time, memory
-    and disk that they take.
-- `chain`: a [`jaxcell.mapping.Chain`][], from samples and noise.
-- `basin_stability`, `convergence_pace`, `minimal_critical_shock`, `noncritical_shocks`,
-    `basin_entropy`, `uncertainty_exponent`, `wada`, `overlap`: measures of basins.
-- `edge_states`: the saddles on boundaries of basins.
-- `refined`: basins with finer cells at their boundaries; `relative_attractor`: a cover of the
-    points that have always been in a box, by finer and finer cells.
-- `unstable_set`: reachable cells, by images of points of each cell.
-- `morse_sets`: recurrent sets and their order, a `MorseSets` with a certificate, by outer images of
-    boxes that are bisected again and again: `Intervals` (with proof), `Corners` or `Samples`.
-- `enclose`: the image of a box, by interval arithmetic that is rounded outward.
-- `System`, `systems`: a map with its box, and six examples.
+`images`, `basins`, `stored_basins`, `foretold`, `continuation`, `chain`; `refined`, `edge_states`,
+`unstable_set`, `relative_attractor`, `morse_sets`, `enclose`; `basin_stability`, `basin_entropy`,
+`uncertainty_exponent`, `wada`, `overlap`, `convergence_pace`, `minimal_critical_shock`,
+`noncritical_shocks`.
 """
 
 from ..base.hosted import attach

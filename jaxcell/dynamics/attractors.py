@@ -85,15 +85,8 @@ def attractors(
     the share of starts that lead to each. Beyond 8,192 groups, only those with the largest basins
     are followed in this way, and others until they visit cells of a known attractor.
 
-    **Arguments:**
-
-    - `map`, `box`, `follow`: as in [`jaxcell.dynamics.images`][].
-    - `members`: the parameters of each member; all members are followed in one batch.
-    - `groups`: the periodic groups of the images of each member, with those of the two sinks.
-    - `scattered`: number of orbits from random points of the box.
-    - `seed`: seed of the points.
-
-    **Returns:** the [`Attractors`][jaxcell.dynamics.attractors.Attractors] of each member.
+    All members are followed in one batch. The groups of each member include those of the two sinks.
+    `scattered` orbits start at random points of the box, which `seed` decides.
     """
     starts, begun = zip(*(_starts(box, each, scattered, seed) for each in groups), strict=True)
     params, start = stacked(members), dict(enumerate(starts))

@@ -117,9 +117,7 @@ class Basins(Result):
     def attractors(self) -> int:
         return len(self.attractor_cells)
 
-    @derived("", "number of periodic groups", kind="count")
-    def groups(self) -> int:
-        return self.group_period.size
+    groups = from_part("group_period.size", "", "number of periodic groups", kind="count")
 
     @derived("", "cells of periodic groups", kind="count")
     def periodic_cells(self) -> int:
@@ -232,7 +230,7 @@ def basins(
     - `seed`: seed of the points from which attractors are found.
     - `labels`: names of the axes.
 
-    **Returns:** [`Basins`][jaxcell.dynamics.Basins], attractors with larger basins first.
+    **Returns:** [`Basins`][], the attractor of each cell.
 
     **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. Warns, before cells are mapped, if
     the map differs at the two ends of a periodic axis.

@@ -48,17 +48,11 @@ def params_of(params: Any, member: Any) -> Any:
 def in_stages(
     state: tuple[np.ndarray, ...], stage: Callable[[tuple[np.ndarray, ...], int], Any]
 ) -> tuple[np.ndarray, ...]:
-    """Advance the rows of a batch by stages; rows that have ended leave it.
+    """Advance the rows of a batch by stages; rows that have ended leave it, so that none waits.
 
-    So no row waits for the slowest.
-
-    **Arguments:**
-
-    - `state`: arrays over the rows.
-    - `stage`: a function of the state and the number of the stage. It returns the state after the
-        stage, a mask of rows that have ended, and a tuple of arrays of their results.
-
-    **Returns:** the results of all rows.
+    `stage` is a function of the state, arrays over the rows, and of the number of the stage. It
+    returns the state after the stage, a mask of rows that have ended, and a tuple of arrays of
+    their results. Returns the results of all rows.
     """
     left, results = np.arange(len(state[0])), None
     for k in itertools.count():

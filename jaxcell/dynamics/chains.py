@@ -50,10 +50,7 @@ def chain(
         `2 n - 1` have exact means. With 0, each image has one random noise.
     - `key`: random key of JAX, by default `jax.random.key(0)`.
 
-    **Returns:** [`jaxcell.mapping.Chain`][], for the functions of [`jaxcell.markov`][].
-
-    **Raises:** `ValueError` for wrong numbers, and as [`jaxcell.dynamics.images`][]; `RuntimeError`
-    where JAX is set to 32 bits. Warns if the map differs at the two ends of a periodic axis.
+    **Returns:** a chain over the cells of the box.
 
     A walk on a ring:
 

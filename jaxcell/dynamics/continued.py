@@ -108,16 +108,9 @@ def continuation(
     keeps its name, and gets it again if it reappears in its old place; until then it counts as
     merged with the attractor in whose basin it lies.
 
-    **Arguments:**
-
-    - `map`, `box`: as in [`jaxcell.dynamics.basins`][].
-    - `params`: numbers, and arrays of one length for the parameters that vary.
-    - `options`: further arguments of [`jaxcell.dynamics.basins`][].
-
-    **Returns:** [`Continuation`][jaxcell.dynamics.Continuation].
-
-    **Raises:** `ValueError` for arrays of different lengths, or no array; also as
-    [`jaxcell.dynamics.basins`][].
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], with its errors; but `params` has numbers,
+    and arrays of one length for the parameters that vary. **Returns:** the basins of all members,
+    and the names of their attractors.
 
     A second attractor appears, and takes half of the box:
 
@@ -155,10 +148,7 @@ def continuation(
 
 
 def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """List the parameters of each member.
-
-    **Raises:** `ValueError` for arrays of different lengths, or no array.
-    """
+    """List the parameters of each member."""
     lengths = {name: len(value) for name, value in params.items() if np.ndim(value)}
     if not lengths:
         raise ValueError("params: expected an array for at least one parameter")

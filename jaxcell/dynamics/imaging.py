@@ -145,13 +145,7 @@ def torn_axes(
 ) -> list[tuple[int, ...]]:
     """Find periodic axes at whose two ends a map differs, by 64 points of each end, and warn.
 
-    **Arguments:**
-
-    - `map`, `box`: as in [`images`][jaxcell.dynamics.images].
-    - `members`: the parameters of each member.
-    - `labels`: names of the axes.
-
-    **Returns:** the axes for each member.
+    Returns the axes for each member.
     """
     points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)

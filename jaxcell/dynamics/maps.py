@@ -174,7 +174,7 @@ def flow(
     - `max_steps`: with `"crossing"`, the largest number of steps; a cell whose image is still
         nearer then most likely holds an equilibrium.
 
-    **Returns:** [`Flow`][jaxcell.dynamics.Flow], a [`Map`][jaxcell.dynamics.Map].
+    **Returns:** a map for all functions of this package.
 
     Half a turn of a harmonic oscillator:
 
@@ -194,13 +194,8 @@ def flow(
 def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
     """Make the map of a forced field over one period of the force, from phase 0.
 
-    **Arguments:**
-
-    - `field`: the velocity, `field(t, x, params)`.
-    - `period`: duration of one application.
-    - `steps`: number of Runge-Kutta steps in a period.
-
-    **Returns:** a [`Map`][jaxcell.dynamics.Map].
+    **Arguments:** the velocity, `field(t, x, params)`; the period; and the number of Runge-Kutta
+    steps in a period. **Returns:** a map for all functions of this package.
 
     A force whose effects cancel over a period:
 
@@ -238,7 +233,7 @@ def section(
     - `dt`: duration of a step.
     - `max_steps`: largest number of steps to a return.
 
-    **Returns:** a [`Map`][jaxcell.dynamics.Map] of coordinates on the surface.
+    **Returns:** a map of coordinates on the surface.
 
     A spiral, which returns to the positive x axis nearer to its centre by `exp(-pi / 5)`:
 

@@ -35,13 +35,8 @@ def orbit_basins(
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
     """Follow the centre of each cell until it has repeatedly visited the cells of one attractor.
 
-    **Arguments:**
-
-    - `map`, `box`, `params`, `follow`, `say`: as in [`jaxcell.dynamics.images`][].
-    - `attractor_cells`: the cells of each attractor.
-
-    **Returns:** the attractor of each cell, -2 if its orbit leaves the box, -1 if it reaches none;
-    and the number of mappings until the first of these visits.
+    Returns the attractor of each cell, -2 if its orbit leaves the box, -1 if it reaches none, and
+    the number of mappings until the first of these visits.
     """
     owner = attractor_owners(box, attractor_cells)
     basin, step = np.empty((2, box.size), np.int32)

@@ -19,13 +19,11 @@ def basin_stability(
 ) -> Float[np.ndarray, "attractors"]:
     """Compute the share of starts that lead to each attractor, for a density of starts.
 
-    **Arguments:**
+    **Arguments:** basins; the density at points `[cells, axes]`, perhaps not normalised, by default
+    uniform; and the time within which starts reach their attractor, in mappings if the map has no
+    time.
 
-    - `basins`: the basins.
-    - `weight`: the density at points `[cells, axes]`, perhaps not normalised; by default uniform.
-    - `within`: the longest time to the attractor that counts, in mappings if the map has no time.
-
-    **Returns:** the shares, which sum to less than 1 if starts leave the box.
+    **Returns:** shares, which sum to less than 1 if starts leave the box.
 
     Cells to the right of the middle stay, the others go to the left end:
 
@@ -44,15 +42,10 @@ def basin_stability(
 def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the mean, over each basin, of the time to the attractor per distance from it.
 
-    Cells of the attractor have a pace of 0. For mean times see `basins.mean_time`.
+    **Arguments:** basins. **Returns:** the pace of each attractor, whose own cells count 0. For
+    mean times see `basins.mean_time`.
 
-    **Returns:** time, in mappings if the map has none, per length in the units of the box.
-
-    **Arguments:**
-
-    - `basins`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    It is a time, in mappings if the map has none, per length in the units of the box.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -72,13 +65,9 @@ def noncritical_shocks(
 ) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
     """Compute the mean and the largest distance of the cells of each basin from its attractor.
 
-    **Returns:** the mean and the largest distance for each attractor, in the units of the box.
+    **Arguments:** basins. **Returns:** both distances for each attractor.
 
-    **Arguments:**
-
-    - `basins`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    Both are in the units of the box.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -101,17 +90,11 @@ def _basins_with_distance(basins: Basins) -> Iterator[tuple[np.ndarray, np.ndarr
 def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the least distance from a cell of each attractor to a cell outside of its basin.
 
+    **Arguments:** basins. **Returns:** the distance for each attractor.
+
     An exact Euclidean distance transform between centres is used, so the result is accurate to a
     cell. Cells beyond the ends of an axis count only if it is periodic. It is `inf` for a single
     basin.
-
-    **Returns:** the length for each attractor, in the units of the box.
-
-    **Arguments:**
-
-    - `basins`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -142,15 +125,12 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
 def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
     """Compute the entropy of the basins in boxes of cells, in nats, and of boxes on a boundary.
 
-    **Arguments:**
+    **Arguments:** basins, and the number of cells along the side of a box. **Returns:** both
+    entropies.
 
-    - `basins`: the basins.
-    - `side`: number of cells along each side of a box; remaining cells at the ends are not used.
-
-    **Returns:** `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al.
-    2016). `S_bb > log 2` proves a fractal boundary; without a boundary both are 0.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    Boxes have `side` cells along each side; remaining cells at the ends are not used. Returns
+    `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al. 2016). `S_bb
+    > log 2` proves a fractal boundary; without a boundary both are 0.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -176,15 +156,12 @@ def uncertainty_exponent(
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
     """Measure how the share of cells with another basin within a radius grows with the radius.
 
-    **Arguments:**
+    **Arguments:** basins, and radii in cells. **Returns:** the exponent, and the share for each
+    radius.
 
-    - `basins`: the basins.
-    - `radii`: radii in cells, along any axis.
-
-    **Returns:** the exponent, the slope of logarithms: 1 for a smooth boundary in a plane, 0 for a
-    boundary that fills it (Grebogi et al. 1983); and the share of uncertain cells by radius.
-
-    Cells to the right of the middle stay, the others go to the left end:
+    Radii are in cells, along any axis. Returns the exponent, the slope of logarithms: 1 for a
+    smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al. 1983); and the share
+    of uncertain cells by radius.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -206,11 +183,7 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     Each basin has a boundary with the union of all others; for Wada basins these boundaries are the
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.
 
-    **Arguments:**
-
-    - `basins`: three basins or more.
-    - `radius`: largest distance of boundaries that count as the same, in cells.
-
+    **Arguments:** basins, and the distance in cells within which boundaries count as the same.
     **Returns:** the largest share of the cells of a boundary that are farther from another one.
 
     **Raises:** `ValueError` for fewer than three basins.
@@ -243,20 +216,13 @@ def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
     """Compute the share of each basin that lies in each basin for other parameters in the same box.
 
-    **Raises:** `ValueError` if the boxes differ.
+    **Arguments:** basins of two maps in one box. **Returns:** the share for each pair of
+    attractors.
 
-    **Returns:** an array over the attractors of both.
-
-    **Arguments:**
-
-    - `one`, `other`: the basins.
-
-    Cells to the right of the middle stay, the others go to the left end:
-
-        >>> from jaxcell import dynamics, examples
-        >>> basins = examples.basins()
-        >>> dynamics.overlap(basins, basins).tolist()
-        [[1.0, 0.0], [0.0, 1.0]]
+    >>> from jaxcell import dynamics, examples
+    >>> basins = examples.basins()
+    >>> dynamics.overlap(basins, basins).tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
     """
     if one.box != other.box:
         raise ValueError("overlap: expected basins in the same box")

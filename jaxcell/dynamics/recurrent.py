@@ -1,16 +1,14 @@
 """Reachable cells, by images of several points of each cell."""
 
-import functools
 import itertools
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Int
 
 from ..space.box import Box
 from .batches import with_last
-from .imaging import check_begin, check_map
+from .imaging import check_begin, check_map, mapped_points
 from .maps import Map
 
 
@@ -26,13 +24,9 @@ def unstable_set(
     From equilibria it is a cover of their unstable manifolds (Dellnitz & Hohmann 1996), and so of
     the attractor that contains them.
 
-    **Arguments:**
-
-    - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `start`: the starting points, array `[points, axes]`.
-    - `samples`: number of points along each axis of a cell, from face to face, at least 2.
-
-    **Returns:** the cells in ascending order, including those of the start.
+    **Arguments:** a map, a box, starting points `[points, axes]`, parameters, and the number of
+    points of a cell along each axis, from face to face, at least 2. **Returns:** the cells in
+    ascending order, with those of the start.
 
     A map that doubles its point:
 
@@ -44,30 +38,17 @@ def unstable_set(
     check_map(map, box, params)
     check_begin(map, box, params)
     place = np.linspace(-0.5, 0.5, samples)
-    offsets = np.array(list(itertools.product(place, repeat=box.dimensions)))
+    offsets = np.array(list(itertools.product(place, repeat=box.dimensions))) * box.width
     reached = np.zeros(box.size, bool)
     new = np.unique(box.index(np.asarray(start, float)))
     new = new[new < box.size]
     while new.size:
         reached[new] = True
-        image = np.unique(_mapped(map, box, params, new, offsets))
+        images = []
+        for k in range(0, new.size, _PART):
+            points = box.centre(with_last(new[k : k + _PART], _PART))[:, None] + offsets
+            images.append(box.index(np.asarray(mapped_points(map, params, points))).ravel())
+        image = np.unique(np.concatenate(images))
         image = image[image < box.size]
         new = image[~reached[image]]
     return np.flatnonzero(reached)
-
-
-def _mapped(
-    map: Map, box: Box, params: Any, cells: np.ndarray, offsets: np.ndarray
-) -> Int[np.ndarray, "cells points"]:
-    """Compute the cells of the images of points of cells, 256 cells at a time."""
-    images = []
-    for k in range(0, cells.size, _PART):
-        part = with_last(cells[k : k + _PART], _PART)
-        images.append(np.asarray(_of_part(map, box, params, part, offsets * box.width)))
-    return np.concatenate(images)[: cells.size]
-
-
-@functools.partial(jax.jit, static_argnames=("map", "box"))
-def _of_part(map: Map, box: Box, params: Any, cells: Any, offsets: Any) -> Any:
-    points = box.centre(cells)[:, None] + offsets[None]
-    return box.index(jax.vmap(jax.vmap(lambda x: map(x, params)))(points))

@@ -73,13 +73,9 @@ magnetic = System(
 
 def _lorenz84(x, p):  # type: ignore[no-untyped-def]
     west, cos, sin = x[0], x[1], x[2]
-    return jnp.stack(
-        [
-            -(cos**2) - sin**2 - p["a"] * west + p["a"] * p["F"],
-            west * cos - cos - p["b"] * west * sin + p["G"],
-            p["b"] * west * cos + west * sin - sin,
-        ]
-    )
+    zonal = -(cos**2) - sin**2 - p["a"] * west + p["a"] * p["F"]
+    first = west * cos - cos - p["b"] * west * sin + p["G"]
+    return jnp.stack([zonal, first, p["b"] * west * cos + west * sin - sin])
 
 
 lorenz84 = System(

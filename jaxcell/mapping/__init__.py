@@ -15,11 +15,12 @@ group are its *basin*, and the number of mappings that a cell needs is its *step
 Groups are numbered from 0 in the order of their smallest cells. The source visits cell after cell
 (Alg. 2.1, time `O(N)`), and so does a processor here, in one compiled loop. On an accelerator the
 map is doubled, `C, C^2, C^4, ...`, which is `O(N log N)` work in `O(log N)` rounds of gathers over
-all cells at once. Both work under `jit` and `vmap`.
+all cells at once. Both work under `jit` and `vmap`. `periodic_groups`.
 
 **Sections.** If all orbits pass through a smaller set of cells, a *section*, such as the bumps of a
 robot, the first-return map to that set has the same groups. Each slot of the section has the number
 of mappings until the return, and the group, step and period of every cell follow from it.
+`section_cycles`.
 
 **Generalized maps.** A generalized map, or Markov *chain*, sends each cell to several images with
 probabilities, and a distribution over the cells, as a row, to (Eq. 3.5, 5.5)
@@ -34,23 +35,11 @@ has a positive entry `ij`. Then (Definitions 3.3.1 to 3.3.3 and 5.4.2)
     its domiciles       are the persistent groups that it leads to, and the sink if it can leave.
 
 These are properties of the graph of `P` alone: persistent groups are its strongly connected
-components without exit, found in time proportional to its edges. This package is independent of
-robots.
+components without exit, found in time proportional to its edges. `persistent_groups`,
+`transient_groups`. This package is independent of robots.
 
 Arrays of JAX stay on their device, such as a GPU, except that persistent and transient groups, and
 groups of large maps in the memory of the host, are found on the host.
-
-Functions and classes:
-
-- `SimpleMap`: `C`, with the bump sensor's observation at each mapping.
-- `periodic_groups`: groups, steps and periods, a `PeriodicGroups`; `GroupSummary` has the size of
-    each group, and `GroupTotals` six statistics of all groups.
-- `section_groups`: the same from a `Section`, a `SectionGroups`.
-- `Chain`: `P`, with products from both sides, `p P` and `P v`.
-- `ChainSequence`: a periodic sequence of chains, such as a tide; their product, the period map, is
-    never computed.
-- `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
-- `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` is the sink.
 
 A chain needs 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """

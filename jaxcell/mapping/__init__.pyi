@@ -16,8 +16,8 @@ from .groups import (
 from .peel import periodic_groups as periodic_groups
 from .section import (
     Section as Section,
-    SectionGroups as SectionGroups,
-    section_groups as section_groups,
+    SectionCycles as SectionCycles,
+    section_cycles as section_cycles,
 )
 from .sequence import ChainSequence as ChainSequence
 from .simple import SimpleMap as SimpleMap

@@ -53,12 +53,7 @@ class PersistentGroups:
         return jax.device_put(table)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups of an unrolled sequence to its first cells, those at phase 0.
-
-        **Arguments:**
-
-        - `cells`: number of cells of the sequence, whose chain is [`ChainSequence.unrolled`][].
-        """
+        """Restrict the groups of an unrolled sequence to its first cells, those at phase 0."""
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
         group, size = jax.device_put((group, size))
@@ -124,10 +119,7 @@ def reaching(
 ) -> Bool[np.ndarray, "cells"]:
     """Return a mask of the cells of a chain that can reach a set of cells, including the set.
 
-    **Arguments:**
-
-    - `matrix`: the transition matrix, without explicit zeros.
-    - `target`: the set.
+    The matrix has no explicit zeros.
     """
     return next_cells(matrix, target) >= 0
 
@@ -158,12 +150,10 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     other cells are transient. They are found on the host, in time proportional to the number of
     edges.
 
-    **Arguments:**
+    **Arguments:** a chain, or a sequence of chains, of which the groups are those of its period
+    map. That map is not computed: its groups are the components of the unrolled chain at phase 0.
 
-    - `chain`: the chain, or a sequence of chains, for the groups of its period map. The period map
-        is not computed: its groups are the components of the unrolled chain, restricted to phase 0.
-
-    **Returns:** [`PersistentGroups`][]. `domicile`, `period` and `phase` are computed on demand.
+    **Returns:** the group of each cell, and what reaches it.
 
     Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to both groups:
 

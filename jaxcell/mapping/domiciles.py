@@ -66,12 +66,8 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     sets are stored once; so the number of groups is not limited by the memory of a table of groups
     and cells.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `groups`: its persistent groups.
-
-    **Returns:** [`TransientGroups`][].
+    **Arguments:** a chain, and its persistent groups. **Returns:** the group of each cell, and the
+    domiciles of each group.
 
     **Raises:** `ValueError` if the groups belong to another chain.
 
@@ -153,12 +149,8 @@ def _unions(
 ) -> tuple[Int[np.ndarray, "nodes"], list[tuple[int, ...]]]:
     """Find the sets of homes to which the nodes of a graph lead.
 
-    **Arguments:**
-
-    - `later`: the edges, each to a preceding node.
-    - `homes`: number of first nodes without edges: the sink, and the groups in their order.
-
-    **Returns:** the number of the set of each node, and the sets.
+    Each edge leads to a preceding node, and the first nodes, without edges, are the `homes`: the
+    sink, and the groups in their order. Returns the number of the set of each node, and the sets.
     """
     number = list(range(homes))
     sets: list[tuple[int, ...]] = [(home + SINK,) for home in range(homes)]

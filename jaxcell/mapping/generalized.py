@@ -46,11 +46,7 @@ class Chain:
     by about the error that the samples cause."""
 
     def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
-        """**Arguments:**
-
-        - `image`: integer array `[branches, cells]`, the images of each cell.
-        - `probability`: float64 array of the same shape.
-        - `half`: the chain of half as many samples.
+        """Take arrays `[branches, cells]`, which are copied and checked.
 
         **Raises:** `ValueError` for arrays of other shapes or types, an image that does not exist,
         and probabilities that are negative, not numbers, or sum to more than 1. Values are checked
@@ -64,12 +60,9 @@ class Chain:
 
     @classmethod
     def from_scipy(cls, matrix: Any) -> "Chain":
-        """Make the chain of a transition matrix.
+        """Make the chain of a transition matrix, sparse or dense.
 
-        **Arguments:**
-
-        - `matrix`: square array, sparse or dense; row `i` holds the probabilities of leaving cell
-            `i`, whose rest, up to 1, goes to the sink.
+        Row `i` holds the probabilities of leaving cell `i`, whose rest, up to 1, goes to the sink.
 
         **Raises:** `ValueError` if it is not square, and as the constructor.
         """

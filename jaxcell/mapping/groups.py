@@ -28,9 +28,7 @@ class PeriodicGroups:
     @property
     def period(self) -> Int[Array | np.ndarray, "*batch cells"]:
         """Period of the group that the cell reaches."""
-        xp = _namespace(self.group)
-        period = xp.take_along_axis(self.group_period, xp.maximum(self.group, 0), axis=-1)
-        return xp.where(self.group < 0, -1, period)
+        return _namespace(self.group).take_along_axis(self.group_period, self.group, axis=-1)
 
     @property
     def periodic(self) -> Bool[Array | np.ndarray, "*batch cells"]:
@@ -85,24 +83,16 @@ class GroupTotals:
 
 
 @jax.jit
-def doubled_groups(
-    image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
-) -> PeriodicGroups:
+def doubled_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
     """Compute [`jaxcell.mapping.periodic_groups`][] by pointer doubling, for any map."""
-    cells = image.shape[0]
-    me = jnp.arange(cells, dtype=image.dtype)
-    counts = jnp.ones(cells, bool) if where is None else where
-    image = jnp.where(counts, image, me)
     periodic = periodic_cells(image)
     leader, step = follow(image, periodic, jnp.ones_like(image))
-    leads = counts & periodic & (leader == me)
-    number = jnp.cumsum(leads, dtype=image.dtype) - 1
-    group = jnp.where(counts, number[leader], -1)
-    on_cycle = counts & periodic
+    leads = periodic & (leader == jnp.arange(image.shape[0], dtype=image.dtype))
+    group = (jnp.cumsum(leads, dtype=image.dtype) - 1)[leader]
     return PeriodicGroups(
         group=group,
-        step=jnp.where(counts, step, -1),
-        group_period=jnp.zeros_like(image).at[group].add(on_cycle.astype(image.dtype)),
+        step=step,
+        group_period=jnp.zeros_like(image).at[group].add(periodic.astype(image.dtype)),
         count=jnp.sum(leads, dtype=image.dtype),
     )
 
@@ -143,12 +133,7 @@ def follow(
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
     """Find the smallest cell of the group that each cell reaches, and sum weights along its orbit.
 
-    **Arguments:**
-
-    - `image`: the image of each cell, an array of JAX or of NumPy, as the other arguments.
-    - `periodic`: the mask of periodic cells.
-    - `weight`: the weight of a transient cell; with 1 the sum is the number of mappings to the
-        group.
+    With a weight of 1 for each transient cell the sum is the number of mappings to the group.
     """
     xp = _namespace(image)
     cells = image.shape[0]

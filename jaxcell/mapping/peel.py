@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from .groups import PeriodicGroups, doubled_groups
 from .section import bucket
@@ -23,10 +23,7 @@ PART = 1 << 20
 _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 
 
-def periodic_groups(
-    image: Int[Array, "cells"] | Int[np.ndarray, "cells"],
-    where: Bool[Array, "cells"] | Bool[np.ndarray, "cells"] | None = None,
-) -> PeriodicGroups:
+def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 
     It works on any functional graph, under `jit` and `vmap`. A processor maps every cell once; it
@@ -34,13 +31,7 @@ def periodic_groups(
     An accelerator doubles pointers: the number of rounds is about the binary logarithm of the
     longest transient or period, and each round is a few gathers.
 
-    **Arguments:**
-
-    - `image`: the image of each cell.
-    - `where`: the cells that count, by default all; the image of a cell that counts must count.
-        Other cells get group, step and period -1.
-
-    **Returns:** [`PeriodicGroups`][].
+    **Arguments:** the image of each cell. **Returns:** the group and the step of each cell.
 
     Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to the first two:
 
@@ -51,12 +42,12 @@ def periodic_groups(
         ([0, 0, 0, 1], [1, 0, 0, 0], [2, 2, 2, 1])
     """
     image = jnp.asarray(image)
-    here = not isinstance(image, jax.core.Tracer) and where is None
+    here = not isinstance(image, jax.core.Tracer)
     if here and all(device.platform == "cpu" for device in image.devices()):
         on_host = np.asarray(image)
         if _worth_peeling(on_host):
             return jax.device_put(peeled_groups(on_host))
-    return _groups(image, where)
+    return _groups(image)
 
 
 def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
@@ -70,7 +61,7 @@ def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     elif image.size < MANY:
         groups = _groups_of_longer(image)
     else:
-        groups = jax.device_get(_groups(image, None))
+        groups = jax.device_get(_groups(image))
     return dataclasses.replace(groups, group_period=groups.group_period[: groups.count].copy())
 
 
@@ -79,11 +70,9 @@ def _worth_peeling(image: Int[np.ndarray, "cells"]) -> bool:
 
 
 @jax.jit
-def _groups(
-    image: Int[Array, "cells"], where: Bool[Array, "cells"] | Bool[np.ndarray, "cells"] | None
-) -> PeriodicGroups:
+def _groups(image: Int[Array, "cells"]) -> PeriodicGroups:
     groups: PeriodicGroups = lax.platform_dependent(
-        image, where, cpu=walked_groups, default=doubled_groups
+        image, cpu=walked_groups, default=doubled_groups
     )
     return groups
 
@@ -132,7 +121,7 @@ def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)
     longer[: image.size] = image
-    padded = jax.device_get(_groups(longer, None))
+    padded = jax.device_get(_groups(longer))
     period = padded.group_period[: image.size].copy()
     period[padded.count - 1 :] = 0
     group, step = padded.group[: image.size], padded.step[: image.size]

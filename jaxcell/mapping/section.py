@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -32,53 +31,6 @@ class Section:
     "A mask of the slots in use; other slots return to themselves."
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class SectionGroups:
-    """The periodic groups of the full space, given on a section.
-
-    A cell that first meets the section in slot `s`, after `t` mappings, reaches `group[s]` in
-    `max(0, t + lead[s])` mappings.
-    """
-
-    group: Int[Array, "*batch slots"]
-    lead: Int[Array, "*batch slots"]
-    period: Int[Array, "*batch groups"]
-    "Period of each group in mappings of the full space; zeros past `count`."
-    count: Int[Array, "*batch"]
-
-
-def section_groups(section: Section, *, max_groups: int | None = None) -> SectionGroups:
-    """Find the periodic groups of the full space, numbered as by [`periodic_groups`][].
-
-    **Arguments:**
-
-    - `section`: the first-return map, or a batch of such maps.
-    - `max_groups`: an upper bound of the number of groups; a smaller bound sorts faster. By default
-        the groups are counted first; under `jit` and `vmap` the number of slots is used instead.
-
-    **Returns:** [`SectionGroups`][], `period` of length `max_groups`.
-
-    On a ring of cells 0, 1, 2, the section of cells 0 and 2, in slots 0 and 1:
-
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import mapping
-        >>> slots = [jnp.array(x) for x in ([1, 0], [2, 1], [1, 0])]
-        >>> section = mapping.Section(*slots, live=jnp.array([True, True]))
-        >>> groups = mapping.section_groups(section)
-        >>> int(groups.count), int(groups.period[0]), groups.group.tolist()
-        (1, 3, [0, 0])
-    """
-    find, number = section_cycles, _number
-    for _ in range(section.live.ndim - 1):
-        find, number = jax.vmap(find), jax.vmap(number, in_axes=(0, None))
-    cycles = find(section)
-    if max_groups is None:
-        known = not isinstance(cycles.count, jax.core.Tracer)
-        max_groups = bucket(int(np.max(cycles.count))) if known else section.live.shape[-1]
-    return number(cycles, max_groups)
-
-
 def bucket(size: int) -> int:
     """Round a size up to one of four per octave, so that many lengths share a program."""
     unit = 1 << max(0, (size - 1).bit_length() - 3)
@@ -88,27 +40,37 @@ def bucket(size: int) -> int:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class SectionCycles:
-    """The groups of a section before they are numbered, each identified by its leading slot."""
+    """The periodic groups of the full space on a section, each identified by its leading slot.
+
+    A cell that first meets the section in slot `s`, after `t` mappings, reaches the group of
+    `leader[s]` in `max(0, t + lead[s])` mappings.
+    """
 
     leader: Int[Array, "*batch slots"]
     leads: Bool[Array, "*batch slots"]
+    "A mask of the slots that lead a group."
     lead: Int[Array, "*batch slots"]
-    "See [`SectionGroups`][]."
     period: Int[Array, "*batch slots"]
-    "The period of each group, at its leading slot; `lowest` is its smallest cell."
+    "The period of each group in mappings of the full space, at its leading slot."
     lowest: Int[Array, "*batch slots"]
-    count: Int[Array, "*batch"]
+    "The smallest cell of each group, at its leading slot."
 
 
 @jax.jit
 def section_cycles(section: Section) -> SectionCycles:
     """Find the periodic groups of the full space on one section.
 
-    **Arguments:**
+    **Arguments:** a section. **Returns:** the group that each of its slots reaches.
 
-    - `section`: the first-return map.
+    On a ring of cells 0, 1, 2, the section of cells 0 and 2, in slots 0 and 1:
 
-    **Returns:** [`SectionCycles`][].
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import mapping
+        >>> slots = [jnp.array(x) for x in ([1, 0], [2, 1], [1, 0])]
+        >>> section = mapping.Section(*slots, live=jnp.array([True, True]))
+        >>> cycles = mapping.section_cycles(section)
+        >>> cycles.leads.tolist(), int(cycles.period[0])
+        ([True, False], 3)
     """
     successor, duration = section.successor, section.duration
     dtype = successor.dtype
@@ -121,31 +83,12 @@ def section_cycles(section: Section) -> SectionCycles:
     arrives = periodic[successor]
     transient = jnp.where(arrives, 1 + jnp.maximum(0, duration - into[successor]), duration)
     leader, step = follow(successor, periodic, transient)
-    leads = section.live & periodic & (leader == jnp.arange(slots, dtype=dtype))
     owner = jnp.where(periodic, leader, slots)
     largest = jnp.iinfo(dtype).max
     return SectionCycles(
         leader=leader,
-        leads=leads,
+        leads=section.live & periodic & (leader == jnp.arange(slots, dtype=dtype)),
         lead=jnp.where(periodic, 1 - into, step),
         period=jnp.zeros(slots, dtype).at[owner].add(duration, mode="drop"),
         lowest=jnp.full(slots, largest, dtype).at[owner].min(section.lowest, mode="drop"),
-        count=jnp.sum(leads, dtype=dtype),
-    )
-
-
-@functools.partial(jax.jit, static_argnames="max_groups")
-def _number(cycles: SectionCycles, max_groups: int) -> SectionGroups:
-    slots = cycles.leader.shape[0]
-    dtype = cycles.leader.dtype
-    leaders = jnp.flatnonzero(cycles.leads, size=max_groups, fill_value=slots).astype(dtype)
-    lowest = cycles.lowest.at[leaders].get(mode="fill", fill_value=jnp.iinfo(dtype).max)
-    leaders = leaders[jnp.argsort(lowest)]
-    number = jnp.full(slots, -1, dtype)
-    number = number.at[leaders].set(jnp.arange(max_groups, dtype=dtype), mode="drop")
-    return SectionGroups(
-        group=number[cycles.leader],
-        lead=cycles.lead,
-        period=cycles.period.at[leaders].get(mode="fill", fill_value=0),
-        count=cycles.count,
     )

@@ -39,11 +39,7 @@ class ChainSequence:
 
     @classmethod
     def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
-        """Make a sequence from chains.
-
-        **Arguments:**
-
-        - `chains`: one for each phase.
+        """Make a sequence from chains, one for each phase.
 
         **Raises:** `ValueError` for no chains, or chains over different cells.
         """

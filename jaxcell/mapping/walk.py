@@ -10,19 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from .groups import PeriodicGroups
 
 
 @jax.jit
-def walked_groups(
-    image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
-) -> PeriodicGroups:
+def walked_groups(image: Int[Array, "cells"]) -> PeriodicGroups:
     """Compute [`jaxcell.mapping.periodic_groups`][] by Alg. 2.1, mapping every cell once."""
     if not image.size:
         return PeriodicGroups(image, image, image, jnp.zeros((), image.dtype))
-    groups = _walk(image.astype(jnp.int32), where)
+    groups = _walk(image.astype(jnp.int32))
     return PeriodicGroups(*(numbers.astype(image.dtype) for numbers in groups))
 
 
@@ -40,20 +38,11 @@ def walked_leaders(
 
 @jax.custom_batching.sequential_vmap
 def _walk(
-    image: Int[Array, "cells"], where: Bool[Array, "cells"] | None
+    image: Int[Array, "cells"],
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "cells"], Int[Array, ""]]:
-    cells = image.shape[0]
-    me = jnp.arange(cells, dtype=jnp.int32)
-    if where is not None:
-        image = jnp.where(where, image, me)
-    chain, place, period = _chains(image, jnp.zeros(cells + 1, jnp.int32))
-    if where is not None:
-        period = jnp.where(jnp.append(where, False), period, 0)
+    chain, place, period = _chains(image, jnp.zeros(image.size + 1, jnp.int32))
     number, periods, count = _numbered(period)
-    group, step = _ended(chain, place, number)
-    if where is not None:
-        group, step = (jnp.where(where, numbers, -1) for numbers in (group, step))
-    return group, step, periods, count
+    return *_ended(chain, place, number), periods, count
 
 
 def _chains(
@@ -62,9 +51,7 @@ def _chains(
     """Follow the orbit of each cell to a visited cell: a chain of new cells.
 
     The argument `period` is an array of zeros to write the periods into: one entry per cell and one
-    more, or a single entry to discard the periods.
-
-    **Returns:**
+    more, or a single entry to discard the periods. Returns
 
     - `chain`: for each cell, one more than the first cell of its chain; for the first cell of a
         chain, -1 minus the smallest cell of the group.

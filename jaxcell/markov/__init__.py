@@ -58,7 +58,8 @@ and, of the policies with that probability, the least time. `DecisionModel`, `va
 **Method.** Solves are sparse: products with `P` if they converge soon, otherwise a factorisation,
 after runs of certain steps have been removed. Quantities of all pairs are dense: memory `O(N^2)`
 and time `O(N^3)`. Every solve comes with a [`jaxcell.base.certificate.Certificate`][]: a residual
-that is computed from the answer and the full matrix. All solves need 64-bit numbers:
+that is computed from the answer and the full matrix. With `throw=False` an answer whose residual is
+too large is returned, instead of an error. All solves need 64-bit numbers:
 `jax.config.update("jax_enable_x64", True)`. Sparse solves run on the host, with NumPy and scipy;
 `push` and `pull`, first passages, decisions and `dense` run wherever JAX does.
 """

@@ -27,7 +27,6 @@ from .limiting import (
 )
 from .passage import first_passage as first_passage, survival as survival
 from .quantities import (
-    PairTimes as PairTimes,
     commute_times as commute_times,
     entropy_rate as entropy_rate,
     hitting_matrix as hitting_matrix,

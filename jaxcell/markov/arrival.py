@@ -106,14 +106,10 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Continue the probability that no robot has arrived.
+        """Continue the probability that no robot has arrived, for a number of chunks of steps.
 
-        **Arguments:**
-
-        - `values`: for each chain, the probability that one robot has not arrived, by its start.
-        - `chunks`: number of chunks of steps.
-
-        **Returns:** the joint probability after each step, and `values` after the last.
+        `values` are, for each chain, the probabilities that one robot has not arrived, by its
+        start. Returns the joint probability after each step, and `values` after the last.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -143,16 +139,12 @@ def first_arrival(
     The robots move independently, so the probability that none has arrived is the product of their
     probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.
 
-    **Arguments:**
+    **Arguments:** a chain for each robot, the same object for robots that move alike; a start for
+    each, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for robots of one chain; a
+    target; and a number of steps.
 
-    - `chains`: the chain of each robot; the same object for robots that move alike.
-    - `starts`: the start of each robot, as in [`jaxcell.markov.first_passage`][]; or [`Distinct`][]
-        for robots of one chain.
-    - `target`: a cell, a list of cells, or a mask over the cells.
-    - `steps`: the last time.
-
-    **Returns:** the probability that the first time is `0, 1, ..., steps`; a robot that begins in
-    the target arrives at 0. The running sum is the probability of capture.
+    **Returns:** the probability of `0, 1, ..., steps`, 0 for a robot that begins in the target. The
+    running sum is the probability of capture.
 
     **Raises:** `ValueError` for chains of different spaces, wrong starts, fewer cells than robots
     for distinct starts, and as [`jaxcell.markov.first_passage`][].
@@ -189,18 +181,12 @@ def mean_first_arrival(
     later steps. Two geometric series then enclose the rest of the sum, and they meet long before it
     is negligible: as soon as the robots have forgotten their starts.
 
-    **Arguments:**
+    **Arguments:** as for [`first_arrival`][], and bounds of the relative error and of the steps.
 
-    - `chains`, `starts`, `target`: as in [`first_arrival`][].
-    - `tolerance`: tolerance of the relative error.
-    - `max_steps`: number of steps after which the sum ends.
-    - `throw`: raise if the answer is not accurate enough.
+    **Returns:** the mean, `inf` if possibly no robot ever arrives. The residual of the certificate
+    bounds the relative error, up to rounding.
 
-    **Returns:** [`MeanArrival`][]; `inf` if possibly no robot ever arrives. The residual of its
-    certificate bounds the relative error, up to rounding.
-
-    **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if these steps are not
-    enough.
+    **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if `max_steps` are not enough.
 
     Two random walks on a line of three cells start in its middle; one of them arrives at the right
     end with probability 3/4 every other step:

@@ -20,17 +20,12 @@ def arrival_probabilities(
 ) -> Solution:
     """Compute the probability that a chain ever comes to a set of cells.
 
-    It is exactly 1 where the chain cannot fail to arrive, and 0 where it cannot arrive.
+    **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `target`: a cell, a list of cells, or a mask over the cells.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`jaxcell.base.certificate.Solution`][]. The residual of its certificate is the
-    largest difference of the probability of a cell from the mean over its images; `moved` is about
-    the error that the samples of a chain cause.
+    **Returns:** probabilities, exactly 1 where the chain cannot fail to arrive, and 0 where it
+    cannot arrive. The residual of the certificate is the largest difference of the probability of a
+    cell from the mean over its images; `moved` is about the error that the samples of a chain
+    cause.
 
     **Raises:** `ValueError` for a wrong target; `RuntimeError` if the solve stalls.
 
@@ -57,14 +52,9 @@ def conditional_hitting_times(
     It is the mean over the paths that arrive. If all arrive, it equals
     [`jaxcell.markov.hitting_times`][], which is `inf` otherwise.
 
-    **Arguments:**
-
-    - `chain`, `target`, `throw`: as in [`arrival_probabilities`][].
-
-    **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the target, and `inf` where the chain
-    cannot arrive. The residual of its certificate bounds the relative error of every finite time.
-
-    **Raises:** as [`arrival_probabilities`][].
+    **Arguments:** as for [`arrival_probabilities`][]. **Returns:** times, 0 on the target, and
+    `inf` where the chain cannot arrive. The residual of the certificate bounds the relative error
+    of every finite time. Errors are those of [`arrival_probabilities`][].
 
     A random walk between two ends, where it stays:
 
@@ -110,13 +100,9 @@ def conditioned(
 ) -> scipy.sparse.csr_array:
     """Return the chain of the paths that arrive (Doob's transform): `p(x, y) h(y) / h(x)`.
 
-    Every path to the target is as likely as before, among those that arrive.
-
-    **Arguments:**
-
-    - `matrix`: the transition matrix, or rows for several actions in each cell; rows without a path
-        to the target become empty.
-    - `arrives`: the probability `h` of arriving from each cell.
+    Every path to the target is as likely as before, among those that arrive, which are a share `h`.
+    The matrix may have rows for several actions in each cell; rows without a path to the target
+    become empty.
     """
     weighed = matrix @ scipy.sparse.diags_array(arrives)
     # The sum of a row is `h` up to rounding; dividing by the sum removes the rounding.

@@ -49,11 +49,10 @@ class DecisionModel:
 
     @classmethod
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
-        """**Arguments:**
+        """Make a model from a chain for each action, and arrays `[actions, cells]`.
 
-        - `chains`: the chain of each action.
-        - `reward`: array `[actions, cells]`, ignored where an action is not allowed.
-        - `allowed`: array `[actions, cells]`; by default all actions are allowed everywhere.
+        By default all actions are allowed everywhere. The reward is ignored where an action is not
+        allowed.
 
         **Raises:** `ValueError` for chains of different spaces, arrays of another shape, a reward
         that is not finite, and a cell without an allowed action.
@@ -145,19 +144,12 @@ def value_iteration(
     (MacQueen 1966): after a change of all values by at most `c`, at most
     `c * discount / (1 - discount)` is to come.
 
-    **Arguments:**
+    **Arguments:** a model; a discount of more than 0 and less than 1, without which values may be
+    infinite (see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance in units of the
+    reward; and the largest number of sweeps. **Returns:** values, and the best action in each cell.
 
-    - `model`: the decision model.
-    - `discount`: more than 0 and less than 1. Values may be infinite without a discount; see
-        [`jaxcell.markov.stochastic_shortest_path`][].
-    - `tolerance`: tolerance of the values, in units of the reward.
-    - `max_sweeps`: number of sweeps after which the iteration ends.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** the values, the policy and the certificate.
-
-    **Raises:** `ValueError` for a discount or tolerance out of range; `RuntimeError` if rounding or
-    `max_sweeps` ends the iteration before the tolerance is met.
+    **Raises:** `RuntimeError` if rounding or `max_sweeps` ends the iteration before the tolerance
+    is met.
 
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
@@ -183,12 +175,7 @@ def value_iteration(
 def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
     """Return the chain that follows a policy: the closed loop.
 
-    **Arguments:**
-
-    - `model`: the decision model.
-    - `policy`: the action that is taken in each cell.
-
-    **Returns:** the chain, with the action of each cell.
+    **Arguments:** a model, and an action for each cell. **Returns:** the chain.
 
     **Raises:** `ValueError` for an action that does not exist or is not allowed.
 

@@ -19,10 +19,6 @@ from jaxtyping import Array, Float
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
     """Compute the distribution with `pi P = pi`.
 
-    **Arguments:**
-
-    - `P`: the transition matrix, rows summing to 1.
-
     A random walk on a line of three cells:
 
         >>> import jax.numpy as jnp
@@ -40,12 +36,6 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     """Compute the expected number of steps from cell `i` until first at cell `j`; 0 if `i = j`.
 
     The chain must be irreducible; times to a transient cell are wrong, times from it are right.
-
-    **Arguments:**
-
-    - `P`: the transition matrix, rows summing to 1.
-
-    **Returns:** the numbers of steps, `[from, to]`.
 
     A random walk on a line of three cells:
 
@@ -65,10 +55,6 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 
     A cell drawn where the chain is counts 0 steps.
 
-    **Arguments:**
-
-    - `P`: the transition matrix, rows summing to 1.
-
     A random walk on a line of three cells:
 
         >>> import jax.numpy as jnp
@@ -85,10 +71,6 @@ def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
     An entry that is 0 is no edge; its derivative, which is infinite, counts as 0.
-
-    **Arguments:**
-
-    - `P`: the transition matrix, rows summing to 1.
 
     A random walk on a line of three cells:
 

@@ -38,15 +38,10 @@ def absorption_probabilities(
 ) -> Absorption:
     """Compute the probability that a chain ends in each persistent group: its stochastic basins.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `groups`: its persistent groups.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`Absorption`][]. Nothing is solved if there is only one end. The residual of its
-    certificate is the largest difference, over cells and groups, of the probability of a cell from
-    the mean over its images, or of the sum of its probabilities from 1.
+    **Arguments:** a chain, and its persistent groups. **Returns:** probabilities by group and cell;
+    nothing is solved if there is only one end. The residual of the certificate is the largest
+    difference, over cells and groups, of the probability of a cell from the mean over its images,
+    or of the sum of its probabilities from 1.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
 
@@ -130,14 +125,9 @@ def _left(
 def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps until a chain is in a persistent group or has left.
 
-    **Arguments:**
-
-    - `chain`, `groups`, `throw`: as in [`absorption_probabilities`][].
-
-    **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the groups. The residual of its
-    certificate bounds the relative error of every time.
-
-    **Raises:** as [`absorption_probabilities`][].
+    **Arguments:** a chain, and its persistent groups. **Returns:** times, 0 on the groups. The
+    residual of the certificate bounds the relative error of every time. Errors are those of
+    [`absorption_probabilities`][].
 
     A random walk between two ends, where it stays:
 
@@ -160,16 +150,10 @@ def hitting_times(
 ) -> Solution:
     """Compute the expected number of steps until a chain is first in a set of cells.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `target`: a cell, a list of cells, or a mask over the cells.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the target, and `inf` where the chain
-    may never arrive, because it can end elsewhere or leave the space first. The residual of its
-    certificate bounds the relative error of every finite time; `moved` is about the error that the
-    samples of a chain cause.
+    **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:**
+    times, 0 on the target, and `inf` where the chain may never arrive, because it can end elsewhere
+    or leave the space first. The residual of the certificate bounds the relative error of every
+    finite time; `moved` is about the error that the samples of a chain cause.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a wrong target.
 

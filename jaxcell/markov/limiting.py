@@ -43,16 +43,11 @@ def limiting_distribution(
     It exists even if the chain is periodic. Within a persistent group it does not depend on the
     start; the weights of the groups do.
 
-    **Arguments:**
+    **Arguments:** a chain, its persistent groups, and the weights of the groups: by default,
+    `"basin"`, the probabilities that a chain that starts in any cell with equal probability ends in
+    each; `"size"`, their shares of the persistent cells; or numbers that sum to 1.
 
-    - `chain`: the chain.
-    - `groups`: its persistent groups.
-    - `weights`: the weights of the groups: `"basin"` (the default), the probabilities that a chain
-        that starts in any cell with equal probability ends in each; `"size"`, their shares of the
-        persistent cells; or an array of numbers that sum to 1.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`LimitingDistribution`][]. The residual of its certificate is the 1-norm of
+    **Returns:** the shares of the cells. The residual of the certificate is the 1-norm of
     `value P - value`, or the difference from 1 of the sum of the weights and leaving if that is
     more.
 

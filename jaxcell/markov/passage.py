@@ -22,13 +22,9 @@ def first_passage(
 
     The law is exact: the distribution of the mass that has not arrived is moved step by step.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `start`: a cell; a list of cells or a mask, of which one is drawn with equal probability; or
-        the probability of each cell as floating-point numbers.
-    - `target`: a cell, a list of cells, or a mask over the cells.
-    - `steps`: the last time.
+    **Arguments:** a chain; a start: a cell; a list of cells or a mask, of which one is drawn with
+    equal probability; or the probability of each cell as floating-point numbers; a target: a cell,
+    a list of cells, or a mask over the cells; and a number of steps.
 
     **Returns:** the probability that the first time is `0, 1, ..., steps`. The rest, up to 1, has
     not arrived by then, or has left the space.
@@ -54,15 +50,9 @@ def survival(
 ) -> Float[Array, "{steps}+1 cells"]:
     """Compute the probability of not having been in a set by a time, from every start.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `target`, `steps`: as in [`first_passage`][].
-
-    **Returns:** the probability after `0, 1, ..., steps` steps, for a start in each cell. A chain
-    that has left the space never arrives.
-
-    **Raises:** `ValueError` for a wrong target or number of steps.
+    **Arguments:** a chain, a target as in [`first_passage`][], and a number of steps. **Returns:**
+    the probability after `0, 1, ..., steps` steps, for a start in each cell. A chain that has left
+    the space never arrives.
 
     A random walk on a line of three cells:
 
@@ -84,14 +74,8 @@ def survivals(
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
     """Continue the probabilities of not having arrived, as a pure function of arrays.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `there`: the mask of the target.
-    - `value`: the probabilities now, by start; at time 0, 1 off the target.
-    - `steps`: number of steps.
-
-    **Returns:** the probabilities now and after the next `steps - 1` steps, and those after that.
+    At time 0 the probabilities, by start, are 1 off the target `there`. Returns those now and after
+    the next `steps - 1` steps, and those after that.
     """
     leaving = chain.leaving
 

@@ -1,11 +1,10 @@
-import dataclasses
 import math
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ..base.certificate import Certificate
+from ..base.certificate import Certificate, Solution
 from ..base.limits import MAX_VERTICES
 from ..base.precision import require_x64
 from ..mapping.classes import PersistentGroups, persistent_groups
@@ -25,26 +24,12 @@ _TIE = 1e-12
 _SQUARINGS = 50
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PairTimes:
-    """An expected number of steps for every pair of cells, and its certificate."""
-
-    value: Float[Array, "cells cells"]
-    "The number from the cell of the row to that of the column."
-    certificate: Certificate
-
-
-def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
+def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other, by one inverse.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain. For other chains, and for one target of a large chain, use
-        [`jaxcell.markov.hitting_times`][].
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`PairTimes`][]; 0 on the diagonal. The residual of its certificate bounds the
-    relative error of every time.
+    **Arguments:** an irreducible chain; for other chains, and for one target of a large chain, use
+    [`jaxcell.markov.hitting_times`][]. **Returns:** times, whose rows are starts. The residual of
+    the certificate bounds the relative error of every time.
 
     **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
     matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, as in a chain whose
@@ -61,19 +46,11 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
     return _hitting(chain, "hitting_matrix", throw)
 
 
-def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
+def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other and back.
 
-    Alam 2018, Eq. 4.3.
-
-    **Arguments:**
-
-    - `chain`, `throw`: as in [`hitting_matrix`][].
-
-    **Returns:** [`PairTimes`][], symmetric. The residual of its certificate bounds the relative
-    error of every time.
-
-    **Raises:** as [`hitting_matrix`][].
+    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the times of Alam
+    2018, Eq. 4.3.
 
     A random walk on a line of three cells:
 
@@ -84,20 +61,16 @@ def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
     """
     _check_irreducible(chain, "commute_times")
     there = _hitting(chain, "commute_times", throw)
-    return PairTimes(there.value + there.value.T, there.certificate)
+    return Solution(there.value + there.value.T, there.certificate)
 
 
 def kemeny_constant(chain: Chain) -> float:
     """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. A cell drawn where the chain is counts 0
-    steps; authors who count the return instead have 1 more.
+    steps; authors who count the return instead have 1 more. It has nearly all its digits.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain.
-
-    **Returns:** the number of steps, to nearly all its digits.
+    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the constant.
 
     **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
@@ -126,13 +99,7 @@ def kemeny_constant(chain: Chain) -> float:
 def entropy_rate(chain: Chain) -> float:
     """Compute the entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain, of any size.
-
-    **Returns:** the entropy.
-
-    **Raises:** `ValueError` if the chain is not irreducible.
+    **Arguments:** an irreducible chain of any size. **Returns:** the entropy.
 
     A random walk on a line of three cells, which has a choice every second step:
 
@@ -151,17 +118,12 @@ def entropy_rate(chain: Chain) -> float:
 def slem(chain: Chain) -> float:
     """Compute the second largest eigenvalue modulus of the transition matrix.
 
-    It says how slowly the start is forgotten: 1 for a periodic chain, which never forgets it, and 0
-    for a chain of one cell.
+    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the modulus,
+    which says how slowly the start is forgotten: 1 for a periodic chain, which never forgets it,
+    and 0 for a chain of one cell.
 
-    **Arguments:**
-
-    - `chain`: an irreducible chain. All eigenvalues are computed, which takes about 0.4 s for 750
-        cells; the time grows with the cube of the number of cells.
-
-    **Returns:** the modulus, from 0 to 1.
-
-    **Raises:** `ValueError` as [`hitting_matrix`][].
+    All eigenvalues are computed, which takes about 0.4 s for 750 cells; the time grows with the
+    cube of the number of cells.
 
     Two cells, with a step between them one time in four:
 
@@ -186,15 +148,11 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     matrix is squared until a power is that close, and `t` is found between the last two powers by
     bisection, because the distance never grows.
 
-    **Arguments:**
+    **Arguments:** an irreducible chain, and a distance of more than 0 and less than 1/2.
+    **Returns:** the number of steps, `inf` for a periodic chain, which never comes within 1/2.
 
-    - `chain`: an irreducible chain.
-    - `distance`: more than 0 and less than 1/2, within which no periodic chain ever comes.
-
-    **Returns:** a whole number; `inf` for a periodic chain.
-
-    **Raises:** `ValueError` for another distance, or if the chain is not irreducible or has more
-    than 2,000 cells; `RuntimeError` if it mixes so slowly that rounding hides it.
+    **Raises:** `ValueError` if the chain is not irreducible or has more than 2,000 cells;
+    `RuntimeError` if it mixes so slowly that rounding hides it.
 
     Two cells, with a step between them one time in four:
 
@@ -239,7 +197,7 @@ def _product(
     return product / product.sum(axis=1, keepdims=True)
 
 
-def _hitting(chain: Chain, what: str, throw: bool) -> PairTimes:
+def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
     value = np.array(_hitting_dense(_matrix(chain, what, _LARGEST_MATRIX)))
     np.fill_diagonal(value, 0)
     # With h = 1 + P h + r off the diagonal, the error is at most max |r| times the true time.
@@ -247,7 +205,7 @@ def _hitting(chain: Chain, what: str, throw: bool) -> PairTimes:
     np.fill_diagonal(gap, 0)
     certificate = Certificate(1, float(np.abs(gap).max()), _TIME_TOLERANCE)
     certificate.check(what, throw)
-    return PairTimes(jax.device_put(value), certificate)
+    return Solution(jax.device_put(value), certificate)
 
 
 def _matrix(chain: Chain, what: str, most: int) -> Float[np.ndarray, "cells cells"]:

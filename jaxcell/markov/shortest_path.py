@@ -55,13 +55,8 @@ def stochastic_shortest_path(
     paths that arrive. A policy is changed only where the change is strictly better, because it
     could otherwise begin to go around in circles.
 
-    **Arguments:**
-
-    - `model`: the decision model; its actions in the goal do not matter.
-    - `goal`: a cell, a list of cells, or a mask over the cells.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** the policy, with the probability and the expected time of arrival.
+    **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells; actions
+    in it do not matter. **Returns:** probabilities, times and the policy.
 
     **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
     1000 rounds or a solve stalls.
@@ -228,8 +223,8 @@ def _quickest(
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
     """Improve a policy by actions that keep the probability of arriving.
 
-    **Returns:** the expected times over the paths that arrive, the policy, and the relative gain in
-    time that is still possible.
+    Returns the expected times over the paths that arrive, the policy, and the relative gain in time
+    that is still possible.
     """
     toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
     time = np.where(probability > 0, 0.0, np.inf)

@@ -63,15 +63,9 @@ def simulate_arrival(
 ) -> Arrivals:
     """Move robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
 
-    **Arguments:**
-
-    - `key`: random key of JAX.
-    - `chains`, `starts`, `target`: as in [`jaxcell.markov.first_arrival`][], which computes the law
-        of these samples.
-    - `runs`: number of runs.
-    - `horizon`: number of steps after which a run is given up.
-
-    **Returns:** the time of arrival of each run.
+    **Arguments:** a random key of JAX; as for [`jaxcell.markov.first_arrival`][], which computes
+    the law of these samples; the number of runs; and the number of steps after which a run is given
+    up. **Returns:** the time of each run.
 
     **Raises:** `ValueError` for fewer than two runs, a horizon out of range, and as
     [`jaxcell.markov.first_arrival`][].
@@ -171,14 +165,9 @@ def alias(
     Int[np.ndarray, "places slots"],
     Float[np.ndarray, "places slots"],
 ]:
-    """Make Walker's alias tables of many distributions at once (Walker 1977).
+    """Make Walker's alias tables of many distributions over images at once (Walker 1977).
 
-    **Arguments:**
-
-    - `image`: the outcomes of each distribution.
-    - `probability`: their probabilities.
-
-    **Returns:** the two outcomes of each slot, and the part of the slot that belongs to the first.
+    Returns the two outcomes of each slot, and the part of the slot that belongs to the first.
     """
     row = np.arange(len(image))
     slots = image.shape[1]

@@ -33,12 +33,9 @@ class Transient:
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Take a part out of a chain.
+        """Take a part out of a chain that each of its cells can leave.
 
-        **Arguments:**
-
-        - `matrix`: the transition matrix, without zeros among its entries.
-        - `inside`: a mask of the cells of the part, each of which can leave it.
+        The transition matrix has no zeros among its entries.
 
         **Raises:** `RuntimeError` if a cell cannot leave, because it is on a circuit of certain
         steps.
@@ -75,7 +72,7 @@ class Transient:
     ) -> tuple[Float[np.ndarray, "part columns"], int]:
         """Compute the total gain from each cell until the part is left: solve `x = gain + Q x`.
 
-        **Returns:** the solution and the number of products.
+        Returns the number of products too.
         """
         run = np.zeros((self.cells.size + 1, gain.shape[1]))
         run[:-1] = gain
@@ -92,9 +89,8 @@ class Transient:
         """Compute the expected visits to the branching cells from a distribution over the part.
 
         This is the adjoint of `expect`: one solve for one start and any number of gains. A cell on
-        a run stays in the part, so the part is left only from branching cells.
-
-        **Returns:** the numbers of visits and the number of products.
+        a run stays in the part, so the part is left only from branching cells. Returns the number
+        of products too.
         """
         arriving = np.zeros(self.branching.size)
         np.add.at(arriving, self.end, start)

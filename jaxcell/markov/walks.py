@@ -11,13 +11,7 @@ def sample_walks(
 ) -> Int[np.ndarray, "times walks"]:
     """Draw independent walks along a chain that never leaves the space.
 
-    **Arguments:**
-
-    - `chain`: the chain.
-    - `starts`: the first cell of each walk.
-    - `steps`: number of steps.
-    - `random`: random generator.
-
+    **Arguments:** a chain, a first cell for each walk, the number of steps, and a source of draws.
     **Returns:** the cell of each walk at each time, the starts first.
 
     A walk around a ring of three cells:

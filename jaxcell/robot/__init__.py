@@ -7,17 +7,11 @@ back to Passive; and Full, in which nothing does. This package never uses Full. 
 metres, angles in radians counter-clockwise, times in seconds.
 
 **What is guaranteed.** The Open Interface has no timeout: the wheels keep their last speed until
-the next command. So a `Create` stops them
-
-- when its `with` block ends, however it ends, by signals too;
-- when a wheel drops or is blocked, at a cliff or a charger, with a low battery, or outside mode
-    Safe: then
-    driving raises `RobotStopped` until the caller arms the robot again;
-- when the robot sends nothing, or the caller does not renew its speeds, for half a second;
-- when the driving process is killed or hangs, for a process of its own watches it.
-
-A cable pulled out, or a computer without power, is beyond that. Of a damaged line, `StreamParser`
-lets no wrong values through if of three frames in a row one byte is changed, lost or doubled.
+the next command. So a `Driver`, as `Create` is one, stops them when its `with` block ends, when
+the robot is in danger or silent, when the caller does not renew its speeds, and when the driving
+process hangs or is killed. A cable pulled out, or a computer without power, is beyond that. Of a
+damaged line, `StreamParser` lets no wrong values through if of three frames in a row one byte is
+changed, lost or doubled.
 
 **Steps.** A `Walker` makes the steps of the model of bouncing robots (Alam 2018, Eq. 2.4) from cell
 to cell, by the encoders of the wheels, with the strides of `cell_strides`: each ends at the centre

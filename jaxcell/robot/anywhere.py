@@ -48,12 +48,8 @@ def run_anywhere(
     The robot drives straight until it bumps, backs off by half of the displacement that its errors
     allow, and turns. It knows nothing but the lengths of its runs.
 
-    **Arguments:**
-
-    - `walker`: the robot, anywhere in the room, with any heading that the filter allows.
-    - `settings`: the filter, the angles and the aim.
-    - `log`: the log for each run, written when it ends.
-    - `limit`: largest number of bumps.
+    **Arguments:** a walker; the filter, the angles and the aim; the log, which gets each run as
+    soon as it ends; and the largest number of bumps.
 
     **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome]: `"localized"`,
     `"arrived"` at the goal, or `"refuted"` if no place explains what the robot did.
@@ -98,13 +94,8 @@ def run_anywhere(
 def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutcome:
     """Replay the runs of a robot through its filter.
 
-    **Arguments:**
-
-    - `run`: the log of a run.
-    - `settings`: the settings of that run.
-
-    **Returns:** [`AnywhereOutcome`][jaxcell.robot.anywhere.AnywhereOutcome], that of the run if it
-    was not cut off.
+    **Arguments:** a log, and the settings of its run. **Returns:** the outcome of the run if it was
+    not cut off.
 
     **Raises:** `ValueError` if a length or an angle in the log is not a number.
 

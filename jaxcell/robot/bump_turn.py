@@ -20,19 +20,13 @@ _SPREADS = (0.03, 0.02), (0.01, 0.007), (0.003, 0.002)
 _FAR = 0.5
 
 
-def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int = 0) -> float:
+def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
     """Estimate by how much a bump turns a robot, from the log of a robot that started anywhere.
 
     Where the sets are small, places and headings are drawn from them, and each drives on to the
     next walls with each possible turn by bumps. The turn is chosen whose best places explain the
     lengths of the logged runs with the least squared error; more places are drawn around the best,
     ever closer to them.
-
-    **Arguments:**
-
-    - `run`: the log of a run of these settings.
-    - `settings`: the settings of that run.
-    - `seed`: seed of the draws.
 
     **Returns:** the turn toward the wall by a bump at 45 degrees, in radians; see
     [`jaxcell.space.Slip`][].
@@ -45,7 +39,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings, *, seed: int 
         lengths.append(math.inf if length is None else length)
         turns.append(turn or 0.0)
         states.append(follower.state if follower.extent <= _EXTENT else None)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     error, windows = np.zeros(_TURNS.size), 0
     for first, state in enumerate(states[: -_RUNS or None]):
         if state is not None and state.wall.size:

@@ -91,11 +91,6 @@ class Calibrated:
     """
 
     def __init__(self, robot: Drivable, calibration: Calibration) -> None:
-        """**Arguments:**
-
-        - `robot`: e.g. [`jaxcell.robot.Create`][], which goes by its encoders.
-        - `calibration`: the errors of its encoders.
-        """
         self._robot, self._calibration = robot, calibration
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
@@ -114,10 +109,9 @@ class Calibrated:
 
 
 def calibration_file() -> Path:
-    """Get the default path of the calibration of a user's robot.
+    """Get the default path of the calibration of a user's robot, in the folder for settings.
 
-    **Returns:** `jaxcell/calibration.json` in the folder for settings, `~/.config` if the
-    environment has no `XDG_CONFIG_HOME`.
+    **Returns:** a path in `XDG_CONFIG_HOME`, or in `~/.config` if the environment has none.
 
         >>> from jaxcell import robot
         >>> robot.calibration_file().name

@@ -93,12 +93,7 @@ class FilterFollower(Follower):
     kind = "filter"
 
     def __init__(self, filter: Filter, until: Until = "known") -> None:
-        """**Arguments:**
-
-        - `filter`: a filter of either kind.
-        - `until`: `"known"` ends the run when one configuration is left, or in a knowledge cycle;
-            `"cycle"` ends it only in a knowledge cycle.
-        """
+        """End the run in a knowledge cycle, or with `until` `"known"` also at one configuration."""
         super().__init__()
         self._filter, self._state, self._until = filter, filter.start(), until
 
@@ -242,16 +237,9 @@ def run_follower(
 ) -> RunOutcome:
     """Let a robot bounce until a filter, a policy or a belief ends the run.
 
-    **Arguments:**
-
-    - `walker`: the robot, at the centre of an unknown cell.
-    - `follower`: the filter, policy or belief at its start.
-    - `bounces`: the angles that it chooses from, or the angle of the filter, in radians,
-        counter-clockwise.
-    - `log`: the log for each observation.
-    - `limit`: largest number of observations.
-
-    **Returns:** [`RunOutcome`][].
+    **Arguments:** a robot at the centre of an unknown cell; a follower at its start; the angles
+    that it chooses from, or the angle of the filter, in radians counter-clockwise; the log; and the
+    largest number of observations. **Returns:** the outcome.
 
     A point robot in a corridor of three cells, without a serial line, and a filter for robots that
     go West in it and stay at the end:
@@ -278,12 +266,8 @@ def run_follower(
 def replay_follower(run: LoggedRun, follower: Follower) -> RunOutcome:
     """Replay the observations of a logged run through the filter, policy or belief of the run.
 
-    **Arguments:**
-
-    - `run`: the logged run.
-    - `follower`: the filter, policy or belief, at its start.
-
-    **Returns:** [`RunOutcome`][], which is the outcome of the run if it was not cut off.
+    **Arguments:** a log, and a follower at its start. **Returns:** the outcome of the run if it was
+    not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour, or
     goes on after the end of the run: it is of another filter, policy or belief.

@@ -21,11 +21,8 @@ Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
 def camera(device: int = 0) -> Callable[[], Frame]:
     """Open a camera, by its number, as a source of frames.
 
-    **Arguments:**
-
-    - `device`: the number of the camera, from 0.
-
-    **Returns:** a function that takes a frame, the next one after those that wait in the driver.
+    **Arguments:** the number of the camera. **Returns:** a function that takes the next frame after
+    those that wait in the driver.
 
     **Raises:** `OSError` if it does not open, and from the source if it gives no frame.
 
@@ -57,13 +54,8 @@ def camera(device: int = 0) -> Callable[[], Frame]:
 def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
     """Make a source of frames from the pictures in a folder, in the order of their names.
 
-    After the last it begins again.
-
-    **Arguments:**
-
-    - `folder`: the folder of the pictures, which end in `.png`, `.jpg` or `.jpeg`.
-
-    **Returns:** a function that gives the next picture.
+    **Arguments:** a folder with files that end in `.png`, `.jpg` or `.jpeg`. **Returns:** a
+    function that reads the next picture, and after the last the first.
 
     **Raises:** `ValueError` if there is none, and from the source if a picture cannot be read.
 

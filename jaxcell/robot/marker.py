@@ -87,11 +87,8 @@ def find_cross(frame: Frame) -> Marker | None:
     outline, as near as they get. Where that is near enough, and the sheet could be seen so by a
     camera, the frame is rectified by the homography and correlated with the marker.
 
-    **Arguments:**
-
-    - `frame`: 640 by 480 pixels are enough; the time grows with their number.
-
-    **Returns:** where it is in the frame, or `None`.
+    **Arguments:** a frame, of which 640 by 480 pixels are enough; the time grows with their number.
+    **Returns:** the marker, or `None`.
 
     **Raises:** `ValueError` if it is not a frame; `ModuleNotFoundError` without OpenCV.
 
@@ -123,11 +120,7 @@ def find_cross(frame: Frame) -> Marker | None:
 def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
     """Draw the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
 
-    **Arguments:**
-
-    - `side`: the side of the sheet in pixels; multiples of 10 are exact.
-
-    **Returns:** the picture, 0 for black and 255 for white.
+    **Arguments:** the side in pixels. **Returns:** 0 for the cross, and 255 around it.
 
     The smallest sheet that is exact:
 
@@ -225,15 +218,10 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
 def _fit(
     points: Float[np.ndarray, "points 2"], unit: float, width: int
 ) -> Float[np.ndarray, "3 3"] | None:
-    """Fit the homography that takes an outline to that of the cross.
+    """Fit the homography that takes an outline to that of the cross, `None` if it does not fit.
 
-    In each round a point belongs to the edge nearest to it. `None` if the outline does not fit.
-
-    **Arguments:**
-
-    - `points`: the points of the outline, normalized so that the homography is near the identity.
-    - `unit`: pixels per unit.
-    - `width`: the width of the frame, in pixels.
+    In each round a point belongs to the edge nearest to it. The points are normalized so that the
+    homography is near the identity; a unit has `unit` pixels, and the frame is `width` pixels wide.
     """
     homography, inset = np.eye(3), 0.0
     for reach in (*_ROUNDS, 0.0):

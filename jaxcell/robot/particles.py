@@ -59,8 +59,6 @@ class Particles:
     def __post_init__(self) -> None:
         if self.count < 1:
             raise ValueError(f"count: expected at least 1 particle, got {self.count}")
-        if self.cells.workspace is None:
-            raise ValueError("cells: expected those of a map, got those of a grid without one")
 
     @functools.cached_property
     def _legs(self) -> Float[np.ndarray, "directions 3"]:
@@ -69,8 +67,7 @@ class Particles:
 
     @functools.cached_property
     def _walls(self) -> Float[np.ndarray, "walls 2 2"]:
-        assert self.cells.workspace is not None
-        return felt_walls(self.cells.workspace, self.slip.give)
+        return felt_walls(self.cells.room, self.slip.give)
 
     def start(self) -> Cloud:
         """Put equally many particles at the centre of each cell."""

@@ -36,15 +36,8 @@ class Patrol:
 
     A patrol between the ends of a corridor without obstacles:
 
-        >>> import pathlib, tempfile
-        >>> import numpy as np
-        >>> from jaxcell import examples, robot, space
-        >>> room = examples.corridor().workspace
-        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
-        ...     task = robot.load_task(path)
+        >>> from jaxcell import examples, robot
+        >>> task = examples.patrol_task()
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
         >>> while (way := patrol.next()) is not None:
@@ -64,15 +57,10 @@ class Patrol:
         most_bumps: int,
         limit: int,
     ) -> None:
-        """**Arguments:**
+        """Put the robot at a position, facing a way, 0 East to 3 South.
 
-        - `task`: the policy, and the grid.
-        - `start`: the first position of the robot.
-        - `facing`: the way that the robot faces, 0 East to 3 South.
-        - `seed`: seed of the draws; the robots of a team draw differently with the same seed.
-        - `visits`: number of drawn cells to visit before the patrol ends.
-        - `most_bumps`: number of bumps at which the patrol ends.
-        - `limit`: number of steps at which the patrol ends.
+        The patrol ends after a number of visits to drawn cells, of bumps, or of steps. The robots
+        of a team draw differently with the same seed.
 
         **Raises:** `ValueError` for a number out of range.
         """
@@ -81,14 +69,8 @@ class Patrol:
                 raise ValueError(f"{name}: expected at least 1, got {value}")
         if not 0 <= start < task.cells.positions:
             raise ValueError(f"start: expected 0 to {task.cells.positions - 1}, got {start}")
-        self.settings = {
-            "start": start,
-            "facing": facing,
-            "seed": seed,
-            "visits": visits,
-            "most_bumps": most_bumps,
-            "limit": limit,
-        }
+        self.settings = {"start": start, "facing": facing, "seed": seed, "visits": visits}
+        self.settings |= {"most_bumps": most_bumps, "limit": limit}
         "The settings that a log needs for a replay, as `patrol` in its header."
         self.position, self.facing = start, facing
         self.observations = ""
@@ -160,7 +142,8 @@ class Patrol:
     def outcome(self) -> PatrolOutcome:
         """Return the outcome of the patrol so far."""
         visits, bumps = len(self.visited), len(self.obstacles)
-        place = _place(self._task, self.position)
+        x, y, _ = map(float, self._task.cells.centre(self.position))
+        place = f"({x:g} m, {y:g} m)"
         met = f"; something was in the way {_times(bumps)} where the map is free" if bumps else ""
         match self._result:
             case "reported":
@@ -201,19 +184,12 @@ def run_patrol(
         or a JSON value, which is reported as an intruder and ends the patrol.
     - `log`: the log to which each observation is written at once.
 
-    **Returns:** [`PatrolOutcome`][].
+    **Returns:** the outcome.
 
     A simulated robot, without a serial line, that patrols between the ends of a corridor:
 
-        >>> import pathlib, tempfile
-        >>> import numpy as np
-        >>> from jaxcell import examples, robot, space
-        >>> room = examples.corridor().workspace
-        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
-        ...     task = robot.load_task(path)
+        >>> from jaxcell import examples, robot
+        >>> task = examples.patrol_task()
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
         >>> walker = examples.walker()
@@ -245,27 +221,16 @@ def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None)
 def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     """Replay the observations and reports of a logged run through a patrol.
 
-    **Arguments:**
-
-    - `run`: the log of a run of a patrol, whose header has the [`Patrol`][]'s settings.
-    - `task`: the task of the run.
-
-    **Returns:** [`PatrolOutcome`][], equal to the outcome of the run unless the run was cut off.
+    **Arguments:** a log, whose header has the settings of the [`Patrol`][], and its task.
+    **Returns:** the outcome of the run if it was not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere,
     because the log is of another policy.
 
     The log of one step of a robot that patrols between the ends of a corridor:
 
-        >>> import pathlib, tempfile
-        >>> import numpy as np
-        >>> from jaxcell import examples, robot, space
-        >>> room = examples.corridor().workspace
-        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
-        ...     task = robot.load_task(path)
+        >>> from jaxcell import examples, robot
+        >>> task = examples.patrol_task()
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> settings |= {"most_bumps": 9, "limit": 9}
         >>> events = ({"event": "observation", "observation": 0, "way": 0, "goal": 2},)
@@ -288,11 +253,6 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
             patrol.observe(way, event["observation"] == 1)
     patrol.next()
     return patrol.outcome()
-
-
-def _place(task: PatrolTask, position: int) -> str:
-    x, y, _ = task.cells.centre(position)
-    return f"({float(x):g} m, {float(y):g} m)"
 
 
 def _times(count: int, what: str = "time") -> str:

@@ -43,12 +43,8 @@ def run_plan(
 def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcome:
     """Make the outcome of a plan so far from the observations of the robot.
 
-    **Arguments:**
-
-    - `actions`: as for [`run_plan`][].
-    - `observations`: 0 for a step and 1 for a bump, one for each action that was tried.
-
-    **Returns:** [`RunOutcome`][].
+    **Arguments:** the actions, and the observations, 0 for a step and 1 for a bump, one for each
+    action that was tried. **Returns:** the outcome.
 
     The second step met a wall where none can be:
 

@@ -9,16 +9,14 @@ from jaxtyping import Bool, Int
 def grid_steps(
     free: Bool[np.ndarray, "rows columns"], closed: Collection[tuple[int, int]] = ()
 ) -> Int[np.ndarray, "4 positions"]:
-    """Find the position after a step from each square of a grid; a blocked step stays.
+    """Find the position after each way from each square of a grid; a blocked step stays.
 
-    **Arguments:**
+    **Arguments:** a mask of free squares, whose row 0 is the lowest, and ways that do not exist
+    either, as a position and a way: 0 East, 1 North, 2 West or 3 South. Each is closed from both
+    sides.
 
-    - `free`: the mask of free squares; row 0 is the lowest. The free squares are the positions,
-        counted row by row, as in [`jaxcell.space.CellSpace`][].
-    - `closed`: ways between free squares that do not exist either, as a position and one of the
-        four ways: 0 East, 1 North, 2 West, 3 South. Each is closed from both sides.
-
-    **Returns:** a row for each of the four ways.
+    **Returns:** a row for each of the four ways. The free squares are the positions, counted row by
+    row, as in [`jaxcell.space.CellSpace`][].
 
     **Raises:** `ValueError` if a position or way does not exist.
 
@@ -53,14 +51,8 @@ def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> Non
 def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "positions"]:
     """Count the steps from each position to a goal, -1 if it cannot be reached (Lee 1961).
 
-    The wave starts at the goal and spreads to all neighbours at once.
-
-    **Arguments:**
-
-    - `steps`: the result of [`grid_steps`][]: each way can be gone back.
-    - `goal`: a position.
-
-    **Returns:** the number of steps from each position.
+    The wave starts at the goal and spreads to all neighbours at once. **Arguments:** the steps of
+    [`grid_steps`][], and a position. **Returns:** the number of steps.
 
     **Raises:** `ValueError` if the goal does not exist.
 
@@ -93,14 +85,8 @@ def next_way(
     """Choose the way of the next step down a wave.
 
     It is the way straight ahead if that leads nearer, because turns take time and cost precision;
-    else the first of the four ways that leads nearer.
-
-    **Arguments:**
-
-    - `steps`: the result of [`grid_steps`][].
-    - `distance`: the result of [`wave`][], of the goal.
-    - `position`: the position of the robot: not the goal, and with a way to the goal.
-    - `ahead`: the way that the robot faces.
+    else the first of the four ways that leads nearer. The robot is not at the goal, and has a way
+    to it.
     """
     nearer = distance[steps[:, position]] == distance[position] - 1
     return ahead if nearer[ahead] else int(nearer.argmax())
@@ -111,14 +97,9 @@ def route(
 ) -> list[int]:
     """Find a shortest way through a grid (Lee 1961).
 
-    **Arguments:**
-
-    - `steps`: the result of [`grid_steps`][].
-    - `start`, `goal`: positions.
-    - `ahead`: the way that the robot faces at the start. It goes straight ahead where that leads
-        nearer.
-
-    **Returns:** the way of each step: 0 East, 1 North, 2 West, 3 South.
+    **Arguments:** the steps of [`grid_steps`][]; two positions; and the way that the robot faces at
+    the start: it goes straight ahead where that leads nearer. **Returns:** ways, 0 East, 1 North, 2
+    West or 3 South.
 
     **Raises:** `ValueError` if a position does not exist, or no way leads to the goal.
 

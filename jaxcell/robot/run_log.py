@@ -5,7 +5,6 @@ import reprlib
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -43,12 +42,9 @@ class RunLog:
     "Called with the name and the fields of each event after it is written, or `None`."
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
-        """**Arguments:**
+        """Create the file, with a JSON object that describes the run as its header.
 
-        - `path`: the file, which must not exist: a log is never overwritten.
-        - `header`: a JSON object that describes the run.
-
-        **Raises:** `FileExistsError`.
+        **Raises:** `FileExistsError`, because a log is never overwritten.
         """
         self.on_event = None
         self._began = time.monotonic()
@@ -82,12 +78,7 @@ class RunLog:
     def __enter__(self) -> "RunLog":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         with self._file:
             if error is not None:
                 self.event("stopped", reason=why_stopped(error))
@@ -165,11 +156,7 @@ def finished(outcome: _O, log: RunLog | None) -> _O:
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:
     """Read the log of a run, even of a run that was cut off.
 
-    **Arguments:**
-
-    - `path`: the file that a [`RunLog`][] wrote.
-
-    **Returns:** [`LoggedRun`][].
+    **Arguments:** the path of the file. **Returns:** the run so far.
 
     **Raises:** `ValueError` that names the file and the line, if it is not such a log;
     `FileNotFoundError`.

@@ -55,7 +55,7 @@ def filter_sketch(
     - `machine`: a smaller machine with the default output of the filter or policy, to run in its
         place; see [`jaxcell.automata.fewest_bytes`][].
 
-    **Returns:** the text of an `.ino` file.
+    **Returns:** the text.
 
     **Raises:** `ValueError` if the tables are too large, or with a heading for a direction that is
     not one or a bouncing angle that is no whole number of directions.
@@ -73,29 +73,11 @@ def filter_sketch(
         >>> print(*robot.filter_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a filter of 3 states.
     """
-    _check_direction(task, direction, "bounce_deg", (task.bounce,))
     if machine is None:
         text, tables = to_c_header(task.filter), table_bytes(task.filter)
-        count = len(task.filter.transition)
-    else:
-        text, tables = _machine_tables(task.filter, machine)
-        count = len(machine.transition)
-    strides = None if direction is None else task.strides
-    _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task.path, count)
-    return _fill(
-        title=f"Localizes an iRobot Create 2 by its bumps: a filter of {count} states.",
-        source=[
-            str(task.path),
-            f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "
-            f"bounces by {math.degrees(task.bounce):g} degrees",
-        ],
-        tables=text,
-        table_bytes=sum(tables.values()) + (0 if strides is None else 8 * len(strides)),
-        step=task.step,
-        bounces=(task.bounce,),
-        strides=strides,
-        direction=direction or 0,
-    )
+        return _localizing(task, direction, flash, len(task.filter.transition), text, tables)
+    tables_of_machine = _machine_tables(task.filter, machine)
+    return _localizing(task, direction, flash, len(machine.transition), *tables_of_machine)
 
 
 def policy_sketch(
@@ -109,14 +91,8 @@ def policy_sketch(
 
     It does what [`jaxcell.robot.PolicyFollower`][] does with a [`jaxcell.robot.Walker`][].
 
-    **Arguments:**
-
-    - `task`: the policy, with its cells and bouncing angles.
-    - `direction`, `flash`, `machine`: as for [`filter_sketch`][].
-
-    **Returns:** the text of an `.ino` file.
-
-    **Raises:** `ValueError` as [`filter_sketch`][].
+    **Arguments:** the policy, and as for [`filter_sketch`][], with its errors. **Returns:** the
+    text.
 
     The policy of a robot that bumps after two steps, and is localized there:
 
@@ -133,28 +109,42 @@ def policy_sketch(
         >>> print(*robot.policy_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a policy of 2 states.
     """
-    _check_direction(task, direction, "bounces_deg", task.bounces)
     if machine is None:
         text = policy_to_c_header(task.policy, name="filter")
-        tables, count = policy_table_bytes(task.policy), task.policy.turn.size
-    else:
-        text, tables = _machine_tables(task.policy, machine)
-        count = len(machine.transition)
-    strides = None if direction is None else task.strides
-    _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task.path, count)
+        tables = policy_table_bytes(task.policy)
+        return _localizing(task, direction, flash, task.policy.turn.size, text, tables)
+    tables_of_machine = _machine_tables(task.policy, machine)
+    return _localizing(task, direction, flash, len(machine.transition), *tables_of_machine)
+
+
+def _localizing(
+    task: FilterTask | PolicyTask,
+    direction: int | None,
+    flash: int,
+    states: int,
+    text: str,
+    tables: dict[str, int],
+) -> str:
+    """Write the program of a filter or a policy with these tables."""
+    choosing = isinstance(task, PolicyTask)
+    kind, field = ("policy", "bounces_deg") if choosing else ("filter", "bounce_deg")
     angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
+    _check_direction(task, direction, field)
+    strides = None if direction is None else task.strides
+    stride_bytes = 0 if strides is None else 8 * len(strides)
+    _check_flash(tables, stride_bytes, flash, task.path, states)
     return _fill(
-        title=f"Localizes an iRobot Create 2 by its bumps: a policy of {count} states.",
+        title=f"Localizes an iRobot Create 2 by its bumps: a {kind} of {states} states.",
         source=[
             str(task.path),
             f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "
-            f"bounces by one of {angles} degrees",
+            f"bounces by {'one of ' * choosing}{angles} degrees",
         ],
         tables=text,
-        table_bytes=sum(tables.values()) + (0 if strides is None else 8 * len(strides)),
+        table_bytes=sum(tables.values()) + stride_bytes,
         step=task.step,
         bounces=task.bounces,
-        choosing=True,
+        choosing=choosing,
         strides=strides,
         direction=direction or 0,
     )
@@ -166,13 +156,8 @@ def bounce_sketch(bounce: float, step: float) -> str:
     Any number of robots can run it, as in the coverage experiment of Alam 2018, section 3.5.4,
     where two robots with an Arduino each turn by the same angle at a wall or at each other.
 
-    **Arguments:**
-
-    - `bounce`: the bouncing angle, in radians, counter-clockwise.
-    - `step`: length of a step, in metres; after a bump the robot goes back to where the step began,
-        as in the model.
-
-    **Returns:** the text of an `.ino` file.
+    **Arguments:** the bouncing angle in radians, counter-clockwise, and the length of a step in
+    metres. After a bump the robot goes back to where the step began. **Returns:** the text.
 
     **Raises:** `ValueError` for an angle that is not finite, or a step that is not positive.
 
@@ -190,12 +175,8 @@ def bounce_sketch(bounce: float, step: float) -> str:
     return _fill(
         title="Lets an iRobot Create 2 bounce: it turns by one angle at each bump.",
         source=[f"steps of {step:g} m, bounces by {math.degrees(bounce):g} degrees"],
-        tables=None,
-        table_bytes=0,
         step=step,
         bounces=(bounce,),
-        strides=None,
-        direction=0,
     )
 
 
@@ -224,11 +205,8 @@ def _machine_tables(source: Filter | Policy, machine: MooreMachine) -> tuple[str
     ends = whole.color >= whole.final
     known = dict(zip(whole.color[ends].tolist(), source.uncertainty[ends].tolist(), strict=True))
     answers = [str(known[color]) for color in sorted(known)]
-    text = machine_to_c_header(machine) + _ANSWERS % (
-        len(answers),
-        ", ".join(answers),
-        whole.final,
-    )
+    text = machine_to_c_header(machine)
+    text += _ANSWERS % (len(answers), ", ".join(answers), whole.final)
     if isinstance(source, Policy):
         text += _TURNS % (whole.final - 1)
     return text, {"machine": machine_bytes(machine), "answers": 2 * len(answers)}
@@ -255,15 +233,13 @@ def policy_table_bytes(policy: Policy) -> dict[str, int]:
     return {table: length.get(table, states) * bits // 8 for table, bits in width.items()}
 
 
-def _check_direction(
-    task: FilterTask | PolicyTask, direction: int | None, field: str, bounces: tuple[float, ...]
-) -> None:
+def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
     """Raise `ValueError` if the heading, or an angle, is not a whole number of directions."""
     if direction is None:
         return
     if not 0 <= direction < task.directions:
         raise ValueError(f"direction: expected 0 to {task.directions - 1}, got {direction}")
-    for bounce in bounces:
+    for bounce in task.bounces:
         turn = bounce * task.directions / (2 * math.pi)
         if abs(turn - round(turn)) > 1e-6:
             raise ValueError(
@@ -295,12 +271,12 @@ def _fill(
     *,
     title: str,
     source: list[str],
-    tables: str | None,
-    table_bytes: int,
     step: float,
     bounces: tuple[float, ...],
-    strides: Float[np.ndarray, "directions 2"] | None,
-    direction: int,
+    tables: str | None = None,
+    table_bytes: int = 0,
+    strides: Float[np.ndarray, "directions 2"] | None = None,
+    direction: int = 0,
     choosing: bool = False,
 ) -> str:
     placing = (

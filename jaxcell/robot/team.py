@@ -4,7 +4,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -20,6 +20,9 @@ from .walker import Walker
 FREE, WALL, ROBOT, LEFT, RIGHT = "0", "1", "2", "+", "-"
 
 KIND = "team"
+
+TRIES = 3
+"""Number of times that a robot of a team tries a blocked step."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,13 +103,9 @@ def save_team(
 ) -> None:
     """Write the parts of the robots of a team, for [`jaxcell.robot.load_task`][].
 
-    **Arguments:**
-
-    - `path`: the file, which is replaced.
-    - `common`: `cell_m`, `directions`, `step_m`, `robot_radius_m`, and what else is to be kept.
-    - `starts`: the pose of each robot, in metres and radians.
-    - `bounces`: the bouncing angle of each, in radians.
-    - `actions`: the actions of each, of [`member_actions`][].
+    **Arguments:** the path; `cell_m`, `directions`, `step_m`, `robot_radius_m`, and further fields
+    to keep; poses at the start in metres and radians; bouncing angles in radians; and actions of
+    [`member_actions`][].
 
     One robot, that makes two steps and turns at a wall:
 
@@ -155,27 +154,23 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 class Member:
     """A robot along its actions, step by step, so that a log can be replayed."""
 
-    def __init__(self, actions: str, tries: int) -> None:
+    def __init__(self, actions: str) -> None:
         self.observations = ""
         self.index = 0
         "The index of the next action."
-        self._actions, self._tries, self._bumps = actions, tries, 0
-        self._refuted: Literal["bumps", "no wall"] | None = None
+        self._actions, self._bumps = actions, 0
+        self._refuted = ""
 
     @property
     def action(self) -> str | None:
         """The next action, `None` at the end."""
-        over = self._refuted is not None or self.index == len(self._actions)
+        over = self._refuted or self.index == len(self._actions)
         return None if over else self._actions[self.index]
 
     @property
     def waits(self) -> bool:
         """True if the last step failed, so that the robot tries it again."""
         return self._bumps > 0
-
-    def turn(self) -> None:
-        """Take in that an action without a step is done."""
-        self.index += 1
 
     def observe(self, bumped: bool) -> None:
         """Take in whether the step of the action bumped."""
@@ -184,38 +179,31 @@ class Member:
             self.index, self._bumps = self.index + 1, 0
         elif bumped:
             self._bumps += 1
-            self._refuted = "bumps" if self._bumps == self._tries else None
+            if self._bumps == TRIES:
+                self._refuted = f"the robot bumped {TRIES} times where its way is free"
         else:
-            self._refuted = "no wall"
+            self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
         """Take in all observations of a run."""
         for observation in observations:
             while self.action in (ROBOT, LEFT, RIGHT):
-                self.turn()
+                self.index += 1
             if self.action is None:
                 raise ValueError("the log has more observations than the robot has steps")
             self.observe(observation == "1")
         while self.action in (ROBOT, LEFT, RIGHT):
-            self.turn()
+            self.index += 1
 
     def outcome(self) -> RunOutcome:
         """Make the outcome of the part so far."""
         count = len(self._actions)
-        where = f"action {self.index} of {count}"
-        if self._refuted == "bumps":
-            reason = f"{where}: the robot bumped {self._bumps} times where its way is free"
-            return RunOutcome("refuted", self.observations, observed(reason, self.observations))
-        if self._refuted == "no wall":
-            reason = f"{where}: the robot met no wall where there is one"
+        if self._refuted:
+            reason = f"action {self.index} of {count}: {self._refuted}"
             return RunOutcome("refuted", self.observations, observed(reason, self.observations))
         if self.action is not None:
             return RunOutcome("unfinished", self.observations, f"{self.index} of {count} are done")
         return RunOutcome("arrived", self.observations, f"all {count} actions are done")
-
-
-TRIES = 3
-"""Number of times that a robot of a team tries a blocked step."""
 
 
 def run_member(
@@ -234,32 +222,22 @@ def run_member(
     the trajectory, another robot may stand there: the robot goes back, waits, and tries again, up
     to 3 times in all.
 
-    **Arguments:**
-
-    - `walker`: the robot, at its start.
-    - `task`: the task of the robot.
-    - `log`: the log to which each observation is written at once.
-    - `pause`: seconds to wait before the robot tries a step again.
-    - `sleep`: the function that waits.
-
+    **Arguments:** a walker; the task; the log; the seconds to wait; and a function that waits.
     **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that met no
     wall where there is one, or something three times where the way is free.
 
     A point robot in a corridor of three cells, without a serial line:
 
-        >>> import math, pathlib, tempfile
+        >>> import math, pathlib
         >>> from jaxcell import examples, robot
         >>> walker = examples.walker()
-        >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "team.json")
-        ...     robot.save_team(path, common, [(0.5, 0.5, 0.0)], [math.pi / 2], ["001"])
-        ...     task = robot.load_task(path)
+        >>> map = pathlib.Path("team.json"), 1.0, 4, 1.0, 0.0
+        >>> task = robot.MemberTask(*map, 0, 1, (0.5, 0.5, 0.0), math.pi / 2, "001")
         >>> outcome = robot.run_member(walker, task)
         >>> outcome.result, outcome.observations
         ('arrived', '001')
     """
-    member = Member(task.actions, TRIES)
+    member = Member(task.actions)
     direction = 2 * math.pi / task.directions
     turns = {WALL: task.bounce, ROBOT: task.bounce, LEFT: direction, RIGHT: -direction}
     while (action := member.action) is not None:
@@ -272,7 +250,7 @@ def run_member(
             if log is not None:
                 log.observation(walker, action=index)
         else:
-            member.turn()
+            member.index += 1
         if member.index > index and action in turns:
             walker.rotate(turns[action])
     return finished(member.outcome(), log)
@@ -280,6 +258,6 @@ def run_member(
 
 def replay_member(run: LoggedRun) -> RunOutcome:
     """Make the outcome of a robot of a team so far from its log."""
-    member = Member(run.header["actions"], TRIES)
+    member = Member(run.header["actions"])
     member.replay(run.observations)
     return member.outcome()

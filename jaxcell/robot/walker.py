@@ -99,11 +99,8 @@ class Walker:
             raise ValueError(f"direction: expected 0 to {len(strides) - 1}, got {direction}")
         self.observations, self.recalled, self.drives = "", recalled, not recalled
         self._robot, self._step, self._strides = robot, step, strides
-        self._direction, self._tolerance, self._turn_tolerance = (
-            direction,
-            tolerance,
-            turn_tolerance,
-        )
+        self._direction = direction
+        self._tolerance, self._turn_tolerance = tolerance, turn_tolerance
         # The frame of the odometry has the start at 0, and its heading along the real axis.
         self._at, self._facing = 0j, 0.0
         self._centre, self._heading = 0j, 0.0
@@ -154,14 +151,9 @@ class Walker:
         return bumped
 
     def run_to_wall(self, most: float, back: float = 0.0) -> float | None:
-        """Drive straight until a bump, and back off.
+        """Drive straight until a bump, at most `most` metres, and back off by `back` metres.
 
-        **Arguments:**
-
-        - `most`: longest distance without a bump, in metres.
-        - `back`: distance to back off after the bump, in metres.
-
-        **Returns:** the length of the run in metres, by the encoders; `None` without a bump.
+        Returns the length of the run in metres, by the encoders; `None` without a bump.
         """
         self.drives = True
         moved = self._robot.forward(most, tolerance=self._tolerance)

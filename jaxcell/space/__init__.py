@@ -38,18 +38,8 @@ each wall within reach of a centre is tested. So the moves of all cells cost `O(
 
 and a cell is *wholly visible* if the free part of its square is in `V(p)` (Alg. 4.3).
 
-- `Box`: equal cells of a box of any number of dimensions, for general dynamics.
-- `Workspace`: `W`, `O`, `F` and `E` of a map, read from a file or made in Python.
-- `CellSpace`: the cells, from configurations to `z` and back.
-- `Motion`: the length of a step and the rule of collision; `CELL_BY_CELL`, `ENDPOINT`.
-- `free_steps`: the ends of steps, among walls of any shape.
-- `stencil`, `Stencil`: the squares of a step on a grid.
-- `Slip`, `slipping_step`: a robot that slips, between `felt_walls`; `free_ahead` measures the
-    distance to a wall. `cell_strides` and `stride_legs` make a step end at a centre, and
-    `nearest_cell` finds the cell of a robot that may have slipped off the map.
-- `visibility_polygon`: `V(p)`.
-- `visible_cells`: the cells that are wholly visible from each, also by a directed camera.
-- `visible_centres`: the centres that see each other.
+`nearest_cell`, `stencil`, `free_steps`, `cell_strides`, `stride_legs`; `visible_cells`,
+`visible_centres`, `visibility_polygon`; `free_ahead`, `felt_walls`, `slipping_step`.
 
 No part of this package imports JAX.
 """

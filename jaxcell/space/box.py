@@ -49,12 +49,10 @@ class Box:
         cells: Sequence[int] | np.ndarray,
         axes: Sequence[Axis] | Axis = "sink",
     ) -> None:
-        """**Arguments:**
+        """Make a box of corners and numbers of cells.
 
-        - `lower`, `upper`: the corners.
-        - `cells`: number of cells along each axis.
-        - `axes`: the place beyond the ends of each axis, or of all axes: `"sink"`, `"periodic"`, or
-            `"clamp"`, which puts points into the cell at the end.
+        Beyond the ends of each axis, or of all axes, are a `"sink"`, the other end (`"periodic"`),
+        or the cell at the end (`"clamp"`).
 
         **Raises:** `ValueError` for a box without volume, lists of unequal length, or more cells
         than 32 bits number.
@@ -135,12 +133,8 @@ class Box:
         return xp.stack(along, axis=-1)
 
     def centre(self, index: Int[Any, "..."], dtype: Any = None) -> Float[Any, "... axes"]:
-        """Compute the centres of cells.
-
-        **Arguments:**
-
-        - `index`: cells, not sinks, in an array of NumPy or JAX.
-        - `dtype`: the type of the result, by default the widest floating-point type in use.
+        """Compute the centres of cells, not sinks, by default in the widest floating-point type in
+        use.
         """
         xp = index.__array_namespace__()
         kind = dtype or xp.asarray(0.0).dtype
@@ -151,12 +145,7 @@ class Box:
         )
 
     def index(self, points: Float[Any, "... axes"]) -> Int[Any, "..."]:
-        """Find the cells of points, or their sinks.
-
-        **Arguments:**
-
-        - `points`: coordinates along the last dimension, in an array of NumPy or JAX.
-        """
+        """Find the cells of points, or their sinks."""
         xp = points.__array_namespace__()
         index = xp.zeros(points.shape[:-1], dtype=xp.int32)
         places, inside = self.places(points)
@@ -169,11 +158,7 @@ class Box:
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
         """Find the coordinates of the cells of points; for points outside, of a cell at the end.
 
-        **Arguments:**
-
-        - `points`: coordinates along the last dimension, in an array of NumPy or JAX.
-
-        **Returns:** whole numbers of the type of the points, and a mask of the points inside.
+        Returns whole numbers of the type of the points, and a mask of the points inside.
         """
         xp = points.__array_namespace__()
         inside = xp.ones(points.shape[:-1], dtype=bool)

@@ -69,14 +69,10 @@ class CellSpace:
     def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
         """Cut the free space of a map into cells.
 
-        **Arguments:**
+        The side of a cell is in metres.
 
-        - `workspace`: the map, with the radius of the robot.
-        - `cell`: side of a cell, in metres.
-        - `directions`: number of directions.
-
-        **Raises:** `ValueError` for a number out of range, no free centre, or more than
-        `2**31 - 1` cells; `MemoryError` if the squares do not fit the free memory.
+        **Raises:** `ValueError` for a number out of range, no free centre, or more than `2**31 - 1`
+        cells; `MemoryError` if the squares do not fit the free memory.
         """
         if not (math.isfinite(cell) and cell > 0):
             raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
@@ -98,12 +94,7 @@ class CellSpace:
     ) -> "CellSpace":
         """Read a map file and cut its free space into cells, by default as the map suggests.
 
-        **Arguments:**
-
-        - `path`: as for [`Workspace.load`][].
-        - `cell`: side of a cell, in metres.
-        - `directions`: number of directions; 8 if the map suggests none.
-        - `robot_radius`: radius of a disc robot, in metres.
+        Lengths are in metres; there are 8 directions if the map suggests none.
 
         **Raises:** as [`Workspace.load`][] and [`CellSpace.of`][]; `ValueError` if neither `cell`
         nor the map gives the side of a cell.
@@ -126,16 +117,18 @@ class CellSpace:
         cell: float = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> "CellSpace":
-        """Make the space of a grid whose blocked squares are the obstacles.
+        """Make the space of a grid whose blocked squares are the obstacles; row 0 is the lowest.
 
-        **Arguments:**
-
-        - `free`: the free squares; row 0 is the lowest.
-        - `directions`: number of directions.
-        - `cell`: side of a square, in metres.
-        - `origin`: lower left corner of the grid, in metres.
+        The side of a square, and the lower left corner of the grid, are in metres.
         """
         return cls(None, float(cell), directions, origin, np.array(free))
+
+    @property
+    def room(self) -> Workspace:
+        """The map of the cells; a space made from a grid, which has none, raises `ValueError`."""
+        if self.workspace is None:
+            raise ValueError("cells: expected those of a map, got those of a grid without one")
+        return self.workspace
 
     @functools.cached_property
     def square(self) -> Int[np.ndarray, "positions"]:
@@ -172,9 +165,7 @@ class CellSpace:
 
         The unit is a cell, from the origin. The free space lies to the left of an edge.
         """
-        if self.workspace is None:
-            raise ValueError("a space made from a grid has no walls except edges of squares")
-        return (edges(self.workspace.free_space) - np.array(self.origin)) / self.cell
+        return (edges(self.room.free_space) - np.array(self.origin)) / self.cell
 
     def centre(
         self, z: Int[np.ndarray, "..."] | int

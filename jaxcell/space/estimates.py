@@ -147,17 +147,10 @@ def patrol(extent: Extent) -> float | int:
 def check(
     extent: Extent, need: Need, doing: str, step: float | None, also: str = ""
 ) -> float | int:
-    """Refuse a study that takes more memory than is free.
+    """Refuse a study that takes more memory than is free, and return the estimated bytes.
 
-    **Arguments:**
-
-    - `extent`: the size of the cell space.
-    - `need`: estimates the bytes of the study on a cell space.
-    - `doing`: the name of the study.
-    - `step`: length of a step in metres, the largest side of a cell, or `None`.
-    - `also`: an alternative that would fit, the beginning of a sentence.
-
-    **Returns:** the bytes.
+    `also` is an alternative that would fit, the beginning of a sentence. `step` is the length of a
+    step in metres, the largest side of a cell, or `None`.
 
     **Raises:** `MemoryError` with the numbers, and with the smallest cell that would fit.
     """
@@ -173,10 +166,7 @@ def check_cells(
     doing: str,
     also: str = "",
 ) -> None:
-    """Refuse a computation on existing cells that takes more memory than is free.
-
-    **Arguments:** as for [`check`][].
-    """
+    """Refuse a computation on existing cells that takes more memory than is free."""
     check(Extent.of(cells), lambda extent: need(extent, motion), doing, motion.step, also)
 
 

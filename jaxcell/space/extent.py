@@ -38,9 +38,7 @@ class Extent:
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
         """Estimate the extent of a cell space before it is cut, its positions by their area.
 
-        **Arguments:** as for [`CellSpace.of`][].
-
-        **Returns:** the extent, or `None` if `CellSpace.of` refuses the space.
+        Returns `None` if [`CellSpace.of`][] refuses the space.
 
         A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
 

@@ -22,20 +22,9 @@ class Rule:
     squares: Callable[[float, float, tuple[int, int]], tuple[tuple, tuple]]
     "The squares that have to be free, as [`crossed_squares`][] lists them."
     blocked: Callable[..., tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]]
-    "The centres near walls and their blocked directions, with the arguments of `_swept`."
+    "The centres near walls and their blocked directions, with the arguments of `_endpoint`."
     part: Callable[[Float[np.ndarray, "paths points 2"]], Any]
     "The part of each path, as geometries."
-
-
-def _swept(
-    cells: CellSpace,
-    centres: Float[np.ndarray, "positions 2"],
-    steps: Float[np.ndarray, "directions 2"],
-    near: Int[np.ndarray, "pairs"],
-    wall: Int[np.ndarray, "pairs"],
-) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Test whole steps. `near` and `wall` are the pairs of a centre and a wall in its reach."""
-    return meets_wall(cells.walls, centres, steps, near, wall)
 
 
 def _endpoint(
@@ -45,16 +34,20 @@ def _endpoint(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    assert cells.workspace is not None
+    """Test ends of steps. `near` and `wall` are the pairs of a centre and a wall in reach."""
     near = np.unique(near)
-    closed = cells.workspace.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
+    closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)
     ends = (centres[near][:, None] + steps) * cells.cell + np.array(cells.origin)
     return near, ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])
 
 
 RULES: dict[Collision, Rule] = {
-    "swept": Rule(crossed_squares, _swept, shapely.linestrings),
+    "swept": Rule(
+        crossed_squares,
+        lambda cells, *near_walls: meets_wall(cells.walls, *near_walls),
+        shapely.linestrings,
+    ),
     "endpoint": Rule(
         lambda dx, dy, offset: ((offset,), ()),
         _endpoint,
@@ -94,11 +87,7 @@ class Motion:
         return RULES[self.collision]
 
     def in_cells(self, cell: float) -> float:
-        """Compute the length of a step in cells.
-
-        **Arguments:**
-
-        - `cell`: side of a cell in metres.
+        """Compute the length of a step in cells of a side in metres.
 
         **Raises:** `ValueError` for a step that is not finite, or shorter than a cell.
         """

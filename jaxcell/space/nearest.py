@@ -10,12 +10,8 @@ from .cells import CellSpace
 def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray, "..."]:
     """Find the cell of each configuration, or of the nearest free square.
 
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `x`, `y`, `theta`: arrays of metres and radians.
-
-    **Returns:** the cells, of points off the map too, unlike [`jaxcell.space.CellSpace.index`][].
+    **Arguments:** a cell space, and coordinates in metres and radians. Points may lie off the map,
+    unlike those of [`jaxcell.space.CellSpace.index`][]. **Returns:** the cells.
 
     A robot that has slipped a little off a map of three squares:
 

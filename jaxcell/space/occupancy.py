@@ -30,7 +30,7 @@ def blocked_rings(
     run below it only if neither overlaps another run of the other row. A wall around a room becomes
     four polygons, and the squares inside stay free.
 
-    **Returns:** the vertices of each polygon, counter-clockwise, in units of squares.
+    The vertices of each polygon are counter-clockwise, in units of squares.
     """
     columns = blocked.shape[1]
     steps = np.diff(np.pad(blocked, ((0, 0), (1, 1))).astype(np.int8), axis=1)
@@ -78,15 +78,10 @@ def rasterise(
 ) -> Bool[np.ndarray, "rows columns"]:
     """Make the occupancy grid of a polygonal environment.
 
-    **Arguments:**
-
-    - `environment`: a polygon, or several polygons that do not overlap, in metres.
-    - `bounds`: the box to cover (xmin, ymin, xmax, ymax), in metres. Squares start at its lower
-        left corner; the last squares may reach over its far sides.
-    - `cell`: side of the squares, in metres.
-
-    **Returns:** a mask of the squares whose centre is farther than 10^-9 of a square from the
-    environment; row 0 at the bottom.
+    The environment is a polygon, or several polygons that do not overlap, in metres. Squares start
+    at the lower left corner of the box of `bounds` (xmin, ymin, xmax, ymax); the last squares may
+    reach over its far sides. A square is blocked if its centre is farther than 10^-9 of a square
+    from the environment; row 0 is at the bottom.
 
     **Raises:** `ValueError` for more than 2^30 squares; `MemoryError` if the grid and the arrays of
     a [`jaxcell.space.CellSpace`][] do not fit the free memory.

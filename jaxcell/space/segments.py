@@ -21,13 +21,9 @@ def crossed_squares(
 ) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[tuple[int, int], tuple[int, int]], ...]]:
     """List the squares that a step from the centre of a square passes.
 
-    **Arguments:**
-
-    - `dx`, `dy`: the step, in sides of a square.
-    - `offset`: row and column of the square that holds the end.
-
-    **Returns:** the squares whose interior the step passes, with the end; and for each corner that
-    it passes the pair of squares beside it.
+    The step is in sides of a square, and its end lies in the square at `offset`, a row and a
+    column. Returns the squares whose interior the step passes, with the end; and for each corner
+    that it passes the pair of squares beside it.
     """
     crossed, beside = {offset: None}, []
     east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
@@ -63,13 +59,9 @@ def meets_wall(
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
     """Test steps for walls, in units of a cell from the origin.
 
-    **Arguments:**
-
-    - `walls`: as [`jaxcell.space.CellSpace.walls`][].
-    - `centres`, `steps`: the starts of steps, and the steps.
-    - `near`, `wall`: the pairs of a centre and a wall in its reach.
-
-    **Returns:** the centres with a wall in reach, and a mask of their steps that meet a wall.
+    `near` and `wall` are the pairs of a centre and a wall in its reach, whose walls are those of
+    [`jaxcell.space.CellSpace.walls`][]. Returns the centres with a wall in reach, and a mask of
+    their steps that meet a wall.
     """
     order = np.argsort(near, kind="stable")
     near, wall = near[order], wall[order]

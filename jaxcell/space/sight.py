@@ -105,12 +105,8 @@ def visible_centres(
     The rule at walls and corners is that of a swept step: sight runs along walls and grazes
     corners, and does not pass between two obstacles that meet in a point.
 
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `reach`: range of sight, in metres; may be infinite.
-
-    **Returns:** the symmetric relation of positions.
+    **Arguments:** a cell space, and the range of sight in metres, which may be infinite.
+    **Returns:** a symmetric mask.
 
     **Raises:** `ValueError` for a `reach` of 0 or less; `MemoryError` if the pairs do not fit the
     free memory.

@@ -77,12 +77,8 @@ class Slip:
 def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
     """Move the walls back to where they stop a robot whose bumper goes in a little.
 
-    **Arguments:**
-
-    - `workspace`: the map.
-    - `give`: distance that the bumper goes in, in metres.
-
-    **Returns:** the ends of each wall, in metres.
+    **Arguments:** a map, and the distance that the bumper goes in, in metres. **Returns:** the ends
+    of each wall, in metres.
 
     A room whose walls give 2 cm:
 
@@ -104,12 +100,8 @@ def free_ahead(
 
     It computes with arrays of NumPy or JAX, under `jit` and `vmap` too.
 
-    **Arguments:**
-
-    - `walls`: the walls, as from [`felt_walls`][].
-    - `place`, `heading`: the start in metres, and the heading in radians.
-
-    **Returns:** the distances in metres, `inf` for no wall.
+    **Arguments:** the ends of each wall and places in metres, and headings in radians. **Returns:**
+    distances in metres, `inf` for no wall.
 
     In a room of 3 m, from its middle to the East:
 
@@ -154,13 +146,8 @@ def incidence_slope(
 ) -> Float[Any, "*batch"]:
     """Compute the tangent of the incidence at the wall ahead, by a second ray beside the first.
 
-    It is positive where the wall is on the left of the robot.
-
-    **Arguments:**
-
-    - `place`, `heading`: the start of the robot, in metres and radians.
-    - `ahead`: the distance to the wall, in metres.
-    - `ahead_of`: measures this distance from other places with these headings.
+    It is positive where the wall is on the left of the robot. `ahead` is the distance to the wall,
+    in metres, and `ahead_of` measures it from other places with these headings.
 
     At a wall that the robot meets at 45 degrees, on its right:
 
@@ -197,17 +184,10 @@ def slipping_step(
     the step, by its wheels, and turns by the bouncing angle. It computes with arrays of NumPy or
     JAX, under `jit` and `vmap` too.
 
-    **Arguments:**
-
-    - `pose`: x and y in metres, and the heading in radians.
-    - `legs`: the stretches that the robot intends, a row of [`stride_legs`][].
-    - `bounce`: the bouncing angle in radians.
-    - `errors`: standard normal numbers.
-    - `walls`: the walls, as from [`felt_walls`][].
-    - `slip`: the sizes of the errors.
-    - `ahead_of`: a function in place of [`free_ahead`][].
-
-    **Returns:** the poses, and a mask of the robots that bumped.
+    **Arguments:** poses, x and y in metres and the heading in radians; the stretches that the robot
+    intends, a row of [`stride_legs`][]; the bouncing angle in radians; standard normal numbers; the
+    walls of [`felt_walls`][]; the slip; and a function in place of [`free_ahead`][]. **Returns:**
+    the poses, and a mask of the robots that bumped.
 
     A robot that does not slip, in a room of 3 m, with a step of 1 m:
 

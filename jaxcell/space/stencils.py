@@ -40,13 +40,8 @@ def stencil(directions: int, motion: Motion, grid: tuple[int, int]) -> Stencil:
     All directions in which a step leads off the grid from every square are one way. So a stencil is
     no larger than the grid, however long the step.
 
-    **Arguments:**
-
-    - `directions`: number of directions in a full turn.
-    - `motion`: how a robot moves; the side of a square is 1 m.
-    - `grid`: number of rows and of columns.
-
-    **Returns:** [`Stencil`][].
+    **Arguments:** the number of directions; a motion, for squares with sides of 1 m; and the number
+    of rows and of columns. **Returns:** the squares that each way crosses.
 
     Steps of one square in 360 directions make 16 ways; North leads one row up:
 
@@ -80,18 +75,8 @@ def line_places(
     From each square to the next one on its line the number grows by one. The numbers of different
     lines do not mix.
 
-    **Arguments:**
-
-    - `square`: squares of a grid, or of several grids of one shape, one after the other.
-    - `grid`: number of rows and of columns.
-    - `step`: the offset, `(row, column)`.
-
-    In two rows of three squares, along the columns:
-
-        >>> import numpy as np
-        >>> from jaxcell.space.stencils import line_places
-        >>> line_places(np.array([0, 3, 1, 4]), (2, 3), (1, 0)).tolist()
-        [0, 1, 5, 6]
+    Squares are of a grid, or of several grids of one shape, one after the other. The offset `step`
+    is `(row, column)`.
     """
     rows, columns = grid
     # The number of steps from where the line begins.

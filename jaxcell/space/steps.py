@@ -41,14 +41,7 @@ class Steps:
     def on_grids(
         cls, free: Bool[np.ndarray, "grids rows columns"], directions: int, motion: Motion
     ) -> "Steps":
-        """Make the steps on grids whose blocked squares are the obstacles.
-
-        **Arguments:**
-
-        - `free`: the free squares; row 0 is the lowest.
-        - `directions`: number of directions.
-        - `motion`: how a robot moves; the side of a square is 1 m.
-        """
+        """Make the steps on grids whose blocked squares are the obstacles (sides of 1 m)."""
         rows, columns = free.shape[1:]
         shape = stencil(directions, motion, (rows, columns))
         margin = max(max(map(abs, square)) for way in shape.crossed for square in way)
@@ -146,8 +139,8 @@ def _blocked_steps(
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
     """Find the steps that walls of any shape block, to a tolerance of 1e-9 of a cell.
 
-    **Returns:** the free squares within a step of a wall, and the directions in which a wall blocks
-    the step from the centre of each. From other squares only the end has to be free.
+    Returns the free squares within a step of a wall, and the directions in which a wall blocks the
+    step from the centre of each. From other squares only the end has to be free.
     """
     rows, columns = cells.free.shape
     # All longer steps lead off the map too.
@@ -173,14 +166,8 @@ def free_steps(
 ) -> Int[np.ndarray, "directions positions"]:
     """Find the position at the end of a step from each centre, among walls of any shape.
 
-    A step that is not possible leads to the same position.
-
-    **Arguments:**
-
-    - `cells`: the cell space.
-    - `motion`: how the robot moves.
-
-    **Returns:** the positions, by direction and position.
+    **Arguments:** a cell space and a motion. **Returns:** positions by direction; a step that is
+    not possible leads to the same position.
 
     **Raises:** `ValueError` for a space made from a grid, which has no walls of other shapes.
 

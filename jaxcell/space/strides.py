@@ -11,14 +11,9 @@ BEHIND = math.radians(170.0)
 def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
     """Locate the centre of the cell that holds the end of a step.
 
-    **Arguments:**
-
-    - `directions`: number of directions.
-    - `cell`: side of a cell, in metres.
-    - `step`: length of a step, in metres.
-
-    **Returns:** for each direction, the distance ahead and to the left, in metres, of that centre
-    from the centre where the step began.
+    **Arguments:** the number of directions, the side of a cell, and the length of a step, in
+    metres. **Returns:** the distances of that centre, ahead and to the left, from the centre where
+    the step began.
 
     To the East, and to the North East, where the step ends short of the centre of its cell:
 
@@ -37,11 +32,9 @@ def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray,
 def stride_legs(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 3"]:
     """Compute the straight stretches of one step of a walker, which ends at the centre of a cell.
 
-    **Arguments:** as for [`cell_strides`][].
-
-    **Returns:** for each direction the length of the first stretch in metres, the angle of the turn
-    after it in radians, and the length of the second stretch, negative in reverse. The last two are
-    0 if the first stretch ends at the centre.
+    **Arguments:** as for [`cell_strides`][]. **Returns:** for each direction the length of the
+    first stretch in metres, the angle of the turn after it in radians, and the length of the second
+    stretch, negative in reverse. The last two are 0 if the first stretch ends at the centre.
 
     To the East one stretch is enough; 15 degrees to the left a second one leads to the centre:
 

@@ -23,18 +23,13 @@ def visibility_polygon(
     """Compute the polygon that is visible from a point (Alam 2018, Eq. 4.1).
 
     Sight is that of [`visible_cells`][], in the environment, without a margin for the radius of the
-    robot. The polygon has several pieces only if obstacles meet in the point.
+    robot.
 
-    **Arguments:**
+    **Arguments:** a map; a point and the range of sight in metres; the angle of a camera and the
+    middle of its view in radians; and the number of chords per quarter of the circle of the range.
+    The chords lie within the circle; 16 miss 0.16 percent of its area.
 
-    - `workspace`: the map.
-    - `point`: the point of the viewer, in metres.
-    - `reach`: range of sight, in metres; may be infinite.
-    - `field_of_view`, `heading`: the angle of a camera, and the heading of its middle, in radians.
-    - `quad_segs`: chords per quarter of the circle of radius `reach`. The chords lie within the
-        circle; 16 chords miss 0.16 percent of its area.
-
-    **Returns:** the polygon, in metres, or polygons that meet in the point.
+    **Returns:** a polygon, with several pieces only if obstacles meet in the point.
 
     **Raises:** `ValueError` if a number is out of range, or if the point lies in an obstacle or
     outside the boundary.

@@ -170,12 +170,10 @@ class Workspace:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Workspace":
-        """Read a map file; see `jaxcell.space.maps.map_files` for the formats.
+        """Read a map file: a `.json` map of ours, a ROS map_server `.yaml`, or an ASCII grid.
 
-        **Arguments:**
-
-        - `path`: a `.json` map of ours, a ROS map_server `.yaml` with its image, or an ASCII grid
-            (`.txt` or `.map`). A map without a name takes the name of the file.
+        A grid ends in `.txt` or `.map`, and the image of map_server stands beside its file; see
+        `jaxcell.space.maps.map_files`. A map without a name takes the name of the file.
 
         **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
         """
@@ -188,13 +186,9 @@ class Workspace:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a map file in the format of its suffix, whole or not at all.
 
-        A `.json` file keeps everything. A grid keeps the squares of side `cell` whose centre is
-        free. A map_server file has no place for the name, the radius and the number of directions.
-
-        **Arguments:**
-
-        - `path`: ends in `.json`, in `.txt` or `.map` (ASCII grid), or in `.yaml` or `.yml`
-            (map_server; the image stands beside it, with the suffix `.pgm`).
+        A `.json` file keeps everything. A grid, `.txt` or `.map`, keeps the squares of side `cell`
+        whose centre is free. A map_server file, `.yaml` or `.yml`, has no place for the name, the
+        radius and the number of directions; its image has the suffix `.pgm`.
 
         **Raises:** `ValueError` for another suffix, or for a grid if `cell` is `None` or leaves no
         square free.

@@ -14,12 +14,6 @@ the slice may do: distance and arc length are monotone in the place and in the h
 corners of a stretch and a slice bound them. Bounds are moved outward by more than rounding can be.
 So a set always has the robot in it, as long as its errors are within their bounds.
 
-- `Boundary`: the walls. `Chords`: the runs between them.
-- `WallFilter`: what a robot runs; `Errors` are the bounds of what it gets wrong.
-- `WallSet`: where robots may be.
-- `choose_angles`: which angle tells a robot most. `Homing`: which brings it to a goal.
-- `drive_anywhere`: simulated robots with errors at their bounds, followed by a filter.
-
 No part of this package imports JAX.
 """
 

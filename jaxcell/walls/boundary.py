@@ -32,12 +32,7 @@ class Boundary:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "Boundary":
-        """Take the walls of the free space of a robot.
-
-        **Arguments:**
-
-        - `workspace`: the room; a disc robot has the walls that its centre cannot cross.
-        """
+        """Take the walls of the free space: those that the centre of a disc robot cannot cross."""
         before, begin, end = edges(workspace.free_space.simplify(0)).swapaxes(0, 1)
         along = end - begin
         length = np.linalg.norm(along, axis=1)
@@ -81,14 +76,8 @@ def run_to_wall(
     A robot that stands at a wall and faces it runs no distance. One that drives along a wall, or
     grazes a corner, goes on.
 
-    **Arguments:**
-
-    - `boundary`: the walls.
-    - `place`: the place of each robot in the free space or on a wall, in metres.
-    - `heading`: radians counter-clockwise.
-
-    **Returns:** the wall that each robot meets, its arc length there, and the length of the run,
-    in metres.
+    Places lie in the free space or on a wall. The results are the wall that each robot meets, its
+    arc length there, and the length of the run, in metres.
     """
     wall = np.zeros(len(place), np.int32)
     arc, run = np.zeros(len(place)), np.full(len(place), np.inf)

@@ -30,24 +30,12 @@ def choose_angles(
     ahead: int = 1,
     draws: int = 6,
 ) -> Int[np.ndarray, "robots"]:
-    """Choose for each robot the angle after which its set is smallest.
+    """Choose for each robot the number of the angle after which its set is smallest.
 
-    Places are drawn from the set of each robot, and the set is followed through the next bump as a
-    robot at each of these places would observe it.
-
-    **Arguments:**
-
-    - `filter`: the filter of the room.
-    - `state`: the sets of the robots, after a bump and before their turn.
-    - `robots`: number of robots.
-    - `angles`: the bouncing angles to choose from, in radians.
-    - `rng`: source of the draws.
-    - `aim`: the extent to minimize: the largest over the places that are drawn, or their mean.
-    - `ahead`: number of bumps to look ahead.
-    - `draws`: number of places that are drawn for each bump ahead; more draws compare extents more
-        reliably.
-
-    **Returns:** the number of the angle for each robot.
+    Places are drawn from the set of each robot (`draws` for each of the bumps `ahead`), and the set
+    is followed through the next bump as a robot at each of these places would observe it. The sets
+    are those after a bump and before the turn. The aim is the mean of the extents over the places,
+    or the worst of them.
     """
     chosen = np.zeros(robots, np.int32)
     if len(angles) == 1:
@@ -99,18 +87,7 @@ def _extents(
 def draw_places(
     filter: WallFilter, state: WallSet, robots: int, count: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "draws 2"], Float[np.ndarray, "draws"], Int[np.ndarray, "draws"]]:
-    """Draw places and headings from the set of each robot.
-
-    **Arguments:**
-
-    - `filter`: the filter of the room.
-    - `state`: the sets of the robots.
-    - `robots`: number of robots.
-    - `count`: number of draws for each robot.
-    - `rng`: source of the draws.
-
-    **Returns:** the places in metres, the headings in radians, and the robot of each draw.
-    """
+    """Draw places in metres and headings in radians from sets, with the robot of each."""
     robot = np.repeat(np.arange(robots), count)
     order = np.argsort(state.robot, kind="stable")
     state = state.take(order)

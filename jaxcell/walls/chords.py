@@ -64,15 +64,9 @@ class Chords:
     ) -> "Chords":
         """Follow all headings from all walls.
 
-        **Arguments:**
-
-        - `boundary`: the walls.
-        - `slices`: number of headings, or of slices of headings.
-        - `known`: whether headings are `2 pi k / slices` exactly; else any heading of a slice.
-        - `displacement`: largest distance of a robot from its place on the wall when it leaves,
-            in metres.
-        - `gap`: least length of a stretch, in metres; by default, stretches of known headings are
-            cut wherever the next wall changes.
+        Headings are `2 pi k / slices` exactly if they are `known`; else any heading of a slice. No
+        stretch is shorter than `gap` metres; by default, stretches of known headings are cut
+        wherever the next wall changes.
         """
         turn = 2 * np.pi / slices
         width = 0.0 if known else turn
@@ -85,24 +79,18 @@ class Chords:
             for group in range(-(-slices // 2**level))
         ]
         stretches = Rows(*map(np.concatenate, zip(*(rows for rows, _, _ in parts), strict=True)))
-        clearance, stretch, arc, spread = (
+        met = [
             np.concatenate(arrays, axis=-1)
             for arrays in zip(*(met[1:] for _, _, met in parts), strict=True)
-        )
+        ]
         return cls(
-            boundary=boundary,
-            slices=slices,
-            width=width,
-            displacement=displacement,
-            slice=stretches.slice,
-            wall=stretches.wall,
-            begin=stretches.begin,
-            end=stretches.end,
-            hit=np.concatenate([hit for _, hit, _ in parts]),
-            clearance=clearance,
-            stretch=stretch,
-            arc=arc,
-            spread=spread,
+            boundary,
+            slices,
+            width,
+            displacement,
+            *stretches,
+            np.concatenate([hit for _, hit, _ in parts]),
+            *met,
         )
 
     @functools.cached_property

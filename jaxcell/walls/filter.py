@@ -167,13 +167,8 @@ class WallFilter:
     def observe(self, state: WallSet | None, run: Lengths) -> WallSet:
         """Take in the length of the run of each robot to a wall.
 
-        **Arguments:**
-
-        - `state`: the sets of the robots; `None` for robots that may be anywhere.
-        - `run`: the length of the run of each robot by its own measure, in metres; a robot that
-            counts steps may stop anywhere in the next one.
-
-        **Returns:** the sets of the robots; empty if no place explains the runs of a robot.
+        A robot that counts steps may stop anywhere in the next one. Robots without sets may be
+        anywhere. The set of a robot is empty if no place explains its runs.
         """
         least = np.atleast_1d(np.asarray(run, float))
         if not (np.isfinite(least) & (least >= 0)).all():
@@ -194,12 +189,7 @@ class WallFilter:
         return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
 
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
-        """Turn each robot in place.
-
-        **Arguments:**
-
-        - `state`: the sets of the robots.
-        - `angle`: radians counter-clockwise, one for all or one for each robot.
+        """Turn each robot in place by an angle in radians, counter-clockwise.
 
         **Raises:** `ValueError` for an angle that is no whole number of slices of headings.
         """

@@ -130,21 +130,14 @@ class Homing:
         return (outside == 0) & ~self.filter.refuted(state, robots)
 
     def choose(
-        self, state: WallSet, robots: int, rng: np.random.Generator, known: float | None = None
+        self, state: WallSet, robots: int, rng: np.random.Generator
     ) -> Int[np.ndarray, "robots"]:
-        """Choose the next angle of each robot.
+        """Choose the number of the next angle of each robot.
 
-        **Arguments:**
-
-        - `state`: the sets of the robots, after a bump and before their turn.
-        - `robots`: number of robots.
-        - `rng`: source of the draws of places.
-        - `known`: the extent of a set below which a robot heads for the goal, in metres; by default
-            a quarter of the diameter of the room.
-
-        **Returns:** the number of the angle for each robot.
+        A robot heads for the goal if the extent of its set is at most a quarter of the diameter of
+        the room.
         """
-        known = self.filter.boundary.diameter / 4 if known is None else known
+        known = self.filter.boundary.diameter / 4
         arcs = [state.begin + share * (state.end - state.begin) for share in (0.0, 0.5, 1.0)]
         weight = state.end - state.begin + 1e-3
         wide = self.filter.chords.slices // self.slices

@@ -57,16 +57,10 @@ def observe(
     least: Float[np.ndarray, "robots"],
     most: Float[np.ndarray, "robots"],
 ) -> WallSet:
-    """Follow robots that run straight until they meet a wall.
+    """Follow robots that run straight for `least` to `most` metres until they meet a wall.
 
-    **Arguments:**
-
-    - `chords`: the chords of the room.
-    - `state`: the sets of the robots, with their headings after the turn.
-    - `least`, `most`: bounds of the length of the run of each robot, in metres.
-
-    **Returns:** the sets after the runs, with the headings of the runs; empty for a robot whose run
-    no place explains.
+    The headings of the sets are those of the runs. The set of a robot whose run no place explains
+    is empty.
     """
     stretch, row = _overlapping(chords, state)
     robot, begin, end = state.robot[stretch], state.begin[stretch], state.end[stretch]
@@ -142,15 +136,7 @@ def _overlapping(
 def turned(
     state: WallSet, shift: Int[np.ndarray, "stretches"], slices: int, error: int = 0
 ) -> WallSet:
-    """Turn robots in place.
-
-    **Arguments:**
-
-    - `state`: the sets of the robots.
-    - `shift`: the turn in slices, counter-clockwise, for each stretch.
-    - `slices`: number of slices of the circle.
-    - `error`: largest error of the turn, in slices.
-    """
+    """Turn robots counter-clockwise by `shift` slices, with errors of up to `error` slices."""
     off = np.arange(-error, error + 1)
     copy = np.repeat(np.arange(shift.size), off.size)
     after = (state.slice + shift)[:, None] + off
@@ -158,14 +144,9 @@ def turned(
 
 
 def arrivals(chords: Chords, least: Float[np.ndarray, "robots"]) -> WallSet:
-    """Compute the sets of robots after their first runs from anywhere.
+    """Compute the sets of robots after first runs from anywhere of at least a length, in metres.
 
-    **Arguments:**
-
-    - `chords`: the chords of the room; an even number of slices.
-    - `least`: the least length of the run of each robot, in metres.
-
-    **Returns:** the places with a free line of that length behind them.
+    They are the places with a free line of that length behind them; the number of slices is even.
     """
     boundary = chords.boundary
     size = boundary.length.size

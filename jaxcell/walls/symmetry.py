@@ -14,18 +14,11 @@ _DIFFERENT = 1e-6
 
 
 def alike_places(workspace: Workspace, headings: int | None = None) -> int:
-    """Count the places that a robot cannot tell apart, whichever angles it turns by.
+    """Count the places, with headings, that a robot cannot tell apart whichever way it turns.
 
     A motion of the plane that carries the free space onto itself, or one piece of it onto another,
-    carries each run of a robot onto a run of the same lengths.
-
-    **Arguments:**
-
-    - `workspace`: the room.
-    - `headings`: number of headings that a robot may start with, which turns must respect; `None`
-        for any heading.
-
-    **Returns:** the largest number of places, with the heading in each; 1 without a symmetry.
+    carries each run of a robot onto a run of the same lengths. If robots start with one of a
+    number of headings, turns must respect them. The count is 1 without a symmetry.
 
     A square room looks the same from four sides, unless the heading is known to be East or West:
 

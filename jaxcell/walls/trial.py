@@ -60,17 +60,11 @@ def drive_anywhere(
 
     **Arguments:**
 
-    - `workspace`: the room.
-    - `filter`: the filter of the room.
     - `angles`: the bouncing angles, in radians; each robot chooses where there are several.
-    - `robots`, `bumps`: number of robots, and of the bumps of each.
     - `headings`: robots start with a heading `2 pi k / headings` up to its error; `None` for any.
     - `goal`: the goal of the robots; `None` if they only find out where they are.
     - `start`: x, y in metres and heading in radians of the first robot; else it is drawn as well.
-    - `aim`, `ahead`: arguments of [`choose_angles`][jaxcell.walls.choose_angles], for robots
-        without a goal.
-    - `seed`: seed of the starts, of the errors and of the draws of a choice.
-    - `say`: called with the progress.
+    - `aim`, `ahead`: see [`choose_angles`][jaxcell.walls.choose_angles], for robots without a goal.
     """
     rng = np.random.default_rng(seed)
     place = places_anywhere(workspace, robots, rng)

@@ -1,9 +1,10 @@
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.mapping import Section, periodic_groups, section_groups
+from jaxcell.mapping import Section, periodic_groups, section_cycles
 from jaxcell.mapping.groups import follow, periodic_cells
 
 
@@ -90,26 +91,6 @@ def test_groups_work_under_vmap():
         assert_same(jax.tree.map(lambda x, i=i: np.asarray(x[i]), batch), sequential(image))
 
 
-@given(functional_graphs(), st.data())
-def test_excluded_cells_have_no_group(image, data):
-    seeds = data.draw(st.lists(st.sampled_from(range(len(image))), min_size=1))
-    counts = np.zeros(len(image), bool)
-    for z in seeds:
-        while not counts[z]:
-            counts[z] = True
-            z = image[z]
-    groups = jax.device_get(periodic_groups(image, counts))
-    kept = np.flatnonzero(counts)
-    smaller = np.searchsorted(kept, image[kept]).astype(np.int32)
-    group, step, period, count = sequential(smaller)
-    np.testing.assert_array_equal(groups.group[kept], group)
-    np.testing.assert_array_equal(groups.step[kept], step)
-    np.testing.assert_array_equal(groups.period[kept], period)
-    assert int(groups.count) == count
-    assert (groups.group[~counts] == -1).all()
-    assert (groups.step[~counts] == -1).all()
-
-
 def section_of(image, chosen, slots):
     """The first-return map to the chosen cells; the first slot of every cell and the wait."""
     slot_of = {int(z): s for s, z in enumerate(chosen)}
@@ -145,30 +126,25 @@ def test_section_gives_the_groups_of_all_cells(image, data):
     # Few sizes, since each is compiled once.
     slots = CELLS + 3
     section, slot, wait = section_of(image, sorted(chosen), slots)
-    # The bound on the groups is tight, or has room.
-    tight = expected[3] if expected[3] <= 2 else -(-expected[3] // 32) * 32
-    for most in (None, tight, slots):
-        groups = section_groups(section, max_groups=most)
-        group, lead, period = map(np.asarray, (groups.group, groups.lead, groups.period))
-        np.testing.assert_array_equal(group[slot], expected[0])
-        np.testing.assert_array_equal(np.maximum(0, wait + lead[slot]), expected[1])
-        np.testing.assert_array_equal(period[group[slot]], expected[2])
-        assert int(groups.count) == expected[3]
+    found = jax.tree.leaves(section_cycles(section))
+    leader, leads, lead, period, lowest = map(np.asarray, found)
+    leaders = np.flatnonzero(leads)
+    leaders = leaders[np.argsort(lowest[leaders])]
+    number = np.full(slots, -1)
+    number[leaders] = np.arange(leaders.size)
+    np.testing.assert_array_equal(number[leader[slot]], expected[0])
+    np.testing.assert_array_equal(np.maximum(0, wait + lead[slot]), expected[1])
+    np.testing.assert_array_equal(period[leader[slot]], expected[2])
+    assert leaders.size == expected[3]
 
 
 def test_batch_of_sections_equals_one_by_one():
     rng = np.random.default_rng(1)
     images = rng.integers(0, 30, (5, 30)).astype(np.int32)
     sections = [section_of(image, range(30), 32)[0] for image in images]
-    stacked = jax.tree.map(lambda *x: jax.device_put(np.stack(x)), *sections)
-    batches = [
-        [np.asarray(one) for one in (groups.group, groups.lead, groups.period)]
-        for groups in (section_groups(stacked), jax.vmap(section_groups)(stacked))
-    ]
+    batch = jax.vmap(section_cycles)(jax.tree.map(lambda *x: jnp.stack(x), *sections))
     for i, section in enumerate(sections):
-        alone = section_groups(section)
-        for group, lead, period in batches:
-            np.testing.assert_array_equal(group[i], alone.group)
-            np.testing.assert_array_equal(lead[i], alone.lead)
-            periods = np.asarray(alone.period)[: int(alone.count)]
-            np.testing.assert_array_equal(period[i][: len(periods)], periods)
+        for stacked, alone in zip(
+            *map(jax.tree.leaves, (batch, section_cycles(section))), strict=True
+        ):
+            np.testing.assert_array_equal(stacked[i], alone)

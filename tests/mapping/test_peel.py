@@ -69,13 +69,9 @@ def test_walk_compiles_to_one_machine_code_function(of):
     assert len(loops) <= of.ndim - 1
 
 
-def test_batch_of_walks_with_excluded_cells_equals_doubling():
-    rng = np.random.default_rng(3)
-    image, where = rng.integers(0, 64, (5, 64)), rng.random((5, 64)) < 0.7
-    # The image of a cell that counts counts.
-    image = np.where(np.take_along_axis(where, image, axis=1), image, np.arange(64))
-    batch = jnp.asarray(image), jnp.asarray(where)
-    same(jax.vmap(periodic_groups)(*batch), jax.vmap(doubled_groups)(*batch))
+def test_batch_of_walks_equals_doubling():
+    batch = jnp.asarray(np.random.default_rng(3).integers(0, 64, (5, 64)))
+    same(jax.vmap(periodic_groups)(batch), jax.vmap(doubled_groups)(batch))
 
 
 def test_map_without_cells_has_no_groups():

@@ -85,7 +85,7 @@ def test_a_robot_without_walls_stops_within_the_size_of_its_room(task):
     [
         ({"errors": {"run": 2.0}}, "errors: run: expected a share below 1"),
         ({"errors": {"luck": 0.1}}, "luck"),
-        ({"bounces_deg": []}, "bounces_deg: expected a list of angles in degrees"),
+        ({"bounces_deg": []}, "bounces_deg: expected a list of at least 1 angles"),
         ({"slices": 1}, "slices: expected"),
         ({"boundary": [[0, 0], [1, 1]]}, "boundary"),
     ],

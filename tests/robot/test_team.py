@@ -99,7 +99,7 @@ def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
             for wall, b, m in zip(walls, bumped[:, robot], moved, strict=True)
             if (b and wall) or m
         )
-        member = Member(task.actions, 3)
+        member = Member(task.actions)
         member.replay(read_log(log_file).observations)
         assert member.outcome() == outcome
     assert met > 0, "the robots never meet"
@@ -151,17 +151,17 @@ def test_a_trajectory_that_meets_another_map_is_refuted(tmp_path, actions, bumps
     assert outcome.result == "refuted"
     observed = "".join(map(str, bumps))
     assert outcome.reason == f"{message}; the robot observed {observed}"
-    member = Member(actions, 3)
+    member = Member(actions)
     member.replay(observed)
     assert member.outcome() == outcome
 
 
 def test_a_log_that_was_cut_off_is_unfinished():
-    member = Member("0012", 3)
+    member = Member("0012")
     member.replay("00")
     assert member.outcome().result == "unfinished"
     with pytest.raises(ValueError, match="more observations than the robot has steps"):
-        Member("02", 3).replay("00")
+        Member("02").replay("00")
 
 
 def test_a_team_with_steps_of_thin_walls_tells_walls_from_robots():

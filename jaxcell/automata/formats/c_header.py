@@ -26,7 +26,38 @@ IN_FLASH = """\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 """
-"The end of the first comment, and the macros that read tables, in both kinds of headers."
+"The end of the first comment, and the macros that read tables, in all headers."
+
+USE = """\
+ *
+ *     ${name}_state state = ${NAME}_START;
+ *     state = ${name}_next(state, observation);    after each observation, 0 or 1
+"""
+"The use of a header, in its first comment."
+
+
+def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
+    """Write the template of a table; its type is `bits` wide, by default that of its entries."""
+    bits = bits or f"${{{entries}_bits}}"
+    return (
+        f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
+        f"${entries}\n"
+        "};\n\n"
+    )
+
+
+def look_up(entry: str, names: str, beyond: str) -> str:
+    """Write the template of the function that reads a table of states."""
+    return (
+        f"static inline uint${{{entry}_bits}}_t ${{name}}_{entry}(${{name}}_state state) {{\n"
+        f"    if ($at >= ${{NAME}}_STATES) return {beyond};\n"
+        f"    return ${{NAME}}_READ(${entry}_bits, ${{name}}_{names}[$at]);\n"
+        "}\n\n"
+    )
+
+
+TRANSITIONS = table("transition", size="$states][2", bits="${state_bits}")
+"The state after each state and observation."
 
 OBSERVATION_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -35,16 +66,30 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"""The function of a state and an observation, each of which leads to a state."""
+"The function of a state and an observation, each of which leads to a state."
+
+KNOWLEDGE = table("color", "colors") + table("uncertainty", "uncertainties")
+"The color and the uncertainty of each state of a filter or a policy."
+
+LOCALIZED = """\
+/* 1 if the robot cannot be in the map, else 0. */
+static inline int ${name}_refuted(${name}_state state) {
+    return $refuted;
+}
+
+/* 1 if $localized, else 0. */
+static inline int ${name}_localized(${name}_state state) {
+    return ${name}_color(state) > ${NAME}_TRANSIENT_COLOR && !${name}_refuted(state);
+}
+
+#endif
+"""
+"The end of the headers of filters and policies."
 
 _TEMPLATE = string.Template(
-    """\
-/* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.
- *
- *     ${name}_state state = ${NAME}_START;
- *     state = ${name}_next(state, observation);    after each observation, 0 or 1
- *
-"""
+    "/* A localization filter, made by jaxcell: $states states, $cycles knowledge cycles.\n"
+    + USE
+    + " *\n"
     + IN_FLASH
     + """\
 
@@ -57,57 +102,22 @@ typedef uint${state_bits}_t ${name}_state;
 /* The colour outside the knowledge cycles; theirs are 2 and more, and 0 is that of IMPOSSIBLE. */
 #define ${NAME}_TRANSIENT_COLOR 1
 $trap
-static const uint${state_bits}_t ${name}_transition[$states][2] ${NAME}_TABLE = {
-$transition
-};
-
-static const uint${color_bits}_t ${name}_colors[$states] ${NAME}_TABLE = {
-$color
-};
-
-static const uint${uncertainty_bits}_t ${name}_uncertainties[$states] ${NAME}_TABLE = {
-$uncertainty
-};
-
 """
+    + TRANSITIONS
+    + KNOWLEDGE
     + OBSERVATION_NEXT
-    + """\
-static inline uint${color_bits}_t ${name}_color(${name}_state state) {
-    if (state >= ${NAME}_STATES) return 0;
-    return ${NAME}_READ($color_bits, ${name}_colors[state]);
-}
-
-/* The number of possible configurations. */
-static inline uint${uncertainty_bits}_t ${name}_uncertainty(${name}_state state) {
-    if (state >= ${NAME}_STATES) return 0;
-    return ${NAME}_READ($uncertainty_bits, ${name}_uncertainties[state]);
-}
-
-/* 1 if the robot cannot be in the map, else 0. */
-static inline int ${name}_refuted(${name}_state state) {
-    return $refuted;
-}
-
-/* 1 if the state is in a knowledge cycle, else 0. */
-static inline int ${name}_localized(${name}_state state) {
-    return ${name}_color(state) > ${NAME}_TRANSIENT_COLOR && !${name}_refuted(state);
-}
-
-#endif
-"""
+    + look_up("color", "colors", "0")
+    + "/* The number of possible configurations. */\n"
+    + look_up("uncertainty", "uncertainties", "0")
+    + LOCALIZED
 )
 
 
 def to_c_header(filter: Filter, *, name: str = "filter") -> str:
     """Write the filter as a C99 header for a microcontroller: small tables, and functions for them.
 
-    **Arguments:**
-
-    - `filter`: a localization filter.
-    - `name`: the prefix of every name in the header; characters that C does not allow become
-        underscores.
-
-    **Returns:** the text of a `.h` file; a comment at its top shows its use.
+    **Arguments:** a filter, and the prefix of every name in the header, in which characters that C
+    does not allow become underscores. **Returns:** the text, with a comment that shows its use.
 
     The filter of a ring of three cells:
 
@@ -116,22 +126,22 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
         >>> [line for line in automata.to_c_header(filter).splitlines() if "STATES" in line][0]
         '#define FILTER_STATES 5u'
     """
-    name = identifier(name)
     states = len(filter.transition)
     impossible = next(2**bits - 1 for bits in (8, 16, 32) if states < 2**bits)
     transition = filter.transition.astype("int64")
     transition[transition < 0] = impossible
-    trap = f"#define {name.upper()}_TRAP {filter.trap}\n" if filter.open_world else ""
-    refuted = f"state >= {name.upper()}_STATES"
-    return _TEMPLATE.substitute(
-        name=name,
-        NAME=name.upper(),
-        states=states,
+    NAME = identifier(name).upper()
+    trap = f"#define {NAME}_TRAP {filter.trap}\n" if filter.open_world else ""
+    return fill(
+        _TEMPLATE,
+        name,
+        states,
         cycles=len(filter.cycles),
         impossible=impossible,
-        suffix="u" if impossible < 2**16 else "ul",
         trap=trap,
-        refuted=f"{refuted} || state == {name.upper()}_TRAP" if filter.open_world else refuted,
+        at="state",
+        refuted=f"state >= {NAME}_STATES" + f" || state == {NAME}_TRAP" * filter.open_world,
+        localized="the state is in a knowledge cycle",
         state_bits=bits_for(impossible),
         color_bits=bits_for(int(filter.color.max())),
         uncertainty_bits=bits_for(int(filter.uncertainty.max())),
@@ -139,6 +149,13 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
         color=rows_of(map(str, filter.color.tolist())),
         uncertainty=rows_of(map(str, filter.uncertainty.tolist())),
     )
+
+
+def fill(template: string.Template, name: str, states: int, **fields: object) -> str:
+    """Fill in a template; numbers of `states` have a suffix for their type."""
+    name = identifier(name)
+    suffix = "u" if states < 2**16 else "ul"
+    return template.substitute(fields, name=name, NAME=name.upper(), states=states, suffix=suffix)
 
 
 def identifier(name: str) -> str:

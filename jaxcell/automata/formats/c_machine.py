@@ -8,7 +8,17 @@ from ..filter import Filter
 from ..machine import MooreMachine, Output
 from ..policy import Policy
 from ..reduction.smallest import Smallest, smallest
-from .c_header import IN_FLASH, OBSERVATION_NEXT, bits_for, identifier, rows_of
+from .c_header import (
+    IN_FLASH,
+    OBSERVATION_NEXT,
+    TRANSITIONS,
+    USE,
+    bits_for,
+    fill,
+    look_up,
+    rows_of,
+    table,
+)
 from .c_policy import RUN_NEXT, RUN_STATE, RUN_TABLES
 
 
@@ -21,38 +31,23 @@ typedef uint${at_bits}_t ${name}_state;
 #define ${NAME}_IMPOSSIBLE $states$suffix
 """
 
-_TABLES = """\
-static const uint${at_bits}_t ${name}_transition[$states][2] ${NAME}_TABLE = {
-$transition
-};
-
-"""
-
-_HEADER = """\
-/* The smallest machine with the outputs of a filter or a policy, made by jaxcell: $states states.
- *
- *     ${name}_state state = ${NAME}_START;
- *     state = ${name}_next(state, observation);    after each observation, 0 or 1
+_HEADER = (
+    "/* The smallest machine with the outputs of a filter or a policy, made by jaxcell: $states "
+    "states.\n"
+    + USE
+    + """\
  *
  * It has an output after each $symbol. Observations that cannot occur in the map may lead to any
  * state: few of them are noticed.
  *
 """
+    + IN_FLASH
+)
 
-_OUTPUTS = """\
-static const uint${color_bits}_t ${name}_colors[$states] ${NAME}_TABLE = {
-$color
-};
-
-"""
-
-_FUNCTIONS = """\
-/* The output of the state. */
-static inline uint${color_bits}_t ${name}_color(${name}_state state) {
-    if ($at >= ${NAME}_STATES) return 0;
-    return ${NAME}_READ($color_bits, ${name}_colors[$at]);
-}
-
+_FUNCTIONS = (
+    "/* The output of the state. */\n"
+    + look_up("color", "colors", "0")
+    + """\
 /* 1 after an observation that is noticed to be impossible, else 0. */
 static inline int ${name}_refuted(${name}_state state) {
     return $at >= ${NAME}_STATES;
@@ -65,22 +60,17 @@ static inline int ${name}_localized(${name}_state state) {
 
 #endif
 """
+)
 
 
 def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
-    """Write a machine as a C99 header for a microcontroller: tables, and functions for them.
+    """Write a machine as a C99 header for a microcontroller, as [`to_c_header`][].
 
     A machine that reads runs counts the steps since the last bump, so that the program passes
     observations, 0 for a step and 1 for a bump, to each kind of machine. Its output then stays the
     same from bump to bump.
 
-    **Arguments:**
-
-    - `machine`: for example the result of [`smallest`][].
-    - `name`: the prefix of every name in the header; characters that C does not allow become
-        underscores.
-
-    **Returns:** the text of a `.h` file; a comment at its top shows its use.
+    **Arguments:** a machine, and the prefix of every name. **Returns:** the text.
 
     The smallest filter of a ring of three cells:
 
@@ -90,35 +80,22 @@ def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
         >>> [line for line in text.splitlines() if "STATES" in line][0]
         '#define FILTER_STATES 3u'
     """
-    name = identifier(name)
     tables, bits = _tables(machine), table_bits(machine)
     states = len(machine.transition)
-    text = string.Template(
-        "".join(
-            [
-                _HEADER,
-                IN_FLASH,
-                RUN_STATE if machine.runs else _STATE,
-                "\n",
-                RUN_TABLES if machine.runs else _TABLES,
-                _OUTPUTS,
-                RUN_NEXT if machine.runs else OBSERVATION_NEXT,
-                _FUNCTIONS,
-            ]
-        )
-    )
     rows: dict[str, Iterable[str]] = {
         table: map(str, values.tolist()) for table, values in tables.items()
     }
-    if not machine.runs:
+    if machine.runs:
+        parts = [RUN_STATE, "\n", RUN_TABLES, table("color", "colors"), RUN_NEXT]
+    else:
+        parts = [_STATE, "\n", TRANSITIONS, table("color", "colors"), OBSERVATION_NEXT]
         rows["transition"] = (f"{{{a}, {b}}}" for a, b in tables["transition"].tolist())
-    return text.substitute(
-        name=name,
-        NAME=name.upper(),
-        states=states,
+    return fill(
+        string.Template("".join([_HEADER, *parts, _FUNCTIONS])),
+        name,
+        states,
         bounds=states + 1,
         bumps=tables["steps"].size if machine.runs else 0,
-        suffix="u" if states < 2**16 else "ul",
         symbol="bump" if machine.runs else "observation",
         at="state.at" if machine.runs else "state",
         at_bits=bits_for(states),
@@ -138,12 +115,11 @@ def fewest_bytes(
 ) -> Smallest:
     """Find the smallest machine in observations and that in runs, and take the smaller tables.
 
-    **Arguments:**
+    **Arguments:** as for [`MooreMachine.of`][], and as for [`smallest`][] for each of the two
+    machines.
 
-    - `source`, `output`: as in [`MooreMachine.of`][].
-    - `seconds`, `say`: as in [`smallest`][], for each of the two machines.
-
-    **Returns:** the machine whose tables take fewer bytes; observations are preferred.
+    **Returns:** the search for the machine that was taken; of equal tables, for that in
+    observations.
 
     For three cells in a ring one state per run takes more bytes than one per observation:
 
@@ -167,13 +143,9 @@ def table_bits(machine: MooreMachine) -> dict[str, int]:
 
 
 def machine_bytes(machine: MooreMachine) -> int:
-    """Count the bytes of the tables of [`machine_to_c_header`][].
+    """Count the bytes of all tables of [`machine_to_c_header`][] together.
 
-    **Arguments:**
-
-    - `machine`: any machine.
-
-    **Returns:** the bytes of all tables together.
+    **Arguments:** a machine. **Returns:** the number of bytes.
 
     The smallest filter of a ring has three states of three bytes:
 

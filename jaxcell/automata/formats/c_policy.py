@@ -3,7 +3,18 @@ import string
 import numpy as np
 
 from ..policy import Policy
-from .c_header import IN_FLASH, bits_for, identifier, rows_of
+from .c_header import (
+    IN_FLASH,
+    KNOWLEDGE,
+    LOCALIZED,
+    USE,
+    bits_for,
+    fill,
+    identifier,
+    look_up,
+    rows_of,
+    table,
+)
 
 
 RUN_STATE = """\
@@ -21,22 +32,13 @@ typedef struct {
 """
 """The state of a machine that reads runs, and its numbers."""
 
-RUN_TABLES = """\
-/* The start of the next bumps of each state in the two tables after this. */
-static const uint${first_bits}_t ${name}_first[$bounds] ${NAME}_TABLE = {
-$first
-};
-
-static const uint${steps_bits}_t ${name}_steps[$bumps] ${NAME}_TABLE = {
-$steps
-};
-
-static const uint${at_bits}_t ${name}_target[$bumps] ${NAME}_TABLE = {
-$target
-};
-
-"""
-"""The runs after each state, and the states after them."""
+RUN_TABLES = (
+    "/* The start of the next bumps of each state in the two tables after this. */\n"
+    + table("first", size="$bounds")
+    + table("steps", size="$bumps")
+    + table("target", size="$bumps", bits="${at_bits}")
+)
+"The runs after each state, and the states after them."
 
 RUN_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -65,17 +67,10 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 """The function of a state and an observation, where runs lead from state to state."""
 
 _TEMPLATE = string.Template(
-    """\
-/* A localization policy, made by jaxcell: $states states, $ends of which are ends.
- *
- *     ${name}_state state = ${NAME}_START;
- *     state = ${name}_next(state, observation);    after each observation, 0 or 1
- *     turn = ${name}_turn(state);                  which angle to turn by now, if any
- *
-"""
+    "/* A localization policy, made by jaxcell: $states states, $ends of which are ends.\n"
+    + USE
+    + " *     turn = ${name}_turn(state);                  which angle to turn by now, if any\n *\n"
     + IN_FLASH
-    + """\
-"""
     + RUN_STATE
     + """\
 #define ${NAME}_NO_TURN $no_turn
@@ -85,20 +80,8 @@ _TEMPLATE = string.Template(
 
 """
     + RUN_TABLES
-    + """\
-static const uint8_t ${name}_turns[$states] ${NAME}_TABLE = {
-$turn
-};
-
-static const uint${color_bits}_t ${name}_colors[$states] ${NAME}_TABLE = {
-$color
-};
-
-static const uint${uncertainty_bits}_t ${name}_uncertainties[$states] ${NAME}_TABLE = {
-$uncertainty
-};
-
-"""
+    + table("turn", "turns", bits="8")
+    + KNOWLEDGE
     + RUN_NEXT
     + """\
 /* The number of the angle to turn by now, or NO_TURN. */
@@ -107,44 +90,20 @@ static inline uint8_t ${name}_turn(${name}_state state) {
     return ${NAME}_READ(8, ${name}_turns[state.at]);
 }
 
-static inline uint${color_bits}_t ${name}_color(${name}_state state) {
-    if (state.at >= ${NAME}_STATES) return $last_color;
-    return ${NAME}_READ($color_bits, ${name}_colors[state.at]);
-}
-
-/* The number of possible configurations at the last bump. */
-static inline uint${uncertainty_bits}_t ${name}_uncertainty(${name}_state state) {
-    if (state.at >= ${NAME}_STATES) return 0;
-    return ${NAME}_READ($uncertainty_bits, ${name}_uncertainties[state.at]);
-}
-
-/* 1 if the robot cannot be in the map, else 0. */
-static inline int ${name}_refuted(${name}_state state) {
-    return state.at >= ${NAME}_STATES;
-}
-
-/* 1 if the policy has ended, else 0. */
-static inline int ${name}_localized(${name}_state state) {
-    return ${name}_color(state) > ${NAME}_TRANSIENT_COLOR && !${name}_refuted(state);
-}
-
-#endif
 """
+    + look_up("color", "colors", "$last_color")
+    + "/* The number of possible configurations at the last bump. */\n"
+    + look_up("uncertainty", "uncertainties", "0")
+    + LOCALIZED
 )
 
 _NO_TURN = 255
 
 
 def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
-    """Write the policy as a C99 header for a microcontroller: tables, and functions for them.
+    """Write the policy as a C99 header for a microcontroller, as [`to_c_header`][].
 
-    **Arguments:**
-
-    - `policy`: a localization policy.
-    - `name`: the prefix of every name in the header; characters that C does not allow become
-        underscores.
-
-    **Returns:** the text of a `.h` file; a comment at its top shows its use.
+    **Arguments:** a policy, and the prefix of every name. **Returns:** the text.
 
     **Raises:** `ValueError` for more than 255 angles.
 
@@ -162,29 +121,23 @@ def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
     """
     if policy.turn.max() >= _NO_TURN:
         raise ValueError(f"turn: expected at most {_NO_TURN} angles, got {policy.turn.max() + 1}")
-    name = identifier(name)
     bits = policy_bits(policy)
-    turn = np.where(policy.turn < 0, _NO_TURN, policy.turn)
-    tables = {
-        "first": policy.first,
-        "steps": policy.steps,
-        "target": policy.target,
-        "turn": turn,
-        "color": policy.color,
-        "uncertainty": policy.uncertainty,
-    }
-    return _TEMPLATE.substitute(
-        name=name,
-        NAME=name.upper(),
-        states=policy.turn.size,
+    tables = {table: getattr(policy, table) for table in bits}
+    tables["turn"] = np.where(policy.turn < 0, _NO_TURN, policy.turn)
+    return fill(
+        _TEMPLATE,
+        name,
+        policy.turn.size,
         bounds=policy.turn.size + 1,
         bumps=policy.steps.size,
         ends=policy.ends.size,
-        suffix="u" if policy.turn.size < 2**16 else "ul",
         no_turn=_NO_TURN,
         last_color=policy.ends.size + 2,
+        at="state.at",
         at_bits=bits["target"],
-        **{f"{table}_bits": bits[table] for table in ("first", "steps", "color", "uncertainty")},
+        refuted=f"state.at >= {identifier(name).upper()}_STATES",
+        localized="the policy has ended",
+        **{f"{table}_bits": width for table, width in bits.items()},
         **{table: rows_of(map(str, values.tolist())) for table, values in tables.items()},
     )
 

@@ -10,13 +10,8 @@ def to_dot(filter: Filter | MooreMachine, *, name: str = "filter") -> str:
     A state shows its number and, below, its uncertainty; the start is a double circle, each
     knowledge cycle has its own hue, and the trap is a box.
 
-    **Arguments:**
-
-    - `filter`: a localization filter, or a machine, which shows its outputs in place of
-        uncertainties.
-    - `name`: the title of the graph.
-
-    **Returns:** the text of a `.dot` file.
+    **Arguments:** a filter, or a machine, which shows its outputs in place of uncertainties; and
+    the title of the graph. **Returns:** the text.
 
     The last edge of the filter of a ring of three cells:
 
@@ -62,11 +57,7 @@ def to_json(filter: Filter | MooreMachine) -> str:
     Configurations of other states are omitted, because there are too many. A machine has the fields
     `transition` (by symbol), `color`, `runs` and `final`.
 
-    **Arguments:**
-
-    - `filter`: a localization filter, or a machine.
-
-    **Returns:** the text of a `.json` file.
+    **Arguments:** a filter or a machine. **Returns:** the text.
 
     The filter of a ring of three cells:
 

@@ -14,16 +14,12 @@ _SPACING = 90
 def to_jflap(
     filter: Filter, kind: Literal["fa", "moore"] = "moore", *, name: str = "filter"
 ) -> str:
-    """Write the filter as an automaton of JFLAP 7.
+    """Write the filter as a `.jff` file of JFLAP 7.
 
-    **Arguments:**
+    **Arguments:** a filter; a note in the drawing; and a kind: a `"moore"` machine whose output is
+    the colour, or `"fa"`, a finite automaton whose final states are those of the knowledge cycles.
 
-    - `filter`: a localization filter.
-    - `kind`: `"moore"` for a Moore machine whose output is the colour, `"fa"` for a finite
-        automaton whose final states are those of the knowledge cycles.
-    - `name`: a note in the drawing.
-
-    **Returns:** the text of a `.jff` file. States are in columns by their distance from the start.
+    **Returns:** the text, with states in columns by their distance from the start.
 
     **Raises:** `ValueError` for another `kind`.
 
@@ -37,54 +33,41 @@ def to_jflap(
     if kind not in ("fa", "moore"):
         raise ValueError(f"kind is {kind!r}; expected 'fa' or 'moore'")
     colors = filter.color.tolist()
-    root, automaton = _document(kind, name)
+    root = ElementTree.Element("structure")
+    _add(root, type=kind)
+    automaton = ElementTree.SubElement(root, "automaton")
+    note = ElementTree.SubElement(automaton, "note")
+    _add(note, text=_NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name), **_place(0, -1))
     for state, (x, y) in enumerate(_columns(filter)):
-        node = _add_state(automaton, state, x, y)
+        node = ElementTree.SubElement(automaton, "state", id=str(state), name=f"q{state}")
+        _add(node, **_place(x, y))
+        if state == 0:
+            ElementTree.SubElement(node, "initial")
         if kind == "moore":
-            ElementTree.SubElement(node, "output").text = str(colors[state])
+            _add(node, output=colors[state])
         elif colors[state] > 1 and state != filter.trap:
             ElementTree.SubElement(node, "final")
     for source, row in enumerate(filter.transition.tolist()):
         for observation, target in enumerate(row):
             if target < 0:
                 continue
-            edge = _add_transition(automaton, source, target, str(observation))
+            edge = ElementTree.SubElement(automaton, "transition")
+            _add(edge, **{"from": source, "to": target, "read": observation})
             if kind == "moore":
-                ElementTree.SubElement(edge, "transout").text = str(colors[target])
-    return _text(root)
+                _add(edge, transout=colors[target])
+    ElementTree.indent(root)
+    declaration = '<?xml version="1.0" encoding="UTF-8" standalone="no"?>\n'
+    return declaration + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _document(kind: str, name: str) -> tuple[ElementTree.Element, ElementTree.Element]:
-    root = ElementTree.Element("structure")
-    ElementTree.SubElement(root, "type").text = kind
-    automaton = ElementTree.SubElement(root, "automaton")
-    note = ElementTree.SubElement(automaton, "note")
-    ElementTree.SubElement(note, "text").text = _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name)
-    _add_place(note, 0, -1)
-    return root, automaton
+def _add(node: ElementTree.Element, **texts: object) -> None:
+    """Add elements with texts to a node."""
+    for tag, text in texts.items():
+        ElementTree.SubElement(node, tag).text = str(text)
 
 
-def _add_state(automaton: ElementTree.Element, state: int, x: int, y: int) -> ElementTree.Element:
-    node = ElementTree.SubElement(automaton, "state", id=str(state), name=f"q{state}")
-    _add_place(node, x, y)
-    if state == 0:
-        ElementTree.SubElement(node, "initial")
-    return node
-
-
-def _add_place(node: ElementTree.Element, x: int, y: int) -> None:
-    ElementTree.SubElement(node, "x").text = str(float(_SPACING * (x + 1)))
-    ElementTree.SubElement(node, "y").text = str(float(_SPACING * (y + 2)))
-
-
-def _add_transition(
-    automaton: ElementTree.Element, source: int, target: int, read: str
-) -> ElementTree.Element:
-    edge = ElementTree.SubElement(automaton, "transition")
-    ElementTree.SubElement(edge, "from").text = str(source)
-    ElementTree.SubElement(edge, "to").text = str(target)
-    ElementTree.SubElement(edge, "read").text = read
-    return edge
+def _place(x: int, y: int) -> dict[str, float]:
+    return {"x": float(_SPACING * (x + 1)), "y": float(_SPACING * (y + 2))}
 
 
 def _columns(filter: Filter) -> Iterable[tuple[int, int]]:
@@ -104,9 +87,3 @@ def _columns(filter: Filter) -> Iterable[tuple[int, int]]:
             row[target] = height[column[target]]
             height[column[target]] += 1
     return zip(column, row, strict=True)
-
-
-def _text(root: ElementTree.Element) -> str:
-    ElementTree.indent(root)
-    declaration = '<?xml version="1.0" encoding="UTF-8" standalone="no"?>\n'
-    return declaration + ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -27,14 +27,7 @@ def write_arrays(
     header: Mapping[str, Any],
     arrays: Mapping[str, Int32[np.ndarray, "_"]],
 ) -> None:
-    """Write a file completely or not at all; equal content gives equal bytes.
-
-    **Arguments:**
-
-    - `path`: the file to write or replace.
-    - `header`: any JSON object.
-    - `arrays`: the arrays by name.
-    """
+    """Write a file completely or not at all; equal content gives equal bytes."""
     text = json.dumps(header, sort_keys=True).encode()
     stored: dict[str, Any] = {_HEADER: np.frombuffer(text, np.uint8)}
     stored |= {name: np.diff(arrays[name], prepend=np.int32(0)) for name in sorted(arrays)}
@@ -86,9 +79,7 @@ def checked_metadata(metadata: Mapping[str, Any]) -> Any:
 def read_arrays(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]:
-    """Read a file of [`write_arrays`][].
-
-    **Returns:** the header and the arrays.
+    """Read the header and the arrays of a file of [`write_arrays`][].
 
     **Raises:** `ValueError` if it is not such a file, or was truncated or altered.
     """
@@ -114,12 +105,10 @@ def _read(
             with np.lib.npyio.NpzFile(file) as stored:
                 arrays = {name: stored[name] for name in ([_HEADER] if headed else stored.files)}
             header = json.loads(arrays.pop(_HEADER).tobytes())
-        except (
-            Exception
-        ) as error:  # what a damaged file makes zipfile and NumPy raise is not listed
-            raise ValueError(
-                f"{path}: not a jaxcell file, truncated or altered: {error}"
-            ) from error
+        # The exceptions of zipfile and NumPy for a damaged file are not documented.
+        except Exception as error:
+            text = f"{path}: not a jaxcell file, truncated or altered: {error}"
+            raise ValueError(text) from error
     if not isinstance(header, dict):
         raise ValueError(f"{path}: its header: expected a JSON object")
     return header, arrays

@@ -10,16 +10,8 @@ def incompatible_pairs(
     """Find the pairs of states that some string of symbols, possible from both, tells apart.
 
     A pair with different outputs is incompatible, and so is a pair whose successors after a symbol
-    that can occur in both are. Each round updates the rows whose successors changed.
-
-    **Arguments:**
-
-    - `transition`: the state after each symbol, or -1 if it cannot occur.
-    - `color`: the output of each state.
-
-    **Returns:** a symmetric array.
-
-    **Raises:** `MemoryError` if the pairs do not fit into memory.
+    that can occur in both are. Each round updates the rows whose successors changed. `transition`
+    has -1 for a symbol that cannot occur.
     """
     states = len(transition)
     check(
@@ -45,21 +37,11 @@ def incompatible_pairs(
     return apart
 
 
-def large_clique(
-    adjacent: Bool[np.ndarray, "vertices vertices"], starts: int = 32
-) -> Int[np.ndarray, "clique"]:
-    """Find a large clique of a graph greedily, from each of the vertices with most neighbours.
-
-    **Arguments:**
-
-    - `adjacent`: the symmetric adjacency matrix, without loops.
-    - `starts`: number of first vertices to try.
-
-    **Returns:** the vertices of the largest clique, in the order of their choice.
-    """
+def large_clique(adjacent: Bool[np.ndarray, "vertices vertices"]) -> Int[np.ndarray, "clique"]:
+    """Find a large clique of a graph greedily, from each of 32 vertices with most neighbours."""
     degree = adjacent.sum(axis=1, dtype=np.int64)
     best: list[int] = []
-    for first in np.argsort(-degree, kind="stable")[:starts].tolist():
+    for first in np.argsort(-degree, kind="stable")[:32].tolist():
         clique, candidate, inside = [], np.ones(degree.size, bool), degree.copy()
         chosen = first
         while True:

@@ -13,15 +13,8 @@ def folded(
 
     Two states are merged together with their successors after each symbol that both can read, and
     so on, if no class then has an incompatible pair. In the result the successors of a class are
-    therefore in one class.
-
-    **Arguments:**
-
-    - `transition`: the state after each symbol, or -1; states in breadth-first order.
-    - `apart`: the incompatible pairs.
-    - `go_on`: whether to continue; if not, the other states are not merged.
-
-    **Returns:** the class of each state, by its smallest state.
+    therefore in one class. States are in breadth-first order; once `go_on` is false, the others are
+    not merged. Returns the class of each state, by its smallest state.
     """
     partition = _Partition(transition, apart)
     kept = [0]

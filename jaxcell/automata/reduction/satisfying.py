@@ -31,15 +31,8 @@ def closed_classes(
     classes. Clauses about a pair of states, and about the successors of a class after a symbol, are
     added when a solution without them violates them (Zhang and Shell 2020).
 
-    **Arguments:**
-
-    - `transition`: the state after each symbol, or -1 if it cannot occur.
-    - `apart`: the incompatible pairs.
-    - `clique`: states that are incompatible with each other.
-    - `count`: the number of classes, at least that of the clique.
-    - `cover`: whether a state may be in several classes.
-
-    **Returns:** an iterator over `None`, after each part of the search, and then the classes, or
+    `cover` permits a state in several classes, and `clique` has states that are incompatible with
+    each other. The iterator yields `None` after each part of the search, and then the classes, or
     `False` if they do not exist, by proof.
     """
     from pysat.solvers import Solver

@@ -114,7 +114,8 @@ def smallest(
     apart = incompatible_pairs(transition, machine.color[first])
     clique = large_clique(apart)
     say(f"merging {first.size:,} states")
-    classes = _rows(folded(transition, apart, go_on))
+    heads = folded(transition, apart, go_on)
+    classes = np.unique(heads)[:, None] == heads
     bound = clique.size
     if not cover:
         transition, apart, clique = machine.transition, apart[label][:, label], first[clique]
@@ -153,10 +154,6 @@ def _equivalent(machine: MooreMachine) -> tuple[Int[np.ndarray, "states"], Int[n
     color = np.append(machine.color, machine.color.max() + 1)
     label = equivalence(images, np.tile(color, (len(images), 1))).label[:-1]
     return label, np.unique(label, return_index=True)[1]
-
-
-def _rows(label: Int[np.ndarray, "states"]) -> Bool[np.ndarray, "classes states"]:
-    return np.unique(label)[:, None] == label
 
 
 def _successors(

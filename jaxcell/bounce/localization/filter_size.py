@@ -24,12 +24,8 @@ def heading_filter_sizes(
     Sums of 64 bits distinguish the sets. Among a million states two have equal sums with a
     probability of 3e-8.
 
-    **Arguments:**
-
-    - `walls`: the walls of grids.
-    - `shift`: number of directions by which the robot turns at a bump.
-
-    **Returns:** the numbers of states.
+    **Arguments:** the walls of grids, and the turns at bumps as numbers of directions. **Returns:**
+    the number of states for each grid and turn.
 
     An open room of two rows of three squares, with turns to the left and right about:
 
@@ -150,7 +146,7 @@ class _Groups:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Find the groups of two or more candidates that have not bumped together before.
 
-        **Returns:** the angle of each, and the set and the wall of each member.
+        Returns the angle of each, and the set and the wall of each member.
         """
         many = np.flatnonzero(self.size > 1)
         start = self.end - self.size + 1

@@ -18,14 +18,10 @@ def localization_filter(
     The I-state graph of the map is a nondeterministic automaton that may start in any cell. Subset
     construction makes it deterministic, and each knowledge cycle colours its states.
 
-    **Arguments:**
+    **Arguments:** the bounce map; whether an observation that cannot occur on it leads to a trap
+    (Definition 2.4.6) instead of an error (Definition 2.4.5); and what is saved with the filter.
 
-    - `simple_map`: image and observation of every cell.
-    - `open_world`: whether an observation that cannot occur on the map leads to a trap state
-        (Definition 2.4.6) and is not an error (Definition 2.4.5).
-    - `metadata`: kept with the filter, and saved with it.
-
-    **Returns:** [`jaxcell.automata.Filter`][].
+    **Returns:** the filter.
 
     The laboratory of the dissertation, with the number of states and the uncertainties of its
     Tables 2.1 and 2.2:
@@ -89,16 +85,8 @@ class Localization(Result):
 def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     """Drive a simulated robot from a cell until the filter enters a knowledge cycle.
 
-    **Arguments:**
-
-    - `simple_map`: image and observation of every cell.
-    - `filter`: a localization filter, of this map or (open world) of another.
-    - `start`: the cell of the robot, which the filter does not know.
-
-    **Returns:** [`Localization`][]. With an open-world filter of another map the run may end in the
-    trap, without candidates.
-
-    **Raises:** `ValueError` if the cell does not exist.
+    **Arguments:** the bounce map, a filter, and a cell. **Returns:** the run, without candidates if
+    the filter is that of another map, and ends in its trap.
 
     A corridor of three squares looks the same from its other end, so two configurations remain:
 

@@ -61,15 +61,8 @@ class OffCentre:
     ) -> "OffCentre":
         """Draw robots uniformly from the squares of free cells, and from the directions.
 
-        Points in obstacles are drawn again.
-
-        **Arguments:**
-
-        - `cells`: the cell space.
-        - `count`: number of robots.
-        - `seed`: seed of the random numbers.
-        - `motion`: how the robots move.
-        - `walker`: whether the whole path of a walker has to be free, and not only the step.
+        Points in obstacles are drawn again. For a `walker` its whole path has to be free, and not
+        only the step.
         """
         length = motion.in_cells(cells.cell)
         steps = np.array(
@@ -131,11 +124,7 @@ def filter_shares(
 ) -> Shares:
     """Measure the shares of robots that start anywhere in the cells and that a filter loses.
 
-    **Arguments:**
-
-    - `filter`, `cells`: a filter of these cells.
-    - `shift`: number of directions by which a robot turns at a bump.
-    - `motion`, `walker`: as for [`OffCentre.drawn`][].
+    A robot turns by `shift` directions at a bump. For a `walker` its whole path has to be free.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion, walker=walker)
     transition = filter.with_trap().transition
@@ -153,11 +142,7 @@ def policy_shares(
 ) -> Shares:
     """Measure the shares of a policy, by its possible cells at the last bump.
 
-    **Arguments:**
-
-    - `policy`, `cells`: a policy of these cells.
-    - `shifts`: directions that a robot turns by, for each angle.
-    - `motion`: how a robot moves.
+    `shifts` has the number of directions of each angle.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
     # The next bumps in the order of this key, and a last key that no robot has.

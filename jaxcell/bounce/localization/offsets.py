@@ -20,7 +20,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from ...automata import Filter
-from ...base.quantities import derived
+from ...base.quantities import derived, from_part
 from ...mapping import SimpleMap
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
@@ -50,12 +50,6 @@ class Offsets:
         cls, cells: CellSpace, *, motion: Motion = CELL_BY_CELL, limit: int = LIMIT
     ) -> "Offsets":
         """Find the classes of the offsets within a cell, for a walker that knows the heading.
-
-        **Arguments:**
-
-        - `cells`: the cell space.
-        - `motion`: how the robot moves.
-        - `limit`: the largest number of classes.
 
         **Raises:** `ValueError` if walls do not run along the grid, or if there are more classes.
         """
@@ -136,13 +130,12 @@ class OffsetLocalized(LocalizationFilter):
         shift = int(bounce_shift(self.bounce, self.cells.directions))
         return filter_shares(self.of_cells(), self.cells, shift, self.offsets.motion, walker=True)
 
-    @derived("", "off-centre starts that the filter loses", kind="share")
-    def lost_share(self) -> float:
-        return self.shares.lost
-
-    @derived("", "off-centre starts that are localized wrongly", kind="share")
-    def wrong_share(self) -> float:
-        return self.shares.wrong
+    lost_share = from_part(
+        "shares.lost", "", "off-centre starts that the filter loses", kind="share"
+    )
+    wrong_share = from_part(
+        "shares.wrong", "", "off-centre starts that are localized wrongly", kind="share"
+    )
 
     def of_cells(self, metadata: Mapping[str, Any] | None = None) -> Filter:
         """Make the filter with the possible cells of each state instead of its configurations."""

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from ...automata import Decisions, Homing, Policy, Smallest, adaptive_choice, homing_sequence
 from ...automata.adaptive import Aim, levels
-from ...base.quantities import Checks, derived, quantity
+from ...base.quantities import Checks, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
 from ..plans.roadmap import Roadmap
@@ -131,9 +131,7 @@ class LocalizationPolicy(States):
     def localized_to_one(self) -> float:
         return float((self.policy.uncertainty[self.end_state] == 1).mean())
 
-    @derived("", "states of the policy", "1", kind="count")
-    def policy_states(self) -> int:
-        return self.policy.turn.size
+    policy_states = from_part("policy.turn.size", "", "states of the policy", "1", kind="count")
 
     @derived("", "bumps of one sequence for all starts", "1", kind="count")
     def fixed_bumps(self) -> int:
@@ -156,25 +154,15 @@ class LocalizationPolicy(States):
         turns = self.policy.turn
         return np.bincount(turns[turns >= 0], minlength=self.bounces.size)
 
-    @derived("state", "number of the angle to turn by, -1 for none", kind="index")
-    def turn(self) -> Int[np.ndarray, "states"]:
-        return self.policy.turn
-
-    @derived("state", "colour: 1 until it is localized", kind="count")
-    def color(self) -> Int[np.ndarray, "states"]:
-        return self.policy.color
-
-    @derived("state_bound", "first entry of the state in bump_steps", kind="count")
-    def bump_offset(self) -> Int[np.ndarray, "bounds"]:
-        return self.policy.first
-
-    @derived("next_bump", "steps until the next bump", kind="count")
-    def bump_steps(self) -> Int[np.ndarray, "bumps"]:
-        return self.policy.steps
-
-    @derived("next_bump", "state at that bump", kind="index")
-    def bump_state(self) -> Int[np.ndarray, "bumps"]:
-        return self.policy.target
+    turn = from_part(
+        "policy.turn", "state", "number of the angle to turn by, -1 for none", kind="index"
+    )
+    color = from_part("policy.color", "state", "colour: 1 until it is localized", kind="count")
+    bump_offset = from_part(
+        "policy.first", "state_bound", "first entry of the state in bump_steps", kind="count"
+    )
+    bump_steps = from_part("policy.steps", "next_bump", "steps until the next bump", kind="count")
+    bump_state = from_part("policy.target", "next_bump", "state at that bump", kind="index")
 
     @property
     def cell_class(self) -> Int[np.ndarray, "cells"]:
@@ -184,13 +172,7 @@ class LocalizationPolicy(States):
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot by the policy until it is localized.
 
-        **Arguments:**
-
-        - `start`: the cell of the robot, which the policy does not know.
-
-        **Returns:** [`jaxcell.bounce.Localization`][], with the state of the last bump over time.
-
-        **Raises:** `ValueError` if the cell does not exist.
+        The result has the state of the last bump over time.
         """
         roadmap = self.roadmap
         cell, state = roadmap.check_cell(start, "start"), self.policy.start()
@@ -263,7 +245,7 @@ def localization_policy(
         the best that was found, at least as good as the greedy policy, and `least` is a bound.
     - `metadata`: kept with the policy, and saved with it.
 
-    **Returns:** [`LocalizationPolicy`][].
+    **Returns:** [`LocalizationPolicy`][], with one sequence of angles for all starts beside it.
 
     In the laboratory of the dissertation a robot that turns by 45 degrees only ends in one of up to
     four cells. One that may also turn by 135 degrees is always localized:

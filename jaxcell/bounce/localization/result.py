@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...automata import Filter, Policy, Smallest, minimize
-from ...base.quantities import Checks, Result, derived
+from ...base.quantities import Checks, Result, derived, from_part
 from ...space import CellSpace, Motion
 from ..dynamics import bounce_shift
 from ..group_results import BounceGroups
@@ -38,17 +38,13 @@ class States(Result):
         """The filter or the policy."""
         raise NotImplementedError
 
-    @derived("state", "cells where the robot may be", "cells", kind="count")
-    def uncertainty(self) -> Int[np.ndarray, "states"]:
-        return self.automaton.uncertainty
-
-    @derived("state_bound", "first entry of the state in member", kind="count")
-    def offset(self) -> Int[np.ndarray, "bounds"]:
-        return self.automaton.offsets
-
-    @derived("entry", "cells of the states in turn", kind="index")
-    def member(self) -> Int[np.ndarray, "entries"]:
-        return self.automaton.members
+    uncertainty = from_part(
+        "automaton.uncertainty", "state", "cells where the robot may be", "cells", kind="count"
+    )
+    offset = from_part(
+        "automaton.offsets", "state_bound", "first entry of the state in member", kind="count"
+    )
+    member = from_part("automaton.members", "entry", "cells of the states in turn", kind="index")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,13 +113,15 @@ class LocalizationFilter(States):
     def observation(self) -> Int[np.ndarray, "2"]:
         return np.arange(2, dtype=np.int32)
 
-    @derived("state observation", "state after an observation that may occur", kind="index")
-    def transition(self) -> Int[np.ndarray, "states 2"]:
-        return self.filter.transition
-
-    @derived("state", "colour: 1 outside the knowledge cycles", kind="count")
-    def color(self) -> Int[np.ndarray, "states"]:
-        return self.filter.color
+    transition = from_part(
+        "filter.transition",
+        "state observation",
+        "state after an observation that may occur",
+        kind="index",
+    )
+    color = from_part(
+        "filter.color", "state", "colour: 1 outside the knowledge cycles", kind="count"
+    )
 
     def checks(self) -> Checks:
         # The cells that are left after the two observations are images of the cells before.
@@ -192,13 +190,12 @@ class RunOnMap(Candidates):
             f"{wrong} wrongly; `--anywhere` loses none.",
         )
 
-    @derived("", "off-centre starts that the filter loses", kind="share")
-    def lost_share(self) -> float:
-        return self.off_centre.lost
-
-    @derived("", "off-centre starts that are localized wrongly", kind="share")
-    def wrong_share(self) -> float:
-        return self.off_centre.wrong
+    lost_share = from_part(
+        "off_centre.lost", "", "off-centre starts that the filter loses", kind="share"
+    )
+    wrong_share = from_part(
+        "off_centre.wrong", "", "off-centre starts that are localized wrongly", kind="share"
+    )
 
     def _pose(self, cell: int) -> str:
         x, y, theta = map(float, self.cells.centre(cell))

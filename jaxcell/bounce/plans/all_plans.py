@@ -70,9 +70,7 @@ class AllPlans:
     ) -> Shaped[np.ndarray, "cells goals"]:
         """Compute the costs of the plans from all cells to goals, -1 for no path.
 
-        **Arguments:**
-
-        - `goals`: cells, all by default.
+        By default all cells are goals.
         """
         goals, entries, of = self._goals(goals)
         return costs(self.roadmap, self._routes(entries).cost[of], goals)
@@ -82,12 +80,8 @@ class AllPlans:
     ) -> Integer[np.ndarray, "cells goals"]:
         """Find the first action of the plan from each cell to goals.
 
-        **Arguments:**
-
-        - `goals`: cells, all by default.
-
-        **Returns:** 0 for a step forward, `k + 1` for a bump with angle `k`, -1 for no path and at
-        the goal.
+        By default all cells are goals. An action is 0 for a step forward, `k + 1` for a bump with
+        angle `k`, -1 for no path and at the goal.
         """
         goals, entries, of = self._goals(goals)
         routes = self._routes(entries)
@@ -103,9 +97,7 @@ class AllPlans:
     ) -> Integer[np.ndarray, "cells goals"]:
         """Count the different angles of the plan from each cell to goals, -1 for no path.
 
-        **Arguments:**
-
-        - `goals`: cells, all by default.
+        By default all cells are goals.
         """
         goals, entries, of = self._goals(goals)
         routes = self._routes(entries)
@@ -137,12 +129,7 @@ class AllPlans:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
-        """Open a store of plans. Routes are read from it when they are needed.
-
-        **Arguments:**
-
-        - `path`: the store.
-        - `cells`: the cell space that the plans are for.
+        """Open a store of plans for these cells. Routes are read from it when they are needed.
 
         **Raises:** `ValueError` if it is not a store of plans, or of other cells;
         `FileNotFoundError`.
@@ -188,15 +175,13 @@ def all_plans(
 ) -> AllPlans:
     """Find cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
-    **Arguments:**
+    **Arguments:** as for [`jaxcell.bounce.plan`][], and
 
-    - `cells`, `bounces`, `keep`, `change`, `motion`, `method`: as for
-        [`jaxcell.bounce.plan`][].
     - `store`: a folder such as `plans.zarr` to write the plans to as they are found, and to read
         them from, for spaces whose plans do not fit the memory. By default plans stay in memory.
     - `progress`: called with the number of solved entries, and the number of all entries.
 
-    **Returns:** [`jaxcell.bounce.AllPlans`][].
+    **Returns:** [`AllPlans`][], in memory or in the store.
 
     **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `MemoryError` if the plans do not fit the
     free memory and there is no store; `FileNotFoundError` if the parent folder of the store does

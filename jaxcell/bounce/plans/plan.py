@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...base.quantities import Checks, Result, derived, quantity
+from ...base.quantities import Checks, Result, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift, motion_violations, moves
 from .roadmap import Method, Roadmap
@@ -64,9 +64,7 @@ class Plan(Result):
     def steps(self) -> int:
         return int((self.actions == 0).sum())
 
-    @derived("", "bumps", kind="count")
-    def bumps(self) -> int:
-        return self.turns.size
+    bumps = from_part("turns.size", "", "bumps", kind="count")
 
     @derived("", "different angles that are used", kind="count")
     def angles_used(self) -> int:
@@ -167,16 +165,10 @@ def plan(
     change` there and `3 keep + change` here. (In graphs that are joined at their cells, as in the
     pseudo-code, an edge could not depend on the bump before.)
 
-    **Arguments:**
+    **Arguments:** a cell space, the first and the last cell, the angles to choose from in radians,
+    counter-clockwise, the two costs, a motion and a method.
 
-    - `cells`: the cell space.
-    - `bounces`: the angles to choose from, in radians, counter-clockwise.
-    - `start`, `goal`: cells.
-    - `keep`, `change`: the costs. With whole costs all plans cost whole numbers.
-    - `motion`: how the robot moves.
-    - `method`: `"exact"`, or `"layered"` as the dissertation does.
-
-    **Returns:** [`jaxcell.bounce.Plan`][]. If there is no path, its cost is -1.
+    **Returns:** the plan. With whole costs its cost is a whole number; without a path it is -1.
 
     **Raises:** `ValueError` for cells, angles or costs that do not fit, and as
     [`jaxcell.bounce.moves`][]; `MemoryError` if the roadmap does not fit the free memory.
@@ -237,16 +229,10 @@ def replay(
 ) -> Int[np.ndarray, "visited"]:
     """Run an action string in the bounce dynamics.
 
-    **Arguments:**
+    **Arguments:** a cell space, a first cell, and actions: 0 for a step forward, and an angle in
+    radians for a bump. **Returns:** the visited cells.
 
-    - `cells`: the cell space.
-    - `start`: the cell of the robot.
-    - `actions`: 0 for a step forward, an angle in radians for a bump.
-    - `motion`: how the robot moves.
-
-    **Returns:** the cells that the robot visits.
-
-    **Raises:** `ValueError` if the start does not exist, or an action is not possible in its cell.
+    **Raises:** `ValueError` if an action is not possible in its cell.
 
     To the end of a corridor of three squares, right about, and one step back:
 
@@ -268,11 +254,9 @@ def replay(
             wrong = "cannot go forward" if action == 0 else "does not bump, so it cannot turn"
             raise ValueError(f"actions[{i}]: in cell {path[-1]} the robot {wrong}")
         try:
-            direction = (
-                direction + bounce_shift(action, cells.directions).item()
-            ) % cells.directions
+            direction += bounce_shift(action, cells.directions).item()
         except ValueError as error:
             raise ValueError(f"actions[{i}]: {error}") from None
-        position = ahead
+        direction, position = direction % cells.directions, ahead
         path.append(direction * cells.positions + position)
     return np.array(path, np.int32)

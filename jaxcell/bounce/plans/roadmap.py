@@ -67,10 +67,7 @@ class Roadmap:
         motion: Motion = CELL_BY_CELL,
         method: Method = "exact",
     ) -> "Roadmap":
-        """Make the roadmap of a cell space.
-
-        **Arguments:** as for [`jaxcell.bounce.plan`][].
-        """
+        """Make the roadmap of a cell space; arguments are those of [`jaxcell.bounce.plan`][]."""
         angles = np.asarray(bounces, float)
         shift = different_shifts(angles, cells.directions)
         keep, change = _weights(keep, change)

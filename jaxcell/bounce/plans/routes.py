@@ -67,11 +67,7 @@ def costs(
 ) -> Shaped[np.ndarray, "cells goals"]:
     """Compute the costs of the cheapest plans from all cells to goals, -1 for no plan.
 
-    **Arguments:**
-
-    - `roadmap`: the roadmap.
-    - `route_costs`: costs of the routes to the entry of each goal, -1 for no route.
-    - `goals`: cells.
+    `route_costs` are those of the routes to the entry of each goal, -1 for no route.
     """
     length = roadmap.length.astype(route_costs.dtype) * roadmap.number.type(roadmap.keep)
     past_entry = length[roadmap.entry[roadmap.entry_of[goals]]] - length[goals]

@@ -38,11 +38,8 @@ _VARIABLES = {
 def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable[Routes]) -> None:
     """Write a roadmap and the routes through it, whole or not at all.
 
-    **Arguments:**
-
-    - `path`: the folder to write or replace, such as `plans.zarr`.
-    - `roadmap`: the roadmap.
-    - `routes`: the routes to all entries, a few at a time.
+    The folder, such as `plans.zarr`, is replaced. The routes lead to all entries, and come a few at
+    a time.
 
     **Raises:** `FileNotFoundError` if the parent folder does not exist.
     """

@@ -25,18 +25,14 @@ def bounded_map(
 ) -> Bounded:
     """Find the possible cells of a robot after a step from each cell, if its errors are bounded.
 
-    The numbers of `slip` are bounds of the relative errors of stretches and turns, and of the drift
-    of the heading along a metre. The result contains everything that is possible: the ends of steps
-    lie in boxes, and a bump is possible unless all boxes along the step are free, and certain only
-    if a box lies wholly in a wall. So a set that is followed through it never loses the robot while
-    its heading is off by at most `cells.reach` directions.
+    The result contains everything that is possible: the ends of steps lie in boxes, and a bump is
+    possible unless all boxes along the step are free, and certain only if a box lies wholly in a
+    wall. So a set that is followed through it never loses the robot while its heading is off by at
+    most `cells.reach` directions.
 
-    **Arguments:**
-
-    - `cells`: the fine cells.
-    - `bounce`: bouncing angle in radians, counter-clockwise.
-    - `slip`: the bounds of the errors.
-    - `step`: length of a step in metres, by default one cell of the map.
+    **Arguments:** the fine cells; the bouncing angle in radians, counter-clockwise; bounds of the
+    relative errors of stretches and turns, and of the drift of the heading along a metre; and the
+    length of a step in metres, by default one cell of the map.
 
     **Returns:** the sets of a robot that starts at the centre of any cell. Each observation has
     three images: the possible moves to the right, in walls too, then up, and then, among the rows
@@ -56,10 +52,9 @@ def bounded_map(
         [0, 1]
     """
     coarse, fine = cells.cells, cells.fine
-    assert coarse.workspace is not None
     size = cells.size
     memory.check(_BYTES * size, f"a bounded map of {size} cells", "use fewer cells")
-    felt = coarse.workspace.free_space.buffer(slip.give, join_style="mitre")
+    felt = coarse.room.free_space.buffer(slip.give, join_style="mitre")
     # A wall is felt somewhere between these.
     soon, late = (felt.buffer(by, join_style="mitre") for by in (-slip.bumper, slip.bumper))
     legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
@@ -108,16 +103,11 @@ def bounded_map(
 def _path(
     theta: float, half: float, legs: tuple[float, float, float], slip: Slip, part: float
 ) -> Float[np.ndarray, "times 4"]:
-    """Make boxes that hold a robot at times of a step, relative to its start.
+    """Make boxes that hold a robot at times of a step, relative to its start, the first box.
 
-    **Arguments:**
-
-    - `theta`, `half`: the heading, and the bound of its error, in radians.
-    - `legs`: a row of [`jaxcell.space.stride_legs`][].
-    - `slip`: the bounds of the errors.
-    - `part`: the largest distance between two times, in metres.
-
-    **Returns:** left, bottom, right and top, in metres; the first box is the start.
+    The heading `theta` has an error of at most `half`, in radians, and `legs` is a row of
+    [`jaxcell.space.stride_legs`][]. Between two times are at most `part` metres. Boxes are left,
+    bottom, right and top, in metres.
     """
     first, turn, second = legs
     boxes = [np.zeros((1, 4))]

@@ -63,12 +63,8 @@ class FineCells:
     def of(cls, cells: CellSpace, *, squares: int, directions: int, reach: int) -> "FineCells":
         """Cut the cells of a map.
 
-        **Arguments:**
-
-        - `cells`: the cell space of a map.
-        - `squares`: number of fine squares along the side of a cell; an odd number.
-        - `directions`: number of fine directions per direction.
-        - `reach`: as the field.
+        An odd number of `squares` lie along the side of a cell, and each direction has a number of
+        fine `directions`.
         """
         if squares < 1 or squares % 2 == 0:
             raise ValueError(f"squares: expected an odd number from 1, got {squares}")
@@ -76,10 +72,8 @@ class FineCells:
             raise ValueError(f"directions: expected at least 1, got {directions}")
         if reach < 0:
             raise ValueError(f"reach: expected a number from 0, got {reach}")
-        if cells.workspace is None:
-            raise ValueError("cells: expected those of a map, got those of a grid without one")
         number = cells.directions * directions
-        fine = CellSpace.of(cells.workspace, cells.cell / squares, number)
+        fine = CellSpace.of(cells.room, cells.cell / squares, number)
         return cls(cells, fine, min(reach, number // 2))
 
     @classmethod
@@ -89,18 +83,13 @@ class FineCells:
         A square hides the place in it, and a fine direction the drift aside. Directions reach as
         far as the heading may drift, and are no finer than half the error of a turn.
 
-        **Arguments:**
-
-        - `cells`: the cell space of a map.
-        - `slip`: the sizes of the errors, which determine the drift of the heading.
-        - `most`: the largest number of cells, by default four times `MAX_CELLS`, and fewer for
-            errors of 0.5 % or more; there is at least one fine cell per cell of the map.
+        There are at most `most` cells, by default four times `MAX_CELLS`, and fewer for errors of
+        0.5 % or more. There is at least one fine cell per cell of the map.
         """
-        assert cells.workspace is not None
         most = most_cells(slip.step) if most is None else most
         pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
         legs = np.repeat(stride_legs(cells.directions, cells.cell, cells.cell), cells.positions, 0)
-        walls, exact = felt_walls(cells.workspace, slip.give), np.zeros((cells.size, ERRORS))
+        walls, exact = felt_walls(cells.room, slip.give), np.zeros((cells.size, ERRORS))
         bumps = _STEPS * slipping_step(pose, legs, 0.0, exact, walls, slip)[1].mean()
         drift = _DRIFT * math.hypot(
             math.sqrt(_STEPS) * slip.heading, _TURN * math.sqrt(bumps) * slip.turn
@@ -177,15 +166,9 @@ def slip_map(
     [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). The points are
     a Sobol sequence, the same in each cell, so that a map is the same each time.
 
-    **Arguments:**
-
-    - `cells`: the fine cells.
-    - `bounces`: one or several bouncing angles to choose from, in radians, counter-clockwise.
-    - `slip`: the sizes of the errors.
-    - `step`: length of a step in metres, by default one cell of the map.
-
-    **Returns:** the hidden map of the fine cells, without a sink, which starts at the centre of any
-    cell.
+    **Arguments:** the fine cells; bouncing angles in radians, counter-clockwise; the slip; and the
+    length of a step in metres, by default one cell of the map. **Returns:** a hidden map without
+    sink, whose robot starts at the centre of any cell.
 
     **Raises:** `MemoryError` if the map does not fit the free memory.
 
@@ -199,7 +182,6 @@ def slip_map(
         ([2], [1.0])
     """
     coarse, fine = cells.cells, cells.fine
-    assert coarse.workspace is not None
     size = cells.size
     memory.check(
         needed(size, len(bounces)),
@@ -216,7 +198,7 @@ def slip_map(
     turned[:, 2] = offsets[:, 2] * _spread(cells, slip, length, points[:, 2] - 0.5, errors[:, 1])
     offsets[:, 2] = 0
     legs = stride_legs(coarse.directions, coarse.cell, length)
-    walls = felt_walls(coarse.workspace, slip.give)
+    walls = felt_walls(coarse.room, slip.give)
     shifts = bounce_shift(np.asarray(bounces, float), coarse.directions).tolist()
     parts: list[list[scipy.sparse.csr_array]] = [[] for _ in range(1 + len(shifts))]
     squares = np.stack(fine.centre(np.arange(fine.positions)), axis=1)
@@ -259,14 +241,9 @@ def _spread(
 
     A heading that is drawn from the whole direction, but drifts by a small part of it, would change
     its direction too often. With this share the variance of the changes is that of the drift, or at
-    least that of the places aside, in squares, to which the headings of one direction lead.
-
-    **Arguments:**
-
-    - `cells`, `slip`: the fine cells, and the sizes of the errors.
-    - `length`: length of a step, in metres.
-    - `offset`: the offset of a heading in its direction, -0.5 to 0.5.
-    - `error`: the error of its drift along a step, standard normal numbers.
+    least that of the places aside, in squares, to which the headings of one direction lead. A step
+    has a `length` in metres, `offset` is that of a heading in its direction, -0.5 to 0.5, and
+    `error` that of its drift along a step, in standard deviations.
     """
     turn = 2 * math.pi / cells.fine.directions
     drift = slip.heading * math.sqrt(length) / turn

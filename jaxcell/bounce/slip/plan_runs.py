@@ -20,15 +20,9 @@ def plan_runs(
 ) -> Float[np.ndarray, "foretold 3"]:
     """Simulate runs of a robot that slips and follows a plan, in continuous space.
 
-    **Arguments:**
-
-    - `cells`: the cell space of a map.
-    - `start`: the cell at whose centre the robot starts.
-    - `actions`: 0 for a step forward, or the angle to turn by at a bump, in radians.
-    - `slip`: the sizes of the errors.
-    - `runs`: number of runs.
-    - `step`: length of a step in metres, by default one cell of the map.
-    - `seed`: seed of the errors.
+    **Arguments:** a cell space and the cell of the start; actions, 0 for a step forward or the
+    angle to turn by at a bump, in radians; the slip; the number of runs; the length of a step in
+    metres, by default one cell; and a seed.
 
     **Returns:** the last poses of the robots whose observations are those of the plan.
 
@@ -42,10 +36,9 @@ def plan_runs(
         ... ).round(2).tolist()
         [[2.5, 0.5, 1.57]]
     """
-    assert cells.workspace is not None
     draw = np.random.default_rng(seed)
     legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
-    walls = felt_walls(cells.workspace, slip.give)
+    walls = felt_walls(cells.room, slip.give)
     pose = np.tile(np.stack(cells.centre(np.asarray(start)), axis=-1), (runs, 1))
     direction = start // cells.positions
     for action in actions:

@@ -41,13 +41,9 @@ def slip_policy(
     bounded from both sides: times `T` of a sweep are too small, and with `d` the most that one more
     sweep adds, `T / (1 - d)` are too large (and prove that the policy arrives).
 
-    **Arguments:**
-
-    - `hidden`: the map of [`jaxcell.bounce.slip_map`][].
-    - `goal`: the fine cells of the goal.
-    - `start`: the distribution of the start; only cells that can be reached from it count.
-
-    **Returns:** [`SlipPolicy`][]; its certificate fails if no policy is certain to arrive.
+    **Arguments:** a hidden map, and masks of the goal and the start; only cells that can be reached
+    from the start count. **Returns:** the policy, whose certificate fails if no policy is certain
+    to arrive.
 
     A robot that moves on one time of two, or bumps and stays:
 
@@ -85,13 +81,9 @@ def arrival_by(
 ) -> Float[np.ndarray, "_"]:
     """Compute the probability that a policy has arrived after each observation.
 
-    **Arguments:**
-
-    - `hidden`, `goal`, `start`: as for [`slip_policy`][].
-    - `choice`: the number of the angle in each cell.
-    - `times`: number of observations.
-
-    **Returns:** the probabilities, from the start on.
+    **Arguments:** a hidden map, the number of the angle in each of its cells, masks of the goal and
+    the start, and a number of times. **Returns:** probabilities, the first of which is that of the
+    start.
 
     A robot that moves on one time of two, or bumps and stays:
 
@@ -122,14 +114,6 @@ class PolicyRobot:
     def __init__(
         self, hidden: HiddenMap, policy: SlipPolicy, start: Float[np.ndarray, "fine"]
     ) -> None:
-        """Start the belief.
-
-        **Arguments:**
-
-        - `hidden`: the map of [`jaxcell.bounce.slip_map`][].
-        - `policy`: the policy.
-        - `start`: the distribution of the start.
-        """
         self.weight = start
         self._hidden = hidden
         self._time = np.where(np.isfinite(policy.time), policy.time, _MOST_SWEEPS)
@@ -155,27 +139,9 @@ def driven(
 ) -> int | None:
     """Drive a robot by a policy.
 
-    **Arguments:**
-
-    - `step`, `rotate`: drive the robot, as the methods of a walker.
-    - `arrived`: tests whether the robot is at the goal.
-    - `robot`: chooses the angles.
-    - `bounces`: the angles, in radians.
-    - `limit`: the largest number of observations.
-
-    **Returns:** the number of observations until it arrived, or `None`.
-
-    A robot that arrives with its first step:
-
-        >>> import numpy as np
-        >>> from jaxcell import automata, bounce
-        >>> from jaxcell.bounce.slip.policy import PolicyRobot, driven
-        >>> start = np.array([1.0, 0.0])
-        >>> hidden = automata.HiddenMap.of(np.eye(2), np.zeros((2, 2)), np.arange(2), start)
-        >>> policy = bounce.slip_policy(hidden, np.array([True, False]), start)
-        >>> robot = PolicyRobot(hidden, policy, start)
-        >>> driven(lambda: False, print, lambda: True, robot, [0.0], 5)
-        1
+    The functions `step` and `rotate` drive the robot as the methods of a walker, and `arrived`
+    tests whether it is at the goal. The angles are in radians. Returns the number of observations
+    until the robot arrived, or `None` after `limit` observations.
     """
     for count in range(1, limit + 1):
         bumped = step()

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ...automata import Belief, HiddenMap
 from ...automata.belief import NOWHERE, SMALL
-from ...base.quantities import PROBABILITY, Checks, derived, quantity
+from ...base.quantities import PROBABILITY, Checks, derived, from_part, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
 from ..dynamics import bounce_shift
@@ -87,9 +87,7 @@ class Slipped(Candidates):
         """The events of the run, numbered as by [`jaxcell.automata.HiddenMap.leaving`][]."""
         return 1 + self.turned_by[1:]
 
-    @derived("", "fine cells", kind="count")
-    def fine_cells(self) -> int:
-        return self.hidden.cells
+    fine_cells = from_part("hidden.cells", "", "fine cells", kind="count")
 
     @derived("", "cell at the start", kind="index")
     def start(self) -> int:
@@ -145,16 +143,12 @@ def slipping_run(
     **Arguments:**
 
     - `hidden`: the map of the belief; its configurations are the cells.
-    - `cells`: the cells of the map.
     - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
-    - `slip`: the sizes of the errors.
-    - `start`: the cell of the robot, which the belief does not know.
-    - `seed`: seed of the errors.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
     - `about`: `fine_side` and `fine_directions` of the result.
 
-    **Returns:** [`Slipped`][].
+    **Returns:** [`Slipped`][], the run and its beliefs.
 
     A corridor of three cells looks the same from its other end:
 
@@ -169,10 +163,9 @@ def slipping_run(
         >>> bool(run.credible[-1] <= 4), run.truth_is_a_candidate
         (True, True)
     """
-    assert cells.workspace is not None
     rng = np.random.default_rng([seed, start])
     legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
-    walls, belief = felt_walls(cells.workspace, slip.give), Belief(hidden)
+    walls, belief = felt_walls(cells.room, slip.give), Belief(hidden)
     shifts = bounce_shift(np.asarray(bounces, float), cells.directions).tolist()
     pose, believed = np.stack(cells.centre(start)), start // cells.positions
     state = belief.start()

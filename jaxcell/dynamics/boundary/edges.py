@@ -65,14 +65,9 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
     (Skufca, Yorke & Eckhardt 2006). Newton's method then refines fixed points and cycles of points.
     An edge state with one unstable direction is the state that a transition by weak noise passes.
 
-    **Arguments:**
-
-    - `map`: the map of the basins.
-    - `basins`: the basins. At most 32 pairs of neighbouring basins are used, and three places on
-        the boundary of each.
-    - `say`: as in [`jaxcell.dynamics.images`][].
-
-    **Returns:** [`EdgeStates`][jaxcell.dynamics.EdgeStates], different ones only.
+    **Arguments:** a map, its basins, and a function that is called with the progress. **Returns:**
+    the edge states of at most 32 pairs of neighbouring basins, from three places on the boundary of
+    each.
 
     The middle of a double well, between the attractors -1 and 1:
 

@@ -50,13 +50,8 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     attractors: they correct the shares. If any point shows that a cell contains basins that are not
     beside it, every point is followed, and boundary cells are counted among the random points.
 
-    **Arguments:**
-
-    - `map`: the map of the basins.
-    - `basins`: the basins.
-    - `levels`: number of times that cells are halved.
-
-    **Returns:** [`Refined`][jaxcell.dynamics.Refined].
+    **Arguments:** a map, its basins, and the number of times that cells are halved. **Returns:**
+    [`Refined`][jaxcell.dynamics.boundary.refinement.Refined].
 
     Starts above 0.3 go up, the others down; cells of length 0.25 cannot resolve this:
 
@@ -126,13 +121,9 @@ def relative_attractor(
     each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors
     in the box, and the unstable sets that lead to them.
 
-    **Arguments:**
-
-    - `map`, `box`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `levels`: number of times that cells are halved.
-    - `samples`: number of points of a cell along each axis, from face to face, at least 2.
-
-    **Returns:** the centres of the finest cells of the cover.
+    **Arguments:** a map, a box and parameters; the number of times that cells are halved; and the
+    number of points of a cell along each axis, from face to face, at least 2. **Returns:** the
+    centres of the finest cells of the cover.
 
     Steps towards both ends of a well, from the middle:
 

@@ -44,12 +44,7 @@ class Trial:
 
 
 def tried(map: Map, basins: Any) -> Trial:
-    """Try the remedies for basins by cells.
-
-    **Arguments:**
-
-    - `map`, `basins`: the map and its [`Basins`][jaxcell.dynamics.Basins].
-    """
+    """Try the remedies for [`Basins`][jaxcell.dynamics.Basins] by cells."""
     box, owner = basins.box, attractor_owners(basins.box, basins.attractor_cells)
     params = jax.tree.map(jnp.asarray, basins.params)
 

@@ -15,10 +15,7 @@ class Folder:
     """
 
     def __init__(self, path: str | Path, made_from: str) -> None:
-        """**Arguments:**
-
-        - `path`: the folder; it is created.
-        - `made_from`: a digest of the map, the box and the options.
+        """Create the folder; `made_from` is a digest of the map, the box and the options.
 
         **Raises:** `ValueError` if the folder has arrays of other ones.
         """

@@ -36,12 +36,6 @@ def groups_in_passes(
 
     Memory holds one byte per cell, and 16 bytes per cell that remains after the passes.
 
-    **Arguments:**
-
-    - `image`: the image of each cell, an array of the folder.
-    - `folder`: a [`Folder`][jaxcell.dynamics.large.folder.Folder], for results and for the record.
-    - `say`: as in [`jaxcell.dynamics.images`][].
-
     **Raises:** `MemoryError` if too many cells remain, as for a map that preserves volumes.
     """
     size = image.size

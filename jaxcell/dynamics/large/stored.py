@@ -61,13 +61,7 @@ def foretold(
 ) -> Foretold:
     """Estimate what [`jaxcell.dynamics.stored_basins`][] takes, by mapping one chunk of cells.
 
-    **Arguments:**
-
-    - `map`, `box`, `params`, `follow`, `dtype`: as in [`jaxcell.dynamics.images`][].
-
-    **Returns:** [`Foretold`][jaxcell.dynamics.Foretold].
-
-    **Raises:** as [`jaxcell.dynamics.images`][].
+    **Arguments:** as for [`jaxcell.dynamics.stored_basins`][]. **Returns:** time, memory and disk.
 
     Henon's map:
 
@@ -113,17 +107,14 @@ def stored_basins(
     per cell and 16 per cell that remains after the passes; few cells remain of a dissipative map,
     and all remain of a map that preserves volumes. The same call continues an interrupted one.
 
-    **Arguments:**
+    **Arguments:** as for [`jaxcell.dynamics.basins`][], and a folder for the files.
 
-    - `map`, `box`, `params`, `follow`, `dtype`, `seed`, `labels`, `say`: as in
-        [`jaxcell.dynamics.basins`][].
-    - `folder`: the folder of the files. `numpy.load("basin.npy", mmap_mode="r")` opens an array.
-
-    **Returns:** the same [`Basins`][jaxcell.dynamics.Basins] as in memory, with arrays that stay in
-    the files; but without the times of a flow whose durations differ between cells.
+    **Returns:** basins with arrays that stay in the files, without the times of a flow whose
+    durations differ between cells. `numpy.load("basin.npy", mmap_mode="r")` opens an array of the
+    folder.
 
     **Raises:** `ValueError` if the folder has arrays of another map, or if the disk has too little
-    room; `MemoryError` if too many cells remain; also as [`jaxcell.dynamics.basins`][].
+    room; `MemoryError` if too many cells remain.
 
     A box of few cells:
 

@@ -114,10 +114,7 @@ class Grid:
     ) -> csr_array:
         """Make the matrix whose entry `i, j` is 1 if the block of cell `i` holds cell `j`.
 
-        **Arguments:**
-
-        - `cells`: numbers of cells in ascending order.
-        - `first`, `last`: the block of cells of the image of each.
+        Numbers of cells ascend. `first` and `last` are the block of cells of the image of each.
 
         **Raises:** `MemoryError` for more edges than fit into memory.
         """

@@ -122,10 +122,7 @@ class Samples:
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
-        """Check the bound on neighbours.
-
-        **Raises:** `ValueError` for arrays of other shapes, and for two samples that contradict it.
-        """
+        """Check the bound on neighbours."""
         points, values = (np.asarray(x, float) for x in (self.points, self.values))
         if points.ndim != 2 or points.shape != values.shape or not len(points):
             raise ValueError(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from ...base.quantities import Result, derived, quantity
+from ...base.quantities import Result, derived, from_part, quantity
 from ...space.box import Box
 from ..imaging import Say, axis_name, check_begin, check_map
 from ..maps import Map
@@ -121,9 +121,9 @@ class MorseSets(Result):
         np.maximum.at(drawn, self.box.index(self.lower / 2 + self.upper / 2), self.member)
         return drawn
 
-    @derived("", "whether images contain all images of points", kind="flag")
-    def proved(self) -> bool:
-        return self.certificate.proved
+    proved = from_part(
+        "certificate.proved", "", "whether images contain all images of points", kind="flag"
+    )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -177,11 +177,11 @@ def morse_sets(
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
-    **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets], with a certificate. Sets that lead to
-    no other set come first.
+    **Returns:** [`MorseSets`][jaxcell.dynamics.MorseSets]; sets that lead to no other set come
+    first.
 
-    **Raises:** `ValueError` if the map is not valid, or has a primitive without a rule for
-    intervals; `RuntimeError` without 64-bit numbers; `MemoryError` for too many boxes.
+    **Raises:** `ValueError` for a primitive without a rule for intervals; `RuntimeError` without
+    64-bit numbers; `MemoryError` for too many boxes.
 
     A saddle in the middle leads to both ends:
 

@@ -11,12 +11,7 @@ _BITS = 64
 
 
 def recurrent_components(graph: csr_array) -> Int[np.ndarray, "vertices"]:
-    """Number the sets of vertices that all lead to each other; -1 for vertices on no cycle.
-
-    **Arguments:**
-
-    - `graph`: a square matrix; entry `i, j` is an edge from `i` to `j`.
-    """
+    """Number the sets of vertices that all lead to each other; -1 for vertices on no cycle."""
     _, label = connected_components(graph, directed=True, connection="strong")
     recurs = np.bincount(label) > 1
     recurs[label[graph.diagonal() > 0]] = True
@@ -26,15 +21,9 @@ def recurrent_components(graph: csr_array) -> Int[np.ndarray, "vertices"]:
 def reachable(
     graph: csr_array, member: Int[np.ndarray, "vertices"], count: int
 ) -> Bool[np.ndarray, "sets sets"]:
-    """Find the sets to which paths lead from each set.
+    """Find the pairs of different sets `i` and `j` with a path from `i` to `j`.
 
-    **Arguments:**
-
-    - `graph`: a square matrix; entry `i, j` is an edge from `i` to `j`.
-    - `member`: the set of each vertex, whose vertices all lead to each other; -1 for none.
-    - `count`: number of sets.
-
-    **Returns:** a matrix; entry `i, j` is true if a path leads from set `i` to another set `j`.
+    The vertices of a set all lead to each other; those of no set have -1.
     """
     into = graph.T.tocsr()
     leads = np.zeros((count, count), bool)

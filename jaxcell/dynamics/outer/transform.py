@@ -32,15 +32,12 @@ def enclose(
     The map is the one in real numbers whose constants are the numbers of the program. Its points
     with an image that is not a real number, such as a logarithm of a number below 0, have none.
 
-    **Arguments:**
+    **Arguments:** a map, its parameters, and the corners of a box, of 64 bits. `mean_value`
+    intersects the image with that of the mean value theorem, `f(centre) + f'(box) (box - centre)`,
+    which is much smaller for small boxes. It is left out where the program compares numbers of the
+    box, and both results are possible.
 
-    - `map`, `params`: as in [`jaxcell.dynamics.images`][].
-    - `lower`, `upper`: the corners of the box, of 64 bits.
-    - `mean_value`: whether to intersect the image with that of the mean value theorem,
-        `f(centre) + f'(box) (box - centre)`, which is much smaller for small boxes. It is left out
-        where the program compares numbers of the box, and both results are possible.
-
-    **Returns:** the corners of a box that contains the image.
+    **Returns:** the lower and upper corners of the image.
 
     **Raises:** `ValueError` that names a primitive without a rule.
 
@@ -93,15 +90,10 @@ def enclose(
 
 
 def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Evaluate a program on intervals.
+    """Evaluate a program on intervals of its floating-point arguments and arrays of the others.
 
-    **Arguments:**
-
-    - `program`: the traced program.
-    - `values`: an interval for each floating-point argument, an array for each other one.
-    - `decided`: a list to which masks are added: `False` if a comparison may have both results.
-
-    **Returns:** intervals for floating-point results, and for others that are not known exactly.
+    Masks are added to `decided`: `False` if a comparison may have both results. Floating-point
+    results are intervals, and so are others that are not known exactly.
     """
     inner = program.jaxpr
     known = dict(zip(inner.constvars, (_exact(value) for value in program.consts), strict=True))
@@ -183,12 +175,9 @@ def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
 
 def _scan(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
     params = step.params
-    consts, carries = params["num_consts"], params["num_carry"]
-    fixed, first, rows = (
-        values[:consts],
-        values[consts : consts + carries],
-        values[consts + carries :],
-    )
+    carries = params["num_carry"]
+    fixed, varying = values[: params["num_consts"]], values[params["num_consts"] :]
+    first, rows = varying[:carries], varying[carries:]
 
     def body(state, row):  # type: ignore[no-untyped-def]
         carry, known = state
@@ -247,10 +236,6 @@ def _not(a: Interval) -> Interval:
     return Interval(~a.upper, ~a.lower)
 
 
-def _product(_: Any, decided: list[Any], a: Interval, b: Interval) -> Interval:
-    return interval.square(a) if a is b else interval.mul(a, b)
-
-
 def _absolute(_: Any, decided: list[Any], a: Interval) -> Interval:
     decided.append(jnp.all((a.lower >= 0) | (a.upper <= 0)))
     return interval.absolute(a)
@@ -294,10 +279,6 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
     return Interval(*(x.reshape(output.shape) for x in whole))
 
 
-def _converted(step: JaxprEqn, decided: list[Any], a: Any) -> Interval:
-    return _of_ends(step, [a], decided)[0]
-
-
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
     """Make a rule of a function of intervals; whole numbers are intervals of one point."""
     return lambda _, __, *values: function(
@@ -337,10 +318,10 @@ _PLAIN: dict[str, Callable[..., Interval]] = {
 _RULES: dict[str, Callable[..., Interval]] = {
     **{name: _plain(rule) for name, rule in _PLAIN.items()},
     "abs": _absolute,
-    "convert_element_type": _converted,
+    "convert_element_type": lambda step, decided, a: _of_ends(step, [a], decided)[0],
     "dot_general": _dot,
     "integer_pow": lambda step, _, a: interval.power(a, step.params["y"]),
-    "mul": _product,
+    "mul": lambda _, __, a, b: interval.square(a) if a is b else interval.mul(a, b),
     "reduce_sum": _sum,
     "rem": _remainder,
     "select_n": _select,

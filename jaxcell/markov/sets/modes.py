@@ -40,15 +40,9 @@ def leading_modes(
     A mode with eigenvalue `x` decays by a factor e in `-steps / log |x|` steps. Mass that leaves
     for the sink is lost: if the space has an open edge, even the first eigenvalue is less than 1.
 
-    **Arguments:**
-
-    - `chain`: the chain, or a sequence of chains.
-    - `count`: number of eigenvalues; one more if the last two are conjugate.
-    - `steps`: number of steps that are taken together; by default one per phase.
-    - `start`: phase of the first step.
-    - `throw`: raise if the answer is not accurate enough.
-
-    **Returns:** [`Modes`][]. The residual of its certificate is the largest 2-norm of
+    **Arguments:** a chain or a sequence of chains; the number of eigenvalues; and the number of
+    steps taken together, by default one per phase, and their first phase. **Returns:** the modes,
+    one more if the last two are conjugate. The residual of the certificate is the largest 2-norm of
     `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
 
     **Raises:** `ValueError` for a number out of range; `RuntimeError` if the eigenvalues do not

@@ -74,21 +74,17 @@ def almost_invariant_sets(
 
     **Arguments:**
 
-    - `chain`: the chain, or a sequence of chains.
     - `count`: largest number of sets. There are no more than eigenvalues above 1e-6, because
         rounding decides the others.
     - `mass`: the mass of each cell at the start, not negative; by default equal. Cells without mass
         are in no set.
-    - `steps`: number of steps of the window; by default one per phase.
-    - `start`: phase of the first step.
+    - `steps`, `start`: number of steps of the window, by default one per phase; its first phase.
     - `blur`: a chain that follows the window in the search for sets, such as steps to neighbouring
         cells. Without it a single cell that is mapped to itself is a set. The leakage is without
         it.
-    - `throw`: raise if the answer is not accurate enough.
 
-    **Returns:** [`NearlyClosedSets`][] with `end` equal to `begin`. The residual of its certificate
-    is the largest 2-norm by which the matrix moves orthonormal vectors out of the span of the
-    eigenvectors.
+    **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
+    2-norm by which the matrix moves orthonormal vectors out of the span of the eigenvectors.
 
     **Raises:** `ValueError` for arguments out of range or of another size; `RuntimeError` if the
     eigenvalues do not converge.
@@ -123,11 +119,8 @@ def coherent_sets(
     `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010), with one rotation
     for both sides; otherwise as [`almost_invariant_sets`][].
 
-    **Arguments:** as for [`almost_invariant_sets`][].
-
-    **Returns:** [`NearlyClosedSets`][], whose values are singular values.
-
-    **Raises:** as [`almost_invariant_sets`][].
+    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** sets, and
+    singular values.
 
     Two pairs of cells that exchange nine tenths of their mass:
 
@@ -158,11 +151,8 @@ def attracting_regions(
     left eigenvectors are large where the mass that stays in the basin gathers (Froyland, Stuart and
     van Sebille 2014). The region is the fewest cells with nine tenths of that mass.
 
-    **Arguments:** as for [`almost_invariant_sets`][].
-
-    **Returns:** [`NearlyClosedSets`][]; `begin` has the basins, `end` the regions in them.
-
-    **Raises:** as [`almost_invariant_sets`][].
+    **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the basins as
+    `begin`, and the regions in them as `end`.
 
     Cells 0 and 3 gather the mass of cells 1 and 2, and lose a little to each other:
 
@@ -260,11 +250,8 @@ class _Search:
     ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Float[np.ndarray, "sets"]]:
         """Find the sets at the start and the end, and their leakage, by the best levels.
 
-        **Arguments:**
-
-        - `first`, `last`: functions that are large on one set each, at the start and the end;
-            `None` if the sets do not move.
-        - `after`: the mass at the end, with the blur.
+        The functions `first` and `last` are large on one set each, at the start and the end; there
+        is no `last` if the sets do not move. `after` is the mass at the end, with the blur.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
         high = np.maximum(first.max(axis=0), _TINY)

@@ -34,13 +34,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Take the steps that begin at a phase.
-
-        **Arguments:**
-
-        - `chain`: the chain, or a sequence of chains.
-        - `steps`: number of steps; by default one per phase.
-        - `start`: the phase.
+        """Take the steps that begin at a phase, by default one per phase.
 
         **Raises:** `ValueError` for less than one step.
         """
@@ -112,32 +106,22 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
     several sets are closed. So the eigenvectors are deflated and the rest is searched again, until
     it has no eigenvalue that belongs to the leading ones.
 
-    **Arguments:**
-
-    - `product`: multiplies the matrix by columns.
-    - `rows`: number of rows of the matrix.
-    - `count`: number of eigenvalues; both of a conjugate pair are taken.
-    - `symmetric`: whether the matrix is symmetric.
+    `product` multiplies the matrix by columns. Both eigenvalues of a conjugate pair are taken.
 
     **Raises:** `RuntimeError` if the eigenvalues do not converge.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
-        matrix = product(np.eye(rows))
-        basis, products = _dense(matrix, count, symmetric=symmetric), rows
+        matrix, products = product(np.eye(rows)), rows
+        if symmetric:
+            basis = np.linalg.eigh((matrix + matrix.T) / 2)[1][:, ::-1][:, :count]
+        else:
+            basis = _real_basis(*np.linalg.eig(matrix), count)
     else:
         basis, products = _iterated(product, rows, count, symmetric=symmetric)
     image = product(basis)
     block = basis.T @ image
     left = np.linalg.norm(image - basis @ block, axis=0)
     return Subspace(basis, block, float(left.max()), products + basis.shape[1])
-
-
-def _dense(
-    matrix: Float[np.ndarray, "rows rows"], count: int, *, symmetric: bool
-) -> Float[np.ndarray, "rows vectors"]:
-    if symmetric:
-        return np.linalg.eigh((matrix + matrix.T) / 2)[1][:, ::-1][:, :count]
-    return _real_basis(*np.linalg.eig(matrix), count)
 
 
 def _iterated(

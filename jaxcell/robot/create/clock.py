@@ -43,14 +43,11 @@ class ByClock:
         sleep: Callable[[float], object] = time.sleep,
         pause: float = 0.1,
     ) -> None:
-        """**Arguments:**
+        """Take an armed robot, e.g. [`jaxcell.robot.Create`][], and its clock if it is emulated.
 
-        - `robot`: e.g. [`jaxcell.robot.Create`][], armed.
-        - `speed`, `turning`: metres, and radians, per second. The speeds of the wheels must be
-            speeds that [`jaxcell.robot.Driver.drive`][] does not change.
-        - `clock`, `sleep`: functions that return the seconds, and that wait; for an emulated robot,
-            its own.
-        - `pause`: seconds to stand still after each motion.
+        The speeds are in metres and radians per second, such that [`jaxcell.robot.Driver.drive`][]
+        does not change those of the wheels. After each motion the robot stands still for a pause,
+        in seconds.
 
         **Raises:** `ValueError` for a speed that is not positive or that no wheel has.
         """

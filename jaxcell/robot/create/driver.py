@@ -10,14 +10,7 @@ from typing import TypeVar
 
 from ...base.process import end_by_signals, leave_signals
 from .line import Port as Port, open_line, plain
-from .open_interface import (
-    SAFE,
-    START,
-    STOP,
-    StreamParser,
-    drive_direct,
-    stream,
-)
+from .open_interface import SAFE, START, STOP, StreamParser, drive_direct, stream
 from .packets import Mode
 from .reading import STREAM, Reading
 from .speeds import wheel_speeds
@@ -93,13 +86,8 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Open the line to a robot.
-
-        **Arguments:**
-
-        - `url`: a device such as `/dev/ttyUSB0`, or what else pySerial opens, as
-          `socket://host:port`.
-        - `patience`: see [`jaxcell.robot.Driver`][].
+        """Open the line to a robot: `/dev/ttyUSB0`, or an address of pySerial, as
+        `socket://host:port`.
 
         **Raises:** `OSError` if there is no such line, or another process has it.
         """
@@ -168,16 +156,12 @@ class Driver:
             return reading
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Set the speeds of the wheels, to be renewed within `patience`.
+        """Set the speeds of the wheels, -0.5 to 0.5 m/s, to be renewed within `patience`.
 
-        **Arguments:**
-
-        - `right`, `left`: metres per second, -0.5 to 0.5. A pair of which a byte would be a command
-            if the line lost those before it gives way to the next slower one on the same arc. No
-            turn on the spot does at 0.008 to 0.082 and 0.174 to 0.248, and no straight way forward
-            up to 0.127 either.
-        - `stop_on_bump`: whether a bumper stops the wheels, without waiting for the caller. They
-          stay still until a call without it, or `stop`.
+        A pair of which a byte would be a command if the line lost those before it gives way to the
+        next slower one on the same arc. No turn on the spot does at 0.008 to 0.082 and 0.174 to
+        0.248, and no straight way forward up to 0.127 either. With `stop_on_bump` a bumper stops
+        the wheels, without waiting for the caller, until a call without it, or `stop`.
 
         **Returns:** whether the robot drives: `False` after a bump.
 
@@ -283,12 +267,9 @@ class Driver:
 
     def _hear(self, values: Mapping[str, int]) -> None:
         with self._news:
-            now = self._reading = Reading.of(
-                values,
-                time=self._now(),
-                previous=self._reading,
-                first_mode=self._first_mode,
-            )
+            time, before, first_mode = self._now(), self._reading, self._first_mode
+            now = Reading.of(values, time=time, previous=before, first_mode=first_mode)
+            self._reading = now
             if now.mode <= Mode.PASSIVE:
                 self._halting = False
             blocked = self._strain.observe(self._wheels, now)

@@ -4,28 +4,26 @@ from .driver import Port
 from .open_interface import RESET, START
 
 
-def firmware(port: Port, *, seconds: float = 10.0, quiet: float = 2.0) -> str:
+# Reading ends after 10 seconds in all, or 2 without a byte; a reboot takes about five.
+_SECONDS, _QUIET = 10.0, 2.0
+
+
+def firmware(port: Port) -> str:
     """Reboot the robot, and read the lines that it prints, which name its firmware version.
 
-    **Arguments:**
-
-    - `port`: the open line, which no driver uses.
-    - `seconds`: the longest time to read; a reboot takes about five seconds.
-    - `quiet`: seconds without a byte after which reading ends.
-
-    **Returns:** the printed lines; empty if the robot is silent.
+    No driver uses the open line. The text is empty if the robot is silent.
     """
     port.timeout = 0.1
     port.write(START + RESET)
     text = b""
     now = time.monotonic()
-    end = until = now + seconds
+    end = until = now + _SECONDS
     # A late reader finds what came meanwhile: only a read without a byte is quiet.
     while now < end:
         data = port.read(max(1, port.in_waiting))
         now = time.monotonic()
         if data:
-            text, until = text + data, now + quiet
+            text, until = text + data, now + _QUIET
         elif now >= until:
             break
     lines = text.decode("ascii", errors="replace").splitlines()

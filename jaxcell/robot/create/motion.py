@@ -55,16 +55,11 @@ class Create(Driver):
         tolerance: float = 0.005,
         timeout: float | None = None,
     ) -> Moved:
-        """Drive straight, up to a distance or to the first bump.
+        """Drive straight by metres, backward if negative, or up to the first bump.
 
-        **Arguments:**
-
-        - `distance`: metres, backward if negative.
-        - `speed`: metres per second, up to 0.5; by default the `speed` of the robot.
-        - `tolerance`: the largest error of the distance by the encoders, in metres.
-        - `timeout`: seconds; by default twice the expected time and 3 s.
-
-        **Returns:** [`Moved`][].
+        The speed is in metres per second, up to 0.5; by default that of the robot. The tolerance is
+        the largest error by the encoders, in metres. The default of the timeout is twice the
+        expected time and 3 s.
 
         **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped on its way, or exceeds
         the timeout.
@@ -100,14 +95,8 @@ class Create(Driver):
     ) -> Moved:
         """Turn on the spot. A bump does not stop the turn, because a bumper may be pressed already.
 
-        **Arguments:**
-
-        - `angle`: radians counterclockwise; `2 * math.pi` is a whole turn.
-        - `speed`: radians per second, up to 4.
-        - `tolerance`: the largest error of the angle by the encoders, in radians.
-        - `timeout`: as for `forward`.
-
-        **Returns:** [`Moved`][].
+        `angle` is in radians counterclockwise, of which `2 * math.pi` are a whole turn, `speed` in
+        radians per second, up to 4, and `tolerance` in radians.
 
         **Raises:** as `forward`.
         """

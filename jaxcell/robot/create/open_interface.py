@@ -58,13 +58,10 @@ _DATA_BYTES = {
 
 
 def drive(velocity: int, radius: int = STRAIGHT) -> bytes:
-    """Drive along an arc.
+    """Drive along an arc, with the body's centre at -500 to 500 mm/s.
 
-    **Arguments:**
-
-    - `velocity`: speed of the body's centre, -500 to 500 mm/s.
-    - `radius`: from the centre of the arc to the body's, -2000 to 2000 mm, positive to the left;
-        1 and -1 spin on the spot, counterclockwise and clockwise.
+    The radius, -2000 to 2000 mm, is positive to the left; 1 and -1 spin on the spot,
+    counterclockwise and clockwise.
 
     **Raises:** `ValueError` for a value out of range.
     """
@@ -95,15 +92,7 @@ def stream(ids: Sequence[int]) -> bytes:
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
-    """Write a frame of the stream as the robot sends it.
-
-    **Arguments:**
-
-    - `ids`: packets and groups, as given to `stream`.
-    - `values`: the values by name.
-
-    **Raises:** `ValueError` as `stream` and `encode` do.
-    """
+    """Write a frame of the stream as the robot sends it."""
     layout = _FrameLayout.of(tuple(ids))
     known, free = layout.empty, layout.values.pack(*chosen(ids, values))
     frame = bytes(map(operator.or_, known, free))
@@ -113,9 +102,10 @@ def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
 class StreamParser:
     """Find the frames of a stream, which arrives in pieces and may be damaged.
 
-    A frame is accepted if its header, its length, its packet numbers in the order of the request,
-    and its checksum are right, and if all values are within the ranges of their packets. Otherwise
-    the search continues at the next byte. No input raises an exception.
+    `ids` are packets and groups, as for `stream`. A frame is accepted if its header, its length,
+    its packet numbers in the order of the request, and its checksum are right, and if all values
+    are within the ranges of their packets. Otherwise the search continues at the next byte. No
+    input raises an exception.
 
     The guarantee depends on the packets. For `jaxcell.robot.STREAM`: of three consecutive frames
     with a single byte that is changed, lost or doubled, at most two are lost, and only values that
@@ -124,12 +114,6 @@ class StreamParser:
     otherwise this byte could be lost and the next header be taken for the checksum.
     Greater damage may remain unnoticed: an eight-bit checksum accepts one in 256 damaged frames
     whose length and packet numbers are right.
-
-    **Arguments:**
-
-    - `ids`: packets and groups, as given to `stream`.
-
-    **Raises:** `ValueError` as `stream` does.
 
     A byte of noise, and a frame with the two bytes of the encoders:
 
@@ -151,22 +135,18 @@ class StreamParser:
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[dict[str, int]]:
-        """Take the next bytes of the line.
-
-        **Returns:** the values of each frame that they complete, by name.
-        """
+        """Take the next bytes of the line; return the values of each completed frame, by name."""
         frames = []
         buffer = self._buffer
         buffer += data
         start = 0
         while start < len(buffer):
             frame = buffer[start : start + self._layout.size]
-            if not self._layout.fits(frame):
-                start += 1
-                self.skipped += 1
-            elif len(frame) < self._layout.size:
+            fits = self._layout.fits(frame)
+            if fits and len(frame) < self._layout.size:
                 break
-            elif (values := self._values(frame)) is None:
+            values = self._values(frame) if fits else None
+            if values is None:
                 start += 1
                 self.skipped += 1
             else:
@@ -228,10 +208,7 @@ class CommandParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Command]:
-        """Take the next bytes of the line.
-
-        **Returns:** the commands that they complete.
-        """
+        """Take the next bytes of the line; return the commands that they complete."""
         commands = []
         buffer = self._buffer
         buffer += data

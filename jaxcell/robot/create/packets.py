@@ -174,15 +174,9 @@ def codes(ids: Iterable[int]) -> str:
 
 
 def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
-    """Decode the robot's answer to a request for `ids`.
+    """Decode the robot's answer to a request for `ids`: the values by name, in their units.
 
-    **Arguments:**
-
-    - `ids`: packets and groups, in the order of the request.
-    - `data`: the answer, `size(ids)` bytes.
-
-    **Returns:** the values by the names in `PACKETS`, in their units. A value out of the range of
-    its packet is not refused.
+    A value out of the range of its packet is not refused.
 
     **Raises:** `ValueError` for an unknown number or another length of `data`.
     """
@@ -195,10 +189,7 @@ def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
     """Encode the robot's answer to a request for `ids`: the inverse of `decode`.
 
-    **Arguments:**
-
-    - `ids`: packets and groups.
-    - `values`: the values by name; those of other packets are ignored.
+    Values of other packets are ignored.
 
     **Raises:** `ValueError` for an unknown number, a missing value, or one out of its range.
     """
@@ -225,12 +216,8 @@ def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
 
 
 def encoder_difference(before: int, after: int) -> int:
-    """Subtract one encoder reading from the next, in counts; the counters wrap at 16 bits.
+    """Subtract two encoder readings, in counts, in both directions through their wrap at 16 bits.
 
-    **Arguments:**
-
-    - `before`, `after`: two readings less than 2**15 counts (14 m) apart.
-
-    **Returns:** their signed difference, right in both directions through the wrap.
+    The readings are less than 2**15 counts (14 m) apart.
     """
     return (after - before + 2**15) % 2**16 - 2**15

@@ -62,18 +62,13 @@ class Reading:
         previous: "Reading | None",
         first_mode: int = 0,
     ) -> "Reading":
-        """Make a reading of a frame.
+        """Make a reading of the values of the packets in `STREAM`, by name.
 
         The distances come from the encoders, as the robot's own (packets 19 and 20) are wrong in
         most firmware. The encoders do not sense in which direction a wheel turns; the robot takes
-        the direction it last commanded, so that a robot pushed by hand counts the wrong way.
-
-        **Arguments:**
-
-        - `values`: the values of the packets in `STREAM`, by name.
-        - `time`: the time at which the frame was complete.
-        - `previous`: the reading before this one, at most 14 m ago; `None` for the first.
-        - `first_mode`: the number this robot gives to mode Off. Some give 1, not 0.
+        the direction it last commanded, so that a robot pushed by hand counts the wrong way. Since
+        the reading before the robot went at most 14 m. Its number of mode Off is 0, or 1 for some
+        robots.
         """
         encoders = values["left_encoder"], values["right_encoder"]
         left = right = 0.0

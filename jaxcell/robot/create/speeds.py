@@ -13,20 +13,8 @@ def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
     one on the same arc: a robot that is to go straight does, and one that is to turn stays on its
     spot.
 
-    **Arguments:**
-
-    - `right`, `left`: metres per second, -0.5 to 0.5.
-
-    **Returns:** the right and the left speed in mm/s. Their ratio is that of the wanted ones, to
-    half a mm/s of the slower wheel.
-
-    **Raises:** `ValueError` for a speed out of range.
-
-    A turn on the spot, of which the left wheel alone would be harmless:
-
-        >>> from jaxcell.robot.create.speeds import wheel_speeds
-        >>> wheel_speeds(right=0.118, left=-0.118)
-        (82, -82)
+    The wanted speeds are in m/s, -0.5 to 0.5. The speeds to send are in mm/s, and have their ratio
+    to half a mm/s of the slower wheel.
     """
     return _pair(_millimetres("right", right), _millimetres("left", left))
 

@@ -13,15 +13,6 @@ class Strain:
 
     A wheel is blocked if it should turn but stands still for a second, or if its motor draws too
     much current for a third of a second. Shorter times are normal at a bump or a start.
-
-        >>> from jaxcell.robot.create.packets import PACKETS
-        >>> from jaxcell.robot.create.reading import Reading
-        >>> values = {packet.name: 0 for packet in PACKETS.values()}
-        >>> reading = Reading.of(values, time=0.0, previous=None)
-        >>> from jaxcell.robot.create.strain import Strain
-        >>> strain = Strain()
-        >>> [strain.observe((100, 0), reading) for _ in range(68)][-1]
-        'the right wheel is blocked: it does not turn'
     """
 
     def __init__(self) -> None:
@@ -32,10 +23,7 @@ class Strain:
     def observe(self, wheels: tuple[int, int], reading: Reading) -> str | None:
         """Take the next frame; return the name of the blocked part, or `None`.
 
-        **Arguments:**
-
-        - `wheels`: the speeds that were sent for the right and the left wheel, mm/s.
-        - `reading`: the decoded frame.
+        `wheels` are the speeds that were sent for the right and the left wheel, in mm/s.
         """
         self._overcurrent = self._overcurrent + 1 if reading.overcurrent and any(wheels) else 0
         if self._overcurrent >= _OVERCURRENT:

@@ -29,10 +29,7 @@ _GOODBYE = b"q"
 class Watchdog:
     """The driver's side of the watchdog.
 
-    **Arguments:**
-
-    - `command`: the command of the process, which calls `watch`.
-    - `lines`: file descriptors that the process inherits.
+    The process runs `command`, which calls `watch`, and inherits the file descriptors `lines`.
 
     **Raises:** `OSError` if the process does not start.
     """
@@ -72,12 +69,8 @@ class Watchdog:
     def on_line(cls, line: int, *, pause: bytes, farewell: bytes, patience: float) -> "Watchdog":
         """Watch over a robot on a serial line.
 
-        **Arguments:**
-
-        - `line`: file descriptor of the open serial line.
-        - `pause`: bytes to write whenever there was no beat for `patience`.
-        - `farewell`: bytes to write when the driver is gone.
-        - `patience`: seconds without a beat before the robot is stopped.
+        The watchdog writes `pause` whenever there was no beat for `patience` seconds, and
+        `farewell` when the driver is gone.
 
         **Raises:** `OSError` if the process does not start.
         """
@@ -111,11 +104,8 @@ class Watchdog:
 def watch(pause: Callable[[], None], farewell: Callable[[], None], patience: float) -> None:
     """Stop the robot when the driver is silent or gone; the loop of the process.
 
-    **Arguments:**
-
-    - `pause`: called whenever there was no beat for `patience`.
-    - `farewell`: called when the driver is gone.
-    - `patience`: seconds without a beat before the robot is stopped.
+    `pause` is called whenever there was no beat for `patience` seconds, and `farewell` when the
+    driver is gone.
     """
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE", "SIGTSTP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -75,14 +75,11 @@ class Body:
         noise: Noise | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        """**Arguments:**
+        """Put a body at a pose, x and y in metres and the heading in radians.
 
-        - `workspace`: the map; its `robot_radius` is that of the body, 0 for a point.
-        - `pose`: x and y in metres, and the heading in radians.
-        - `give`: the distance that the bumper goes in before the wall stops the body, in metres. It
-            lets a body that is millimetres off its line graze a corner.
-        - `noise`: slip and encoder errors.
-        - `rng`: source of the noise.
+        The `robot_radius` of the map is that of the body, 0 for a point. The bumper goes in by
+        `give` metres before the wall stops the body, so that a body that is millimetres off its
+        line grazes a corner.
 
         **Raises:** `ValueError` if the body would be in a wall, or for a `give` below 0.
         """
@@ -126,20 +123,13 @@ class Body:
     ) -> "Body":
         """Put a body at the centre of a cell.
 
-        **Arguments:**
-
-        - `cells`: the cells of a map.
-        - `cell`: the cell.
-        - `error`: the slip of straight stretches, of turns, and of the heading.
-        - `rng`: source of the noise.
-        - `give`: distance by which the bumper goes in, in metres; by default `bumper_give` of the
-            cells.
+        `error` is the slip of straight stretches, of turns, and of the heading. The bumper goes in
+        by `give` metres, by default by `bumper_give` of the cells.
         """
-        assert cells.workspace is not None
         x, y, theta = map(float, cells.centre(cell))
         noise = Noise(distance=error, rotation=error, veer=error)
         give = bumper_give(cells.cell) if give is None else give
-        return cls(cells.workspace, (x, y, theta), give=give, noise=noise, rng=rng)
+        return cls(cells.room, (x, y, theta), give=give, noise=noise, rng=rng)
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -150,10 +140,8 @@ class Body:
     def counts(self) -> tuple[int, int]:
         """The counts of the left and the right encoder, from 0 to 65535."""
         left, right = self.travelled.tolist()
-        return (
-            math.floor(left / METRES_PER_COUNT) % 65536,
-            math.floor(right / METRES_PER_COUNT) % 65536,
-        )
+        count = METRES_PER_COUNT
+        return math.floor(left / count) % 65536, math.floor(right / count) % 65536
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
@@ -214,14 +202,10 @@ class Body:
     def _incidence_slope(self) -> float:
         """Compute the tangent of the incidence of a bump here."""
         heading = np.array([self.theta])
-        before = np.array([self.pose[:2]]) - _HELD * np.stack(
-            [np.cos(heading), np.sin(heading)], axis=-1
-        )
+        ahead = math.cos(self.theta), math.sin(self.theta)
+        before = np.array([self.pose[:2]]) - _HELD * np.array([ahead])
         walls = edges(self._space)[:, 1:]
-
-        def ahead_of(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
-            return free_ahead(walls, place, heading)
-
+        ahead_of = functools.partial(free_ahead, walls)
         return float(incidence_slope(before, heading, ahead_of(before, heading), ahead_of)[0])
 
     def _feel(self, *, pushing: bool) -> None:

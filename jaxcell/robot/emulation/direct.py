@@ -16,10 +16,6 @@ class DirectBody:
     """
 
     def __init__(self, body: Body) -> None:
-        """**Arguments:**
-
-        - `body`: the body to move, at its place.
-        """
         self.body = body
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:

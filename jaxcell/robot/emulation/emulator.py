@@ -7,7 +7,6 @@ import threading
 import time
 import tty
 from collections import deque
-from types import TracebackType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -121,15 +120,11 @@ class Emulator:
         standby: float = 200.0,
         seed: int = 0,
     ) -> None:
-        """**Arguments:**
+        """Take a body, and by default a line without faults, in real time.
 
-        - `body`: the body that the robot moves, such as a
-            [`Body`][jaxcell.robot.emulation.body.Body], at its place.
-        - `line`: the serial line; by default a line without faults, in real time.
-        - `charge`, `capacity`: charge and capacity of the battery, in mAh. With an empty battery
-            the robot ignores all commands.
-        - `standby`: current that the robot draws at rest, in mA; its motors draw 1000 mA more.
-        - `seed`: seed of the draws of lost bytes.
+        Charge and capacity of the battery are in mAh; with an empty battery the robot ignores all
+        commands. At rest it draws `standby` mA, and its motors draw 1000 mA more. The seed is that
+        of the draws of lost bytes.
         """
         if not 0 < charge <= capacity <= 65535:
             raise ValueError(f"charge: expected above 0, to the capacity {capacity}, got {charge}")
@@ -183,12 +178,7 @@ class Emulator:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._closing.set()
         self._thread.join()
         os.close(self._master)
@@ -199,12 +189,14 @@ class Emulator:
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
         """Let the robot's time pass, at most a frame, and then take the bytes of a host.
 
-        **Returns:** what the robot has sent in the meantime.
+        Returns the bytes that the robot has sent in the meantime.
         """
         with self._lock:
             self._pass(seconds)
-            self._receive(data)
-            self._obey()
+            commands = self._parser.feed(self._lossy(data))
+            self._pending.extend((self._now + self.line.latency, command) for command in commands)
+            while self._pending and self._pending[0][0] <= self._now:
+                self._do(self._pending.popleft()[1])
             self._keep_safe()
             if self._now >= self._frame_due:
                 self._frame_due = max(self._frame_due + STREAM_PERIOD, self._now)
@@ -244,14 +236,6 @@ class Emulator:
         if self.charge <= 0:
             self.charge = 0.0
             self._close_interface()
-
-    def _receive(self, data: bytes) -> None:
-        due = self._now + self.line.latency
-        self._pending.extend((due, command) for command in self._parser.feed(self._lossy(data)))
-
-    def _obey(self) -> None:
-        while self._pending and self._pending[0][0] <= self._now:
-            self._do(self._pending.popleft()[1])
 
     def _do(self, command: Command) -> None:
         if self.charge <= 0:

@@ -60,11 +60,7 @@ class SimulatedCreate(Create):
     "The emulated robot, with its true pose."
 
     def __init__(self, robot: Emulator | Moving) -> None:
-        """**Arguments:**
-
-        - `robot`: a robot, which runs at most as fast as its line, or a body, which runs as fast as
-            the machine can.
-        """
+        """Take a robot, which runs at most as fast as its line, or a body, which has no limit."""
         if isinstance(robot, Emulator):
             self.robot, self._speedup = robot, robot.line.speedup
         else:

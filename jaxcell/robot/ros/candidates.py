@@ -32,12 +32,6 @@ class Candidates:
     """
 
     def __init__(self, robot: "RosRobot", task: AnyTask, cells: CellSpace | None) -> None:
-        """**Arguments:**
-
-        - `robot`: the robot whose node publishes.
-        - `task`: the task of the robot.
-        - `cells`: the cells of the map of the task, or `None`.
-        """
         quality = import_module("rclpy.qos")
         # Later subscribers get the last message too.
         kept = quality.QoSProfile(depth=1, durability=quality.DurabilityPolicy.TRANSIENT_LOCAL)
@@ -98,14 +92,7 @@ class Candidates:
 def squares(
     cells: CellSpace, candidates: Int[np.ndarray, "candidates"]
 ) -> Int8[np.ndarray, "rows columns"]:
-    """Make an occupancy grid: 100 for these cells, 0 for other cells, -1 outside the map.
-
-    **Arguments:**
-
-    - `cells`: the cells of a map.
-    - `candidates`: the cells to mark.
-
-    **Returns:** a row of squares at a time, from the lowest.
+    """Make an occupancy grid, from the lowest row: 100 for these cells, 0 for others, -1 outside.
 
     Of the middle one of three squares:
 

@@ -35,10 +35,7 @@ def speed_type(node: Any) -> str | None:
 def speed_publisher(node: Any, kind: str) -> Callable[[float, float], None]:
     """Make a function that sets the speeds of a base, in metres and radians per second.
 
-    **Arguments:**
-
-    - `node`: the node that publishes them.
-    - `kind`: their type, of [`speed_type`][jaxcell.robot.ros.halt.speed_type].
+    `kind` is their type, of [`speed_type`][jaxcell.robot.ros.halt.speed_type].
     """
     messages = import_module("geometry_msgs.msg")
     publisher = node.create_publisher(getattr(messages, kind), "cmd_vel", 1)

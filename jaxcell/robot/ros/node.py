@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from ...base.optional_modules import import_module
@@ -82,12 +81,7 @@ class RosRobot(abc.ABC):
             self._stack = self._stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._reason = "it is closed"
         self._stack.close()
 

@@ -9,14 +9,9 @@ from .halt import goal_cancellers, speed_publisher
 
 
 def main(kind: str, patience: float, speeds: str, arguments: list[str]) -> None:
-    """Stop a robot whenever its driver is silent, and at the end of the driver.
+    """Stop a robot whenever its driver is silent for `patience` seconds, and at its end.
 
-    **Arguments:**
-
-    - `kind`: the `kind` of the class of the robot.
-    - `patience`: seconds of silence before the robot is stopped.
-    - `speeds`: the type of the messages that set the speed of the robot.
-    - `arguments`: the arguments of ROS.
+    `kind` is that of the class of the robot, and `speeds` the type of its messages.
     """
     rclpy = import_module("rclpy")
     handlers = import_module("rclpy.signals").SignalHandlerOptions.NO

@@ -1,15 +1,14 @@
 import dataclasses
 import functools
-import math
 import os
 from pathlib import Path
 from typing import Any
 
-from ...base.documents import Fields, checked_number, refused
+from ...base.documents import Fields, refused
 from ...space import Workspace
 from ...walls import Aim, Errors, Homing, WallFilter
 from ..anywhere import AnywhereSettings
-from .task import Task, common_fields, write_task
+from .task import Task, angles, common_fields, write_task
 
 
 KIND = "anywhere"
@@ -62,13 +61,9 @@ class AnywhereTask(Task):
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
     """Write a task of a robot that starts anywhere, for [`jaxcell.robot.load_task`][].
 
-    **Arguments:**
-
-    - `path`: the file, which is replaced.
-    - `workspace`: the room, for a robot of its radius.
-    - `fields`: `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
-        `counted_m`, `known_m`, `goal_m` and `goal_radius_m` where there is a goal, and `aim` and
-        `ahead` of the choice among angles where there is none.
+    `fields` are `cell_m`, `directions`, `step_m`, `bounces_deg`, `headings`, `slices`, `errors`,
+    `counted_m`, `known_m`, `goal_m` and `goal_radius_m` where there is a goal, and `aim` and
+    `ahead` of the choice among angles where there is none.
     """
     write_task(
         path,
@@ -88,11 +83,7 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
     """
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
-    errors, bounces = fields.get("errors"), fields.get("bounces_deg")
-    if not isinstance(bounces, list) or not bounces:
-        raise fields.refused("bounces_deg", "a list of angles in degrees")
-    for angle in bounces:
-        checked_number(f"{path}: bounces_deg", angle, "angles in degrees")
+    errors, bounces = fields.get("errors"), angles(path, fields, "bounces_deg", "anywhere", 1)
     goal = values.get("goal_m")
     try:
         workspace = Workspace(
@@ -110,7 +101,7 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
     return AnywhereTask(
         **common,
         workspace=workspace,
-        bounces=tuple(map(math.radians, bounces)),
+        bounces=bounces,
         headings=None if headings is None else fields.whole("headings", 2, 10_000),
         slices=fields.whole("slices", 2, 100_000),
         errors=bounds,

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 
 from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.formats.storage import read_kind
-from ...base.documents import Fields, checked_number, decode_json, read_text, refused
+from ...base.documents import Fields, decode_json, read_text
 from ...space.cells import MAX_CELLS
 from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
 from ..team import KIND as TEAM, MemberTask, read_member
 from .anywhere_task import KIND as ANYWHERE, AnywhereTask, read_anywhere
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
-from .task import Task, common_fields, digest as digest
+from .task import Task, angles, common_fields, digest as digest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +108,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         `patrol.json` of `jaxcell patrol map --out`.
     - `robot`: number of the robot in a team or patrol, by default the first.
 
-    **Returns:** the filter, policy, belief, plan, or part of a robot, with the numbers of its map.
+    **Returns:** the task.
 
     **Raises:** `ValueError` that names the file and the field, if it is none of them, or there is
     no such robot in it, or no plan; `FileNotFoundError`.
@@ -151,7 +151,8 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         fields = Fields(hidden.metadata, f"{path}: ")
         common = common_fields(path, fields) | {"belief": Belief(hidden)}
         if hidden.angles > 1 or "bounces_deg" in hidden.metadata:
-            return BeliefTask(**common, bounces=_angles(path, fields, hidden.angles))
+            bounces = angles(path, fields, "bounces_deg", "localize", hidden.angles)
+            return BeliefTask(**common, bounces=bounces)
         return BeliefTask(**common, bounces=(math.radians(fields.number("bounce_deg")),))
     if read_kind(path) == "policy":
         return _policy(path)
@@ -164,40 +165,21 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
 def _policy(path: Path) -> PolicyTask:
     policy = Policy.load(path)
     fields = Fields(policy.metadata, f"{path}: ")
-    bounces = _angles(path, fields, int(policy.turn.max()) + 1)
+    count = int(policy.turn.max()) + 1
+    bounces = angles(path, fields, "bounces_deg", "localize", count)
     return PolicyTask(**common_fields(path, fields), policy=policy, bounces=bounces)
-
-
-def _angles(path: Path, fields: Fields, count: int) -> tuple[float, ...]:
-    """Read the angles to choose from, at least `count`, in radians."""
-    field, angles = f"{path}: bounces_deg", fields.get("bounces_deg")
-    expected = f"a list of at least {count} angles, as `jaxcell localize --out` writes it"
-    if not isinstance(angles, list) or len(angles) < count:
-        raise refused(field, expected, angles)
-    for angle in angles:
-        checked_number(field, angle, expected)
-    return tuple(map(math.radians, angles))
 
 
 def _plan(path: Path, fields: Fields) -> PlanTask:
     if fields.get("found") is False:
         raise ValueError(f"{path}: found: there is no path to the goal, so no plan to run")
-    field, actions = f"{path}: actions_deg", fields.get("actions_deg")
-    expected = "a list of angles, as in the summary.json of `jaxcell navigate --out`"
-    if not isinstance(actions, list):
-        raise refused(field, expected, actions)
-    for action in actions:
-        checked_number(field, action, expected)
+    actions = angles(path, fields, "actions_deg", "navigate", 0)
     common, positions, last = common_fields(path, fields), None, MAX_CELLS - 1
     if fields.get("positions") is not None:
         positions = fields.whole("positions", 1, MAX_CELLS)
         last = min(last, positions * common["directions"] - 1)
-    return PlanTask(
-        **common,
-        start=fields.whole("start", 0, last),
-        actions=tuple(map(math.radians, actions)),
-        positions=positions,
-    )
+    start = fields.whole("start", 0, last)
+    return PlanTask(**common, start=start, actions=actions, positions=positions)
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 import dataclasses
 import hashlib
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...base.documents import Fields
+from ...base.documents import Fields, checked_number
 from ...base.paths import replacing
 from ..walker import cell_strides
 
@@ -81,6 +82,18 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
         "step": fields.number("step_m", _MIN_LENGTH),
         "radius": fields.number("robot_radius_m", 0.0),
     }
+
+
+def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
+    """Read at least `count` angles, in radians, in degrees in the file."""
+    values = fields.get(name)
+    least = f"at least {count} " if count else ""
+    expected = f"a list of {least}angles, as `jaxcell {source} --out` writes it"
+    if not isinstance(values, list) or len(values) < count:
+        raise fields.refused(name, expected)
+    for angle in values:
+        checked_number(f"{path}: {name}", angle, expected)
+    return tuple(map(math.radians, values))
 
 
 def robot_fields(path: Path, fields: Fields, robot: int) -> Fields:

@@ -52,7 +52,7 @@ def parse_ascii(text: str) -> dict[str, Any]:
     (m; 1 by default), `origin` (the x and y of the lower left corner, m), `robot_radius` (m),
     `directions` and `name`; those that begin with `;;` are remarks.
 
-    **Returns:** keyword arguments of `Workspace`.
+    Returns keyword arguments of `Workspace`.
 
     **Raises:** `ValueError` that names the line and the column, or the field.
     """
@@ -103,10 +103,6 @@ def format_ascii(
 ) -> str:
     """Write the text of an ASCII grid of a map.
 
-    **Arguments:**
-
-    - `fields`, `environment`: the fields of a `Workspace`, and its environment.
-
     **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
     """
     blocked, origin = _grid_of(fields, environment)
@@ -130,12 +126,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     other keys are ignored. Occupied and unknown pixels are both obstacles. As in map_server, the
     channels of a pixel, alpha among them, are averaged first.
 
-    **Arguments:**
-
-    - `text`: the text of the YAML file.
-    - `folder`: the folder of the file; `image` is relative to it.
-
-    **Returns:** keyword arguments of `Workspace`.
+    The image is relative to the folder of the file. Returns keyword arguments of `Workspace`.
 
     **Raises:** `ValueError` that names the field, also for an image that is missing, broken, or
     over Pillow's limit of size (about 9 * 10^7 pixels), which is checked before decoding.
@@ -189,11 +180,6 @@ def format_map_server(
     image: str,
 ) -> tuple[str, bytes]:
     """Write the YAML text and the PGM image of a map_server map.
-
-    **Arguments:**
-
-    - `fields`, `environment`: the fields of a `Workspace`, and its environment.
-    - `image`: name of the file of the image.
 
     **Raises:** `ValueError` if the map suggests no `cell`, or if no square of that side is free.
     """

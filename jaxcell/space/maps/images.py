@@ -7,12 +7,7 @@ from PIL import Image
 
 
 def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.Image:
-    """Decode a picture.
-
-    **Arguments:**
-
-    - `content`: the bytes of the file.
-    - `formats`: the expected formats of Pillow; by default any.
+    """Decode a picture of one of the formats of Pillow, by default any.
 
     **Raises:** `PIL.UnidentifiedImageError` for another format; `ValueError` for a picture that is
     too large, broken or cut short.

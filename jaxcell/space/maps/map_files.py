@@ -56,7 +56,7 @@ _UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a map file in the format of its suffix.
 
-    **Returns:** keyword arguments of `Workspace`, with lengths in metres.
+    Returns keyword arguments of `Workspace`, with lengths in metres.
 
     **Raises:** `ValueError` that names the file, the field, and the fault; `FileNotFoundError`.
     """
@@ -86,11 +86,7 @@ def write_map(
 ) -> None:
     """Write or replace a map file in the format of its suffix; see `Workspace.save`.
 
-    **Arguments:**
-
-    - `path`: the file.
-    - `fields`: the fields of a `Workspace`.
-    - `environment`: its environment, which a grid holds in place of the polygons.
+    A grid holds the environment in place of the polygons.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -113,9 +109,7 @@ def write_map(
 
 
 def parse_json(text: str) -> dict[str, Any]:
-    """Read a map in our own format.
-
-    **Returns:** keyword arguments of `Workspace`, with lengths in metres.
+    """Read a map in our own format: keyword arguments of `Workspace`, with lengths in metres.
 
     **Raises:** `ValueError` that names the field.
     """

@@ -21,16 +21,11 @@ _SIDES = (10, 50)
 _MAX_ATTEMPTS = 1000
 
 
-def _scaled_square(rng: np.random.Generator) -> Bool[np.ndarray, "side side"]:
-    side = rng.integers(*_SIDES, endpoint=True)
-    return np.ones((side, side), bool)
-
-
 ENVIRONMENTS: dict[str, Callable[[np.random.Generator], list[np.ndarray]]] = {
     "E1": lambda rng: [_SQUARE],
     "E2": lambda rng: [_SQUARE, _RECTANGLE],
     "E3": lambda rng: [_SQUARE, _RECTANGLE, _RECTILINEAR],
-    "E4": lambda rng: [_scaled_square(rng)],
+    "E4": lambda rng: [np.ones((rng.integers(*_SIDES, endpoint=True),) * 2, bool)],
 }
 "The obstacles of the environments of Figure 2.7 of Alam 2018, section 2.5.1."
 
@@ -60,11 +55,7 @@ def place(seed: int, environment: str, run: int) -> Placement:
     The source gives no sizes of obstacles. Ours are those of `data/maps/room_200x125.json`, and
     sides of 10 to 50 in E4. Random obstacles keep a cell from the boundary.
 
-    **Arguments:**
-
-    - `seed`: seed of the study.
-    - `environment`: E1, E2, E3 or E4.
-    - `run`: number of the placement, from 0.
+    Placements are numbered from 0.
     """
     # Each placement has a stream of its own, so a longer study begins with the shorter one.
     rng = np.random.default_rng([seed, int(environment[1:]), run])
@@ -94,12 +85,7 @@ def random_room(
     Rectangles may overlap and stand at walls. A room is drawn again if its free cells are not
     connected by their edges.
 
-    **Arguments:**
-
-    - `seed`: seed of the study.
-    - `number`: number of the room, from 0.
-    - `columns`, `rows`: size of the room in cells.
-    - `obstacles`: number of rectangles.
+    Rooms are numbered from 0, and have `columns` x `rows` cells and a number of `obstacles`.
 
     **Raises:** `ValueError` if such rooms are almost never in one piece.
     """
@@ -107,7 +93,10 @@ def random_room(
     for _ in range(_MAX_ATTEMPTS):
         free = np.ones((rows, columns), bool)
         for _ in range(obstacles):
-            width, height = (_side(rng, size) for size in (columns, rows))
+            width, height = (
+                int(rng.integers(max(1, size // 20), max(1, size // 5), endpoint=True))
+                for size in (columns, rows)
+            )
             x, y = int(rng.integers(columns - width + 1)), int(rng.integers(rows - height + 1))
             free[y : y + height, x : x + width] = False
         if scipy.ndimage.label(free)[1] == 1:
@@ -116,7 +105,3 @@ def random_room(
         f"obstacles: {obstacles} obstacles leave a room of {columns} x {rows} cells in several "
         "pieces; expected fewer"
     )
-
-
-def _side(rng: np.random.Generator, size: int) -> int:
-    return int(rng.integers(max(1, size // 20), max(1, size // 5), endpoint=True))
