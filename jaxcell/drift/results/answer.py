@@ -44,7 +44,7 @@ def _beyond(drift: "SeaDrift") -> str | None:
 
 
 def _gathering(drift: "SeaDrift") -> str:
-    """Write the shares of drifters in nearly closed sets and off the map at the time of interest."""
+    """Write the shares of drifters in nearly closed sets and off the map, at the time asked."""
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
     where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
