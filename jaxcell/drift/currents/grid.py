@@ -54,8 +54,7 @@ def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None)
     return make(file, axes, box)
 
 
-# The largest difference, in degrees, between the angle in a file and the angle from the positions
-# of neighbouring cells.
+# The largest difference, in degrees, of the angle in a file from the angle of the positions.
 _MAX_ERROR_OF_ANGLE = 5.0
 
 _Box = tuple[float, float, float, float]

@@ -85,8 +85,7 @@ def open_currents(
     - `mean`: whether to compute only the mean of the records, with one record in memory at a time.
     - `windage`: the share of the speed of the wind that is added to the current of the first layer,
         about 0.01 to 0.04 for objects that project from the water; the file must have the wind.
-    - `stokes`: whether to add the Stokes drift of waves, which the file must have, to the first
-        layer.
+    - `stokes`: whether to add the Stokes drift of waves in the file to the first layer.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
         land of Natural Earth, whose coasts are off by some kilometres.
     - `gaps`: `"open"`, or `"land"` if all squares without a velocity are land.

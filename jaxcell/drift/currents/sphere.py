@@ -23,7 +23,7 @@ def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
 
 
 def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
-    """Count the last longitudes that repeat the first ones after a turn, in degrees and in order."""
+    """Count the last longitudes, in degrees and in order, that repeat the first after a turn."""
     steps = wrapped(np.diff(lon))
     place = np.abs(np.append(0.0, np.cumsum(steps)))
     same = _SAME * np.abs(steps).min(initial=np.inf)

@@ -146,8 +146,7 @@ class SeaDrift(SeaCurrents):
             for sampled maps, and is the crossing time for others.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: the range of cameras that look at the sea bed, in metres.
-        - `seconds`: the time limit of the search for the fewest views, in seconds; by default views
-            are chosen greedily.
+        - `seconds`: the time limit of the search for the fewest views; by default it is greedy.
         - `mean`: whether to make the map from the mean of the records.
         - `backward`: whether drifters go backward in time from the last record.
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
-# The default number of nearly closed sets, and the largest number of cells at all phases for which
-# the search takes seconds.
+# The default number of nearly closed sets; the largest number of cells at all phases for a search
+# of seconds.
 _USUAL_SETS, _MAX_FOR_SETS = 3, 30_000
 _PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
 
@@ -51,8 +51,7 @@ class Drift(SeaStudy):
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, if the file does not identify them."""
     windage: Share = 0.0
-    """Share of the speed of the wind to add to the current at the surface; the file must have the
-    wind."""
+    """Share of the wind speed to add to the current at the surface; the file must have wind."""
     stokes: bool = False
     """Add the Stokes drift of waves at the surface; the file must have the Stokes drift."""
     duration: Duration | None = None
