@@ -167,8 +167,8 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
 
     Every drifter is dropped in the cell of
     [`minimum_deployment`][jaxcell.drift.minimum_deployment] that adds most cells. Any number of
-    drifters reaches at least the share `1 - 1/e` of the cells that so many drifters can reach at
-    best (Nemhauser, Wolsey and Fisher 1978). The computation takes seconds for 10,000 cells.
+    drifters reaches at least the share `1 - 1/e` of the largest possible number of cells
+    (Nemhauser, Wolsey and Fisher 1978). The computation takes seconds for 10,000 cells.
 
     **Arguments:**
 

@@ -7,7 +7,7 @@ from jaxtyping import Int
 from scipy.optimize import linear_sum_assignment
 
 
-# Only so many of the largest groups of a layer are matched with groups of the next layer.
+# Only this number of the largest groups of a layer is matched with groups of the next layer.
 _MAX_MATCHED = 200
 
 

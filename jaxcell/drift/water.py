@@ -18,7 +18,7 @@ _AROUND = np.ones((3, 3), int)
 NEIGHBORS = tuple((r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0))
 # Coordinates in cells are rounded to this number of decimals, so that ties are exact everywhere.
 _DECIMALS = 9
-# The nearest cells are found with mean sides; so many are compared with the sides at the origin.
+# This number of nearest cells, by mean sides, is compared by the sides of the cell at the origin.
 _CANDIDATES = 8
 COASTS = ("hold", "slip", "strand")
 """The rules at a coast."""
