@@ -13,13 +13,13 @@ from ..mapping.section import bucket
 from .flow import Flow, between, in_squares
 
 
-# For each stage of a method: the part of the step that it is ahead, and its weight in the mean.
+# For each stage of a method: its time as a part of the step, and its weight in the mean.
 _STAGES = {"euler": ((0.0, 1.0),), "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))}
 METHODS = tuple(_STAGES)
-# Up to this number of points one compiled program serves all.
+# Fewer points are padded to this number, so that one compiled program serves them all.
 _FEW_POINTS = 1024
 CHUNK = 1 << 16
-"""Number of points that are moved together: they fit the cache of a processor."""
+"""Number of points that are moved together, chosen to fit the cache of a processor."""
 
 _Pair: TypeAlias = tuple[Array, Array]
 
@@ -41,14 +41,14 @@ def advect(
 
     - `flow`: the flow.
     - `x`, `y`: the points, in cells.
-    - `duration`: in seconds; negative for backward in time.
+    - `duration`: in seconds; negative to move points backward in time.
     - `start`: the time at the beginning, in seconds as in `Flow.time`.
     - `method`: `"euler"`, Eq. 5.3 of Alam 2018, or `"rk4"`, the Runge-Kutta method of order 4.
     - `steps`: number of steps of the method.
 
     **Returns:** `x` and `y` of the points at the end, in cells.
 
-    A flow of a tenth of a cell a second to the East, everywhere and always:
+    A uniform and steady flow to the East, of a tenth of a cell per second:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -74,7 +74,7 @@ def carried(
     method: str,
     steps: int,
 ) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
-    """Move points as [`advect`][], by one program for any number of steps and similar sizes."""
+    """Move points as [`advect`][], but compile only once for all steps and for similar sizes."""
     seconds = float(duration), float(start)
     # The diffusivity is static, and has no effect on advection.
     flow = dataclasses.replace(flow, diffusivity=0.0)
@@ -93,9 +93,9 @@ def _advected(flow, x, y, duration, start, method, steps):  # type: ignore[no-un
     ahead, weight = (jnp.asarray(row, jnp.float64) for row in zip(*_STAGES[method], strict=True))
     share = length * weight / jnp.sum(weight)
 
-    # The loop runs over single stages, and each adds the rates of the stage before: if a body had
-    # several stages, XLA would compute early stages again in later ones. For the same reason the
-    # flow in the squares comes from the stage before: else XLA would compute it for each point.
+    # The loop runs over single stages, and each adds the rates of the previous stage: if the body
+    # had several stages, XLA would compute early stages again in later ones. The flow in squares
+    # comes from the previous stage too: else XLA would compute it for each point.
     def stage(number, state):  # type: ignore[no-untyped-def]
         begun, reached, rates, rate = state
         step, stage = (number + 1) // ahead.size, (number + 1) % ahead.size

@@ -1,4 +1,4 @@
-"""Beaching: drifters that strand at a coast, and come afloat again."""
+"""Beaching: drifters strand at a coast, and may float again."""
 
 import dataclasses
 import functools
@@ -15,7 +15,7 @@ from .water import NEIGHBORS, Water
 
 
 def coast(water: Water) -> Bool[np.ndarray, "cells"]:
-    """Mark the cells at a coast: those beside land, not those at an open edge alone.
+    """Mark the cells at a coast: cells with land beside them, not cells at an open edge only.
 
     **Arguments:**
 
@@ -46,9 +46,9 @@ def beaching(
 ) -> tuple[Chain | ChainSequence, Int[np.ndarray, "coast"]]:
     """Add a beach to the map for each cell at a coast.
 
-    A beach is one more state. In a step, a drifter in the cell strands with probability
-    `1 - 2^(-duration / afloat)`, and else drifts on; a drifter on the beach returns to the cell
-    with probability `1 - 2^(-duration / stranded)`.
+    A beach is an additional state of the chain. In a step, a drifter in a cell at a coast strands
+    with probability `1 - 2^(-duration / afloat)`, and else drifts on; a drifter on a beach returns
+    to its cell with probability `1 - 2^(-duration / stranded)`.
 
     **Arguments:**
 
@@ -56,12 +56,12 @@ def beaching(
     - `at_coast`: the cells with a beach, as from [`coast`][].
     - `duration`: duration of a step, in seconds.
     - `afloat`: the time in seconds in which half of the drifters in a cell at a coast strand.
-    - `stranded`: the time in which half of the drifters on a beach come afloat; infinite by
-        default, so that beaches are persistent groups.
+    - `stranded`: the time in seconds in which half of the drifters on a beach float again; infinite
+        by default, so that beaches are persistent groups.
 
-    **Returns:** the map over the cells and then the beaches; and the cell of each beach.
+    **Returns:** the map, whose states are the cells and then the beaches; the cell of each beach.
 
-    In still water, half strand in an hour:
+    In still water, half of the drifters in the cell at the coast strand in an hour:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
@@ -102,7 +102,8 @@ def _with_beaches(
 class Stranded(Result):
     """The fate of drifters that may strand, released uniformly in all cells of a layer.
 
-    Still water beside land, from which half strand in an hour and come back in another:
+    Still water beside land: half of the drifters afloat strand in an hour, and half of the
+    stranded drifters float again in an hour:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
@@ -116,13 +117,13 @@ class Stranded(Result):
 
     water: Water
     chain: Chain | ChainSequence
-    "Over the cells and the beaches, as from [`beaching`][]."
+    "The map over the cells and the beaches, as from [`beaching`][]."
     cell: Int[np.ndarray, "beaches"]
     "The cell of each beach."
     hours: float | int
     "The duration of a step."
     steps: int
-    "The number of steps between release and the answer."
+    "The number of steps from the release to the time of interest."
 
     @classmethod
     def of(
@@ -134,7 +135,7 @@ class Stranded(Result):
         afloat: float | int,
         stranded: float | int = np.inf,
     ) -> "Stranded":
-        """Follow drifters by the map of a layer, for a time that is rounded to whole steps."""
+        """Follow drifters by the map of a layer, for a time rounded to whole steps."""
         step = behaviour.duration
         both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)
         return cls(water, *both, step / 3600, steps_in(seconds, step))

@@ -26,11 +26,11 @@ from ..markov import (
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LongTermBehaviour:
-    """The ends of the drifters of one layer, and the times to reach them (Alam 2018, Alg. 5.1).
+    """The sets in which drifters of one layer end, and the times until then (Alam 2018, Alg. 5.1).
 
-    In a periodic current they depend on the time of release. Groups, times and probabilities are
-    then those of the `unrolled` map over the cells at each phase of the current, phase after phase;
-    `begins` has those of phase 0.
+    In a periodic current these depend on the time of release. The states are then the cells at each
+    phase of the current, phase after phase, as in the `unrolled` map; `begins` has the results for
+    release at phase 0.
     """
 
     chain: Chain | ChainSequence
@@ -40,7 +40,7 @@ class LongTermBehaviour:
     groups: PersistentGroups
     "The sets of cells that drifters never leave."
     transient: TransientGroups
-    "The other cells, by their possible ends: the single- and multiple-domicile groups."
+    "The other cells, grouped by the persistent groups that drifters from them can reach."
     absorption: Solution
     "The expected number of steps until a drifter is in a persistent group or has left the grid."
     throw: bool = False
@@ -69,7 +69,7 @@ class LongTermBehaviour:
     def probability(self) -> Absorption:
         """The probability of ending in each persistent group, or off the grid.
 
-        It takes a solve and 8 bytes per cell for every group.
+        This takes a linear solve and 8 bytes per cell for every group.
 
         **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
@@ -79,7 +79,7 @@ class LongTermBehaviour:
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
         """The probability of ending off the grid where it is 0 or 1, and NaN in other cells.
 
-        It needs no solve.
+        This needs no linear solve.
         """
         chance = [
             0.0 if SINK not in homes else 1.0 if len(homes) == 1 else np.nan
@@ -90,7 +90,7 @@ class LongTermBehaviour:
 
     @functools.cached_property
     def limiting(self) -> LimitingDistribution:
-        """The distribution in the long run of drifters that were released uniformly in all cells.
+        """The long-term distribution of drifters that were released uniformly in all cells.
 
         **Raises:** `RuntimeError` if a solve stalls and `throw` is set.
         """
@@ -99,9 +99,9 @@ class LongTermBehaviour:
     @property
     def basin(self) -> Int[Array, "cells"]:
         """The only persistent group in which a drifter from each cell may end; -1 if there are
-        several, or if it may leave.
+        several such groups, or if the drifter may leave the grid.
 
-        The cells with the number of a group form its domain of attraction, which includes it.
+        The cells with the number of a group form its domain of attraction, with the group itself.
         """
         transient = self.transient
         home = np.array([d[0] if len(d) == 1 else -1 for d in transient.domiciles] or [-1])
@@ -121,7 +121,7 @@ def long_term_behaviour(
     - `duration`: seconds per step.
     - `throw`: whether to raise when absorption times, probabilities or the limiting distribution
         are not accurate enough. Times above some 10^9 steps, in an eddy that almost traps drifters,
-        are beyond 64-bit numbers; the `certificate` says so.
+        exceed the accuracy of 64-bit numbers; the `certificate` then reports no convergence.
 
     **Returns:** [`LongTermBehaviour`][], which computes probabilities and the limiting distribution
     when they are first read.
@@ -129,7 +129,7 @@ def long_term_behaviour(
     **Raises:** `ValueError` for a duration that is not positive; `RuntimeError` if the solve
     stalls and `throw` is set.
 
-    From cell 0 drifters go on half of the time, to cell 1, and from there to 2 or 3:
+    In each step, half of the drifters in cell 0 go on to cell 1, and from there to 2 or 3:
 
         >>> from jaxcell import drift, examples
         >>> chain = examples.stream()

@@ -18,7 +18,7 @@ from .water import Water
 
 
 _WINDOW = 24.0
-# A piece of water with a smaller share of the cells is a closed set by itself, and is left out.
+# Connected pieces of water with a smaller share of the cells are left out, though they are closed.
 _LEAST_PIECE = 0.01
 
 
@@ -33,11 +33,11 @@ def nearly_closed_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that drifters hardly leave, closed or not.
 
-    Whether a set is a persistent group depends on single drifters, and so on the step; the share
-    that leaves it in a day does not. Drifters are released with one density per square metre.
-    Pieces of water with less than a hundredth of the cells are left out. The search spreads
-    drifters over the neighbouring cells at the end of the window, because otherwise it would find
-    single cells in the middles of eddies.
+    A single drifter that leaves a set decides that the set is no persistent group, so groups depend
+    on the step. The share of drifters that leave in a day hardly does. Drifters are released with
+    uniform density in space. Connected pieces of water with less than a hundredth of the cells are
+    left out. The search spreads drifters over the neighbouring cells at the end of the window,
+    because otherwise it would find single cells in the middles of eddies.
 
     **Arguments:**
 
@@ -48,7 +48,7 @@ def nearly_closed_sets(
     - `hours`: the window, rounded to whole steps, or to whole periods of a periodic current.
     - `moving`: whether to find coherent sets, which may move; by default almost-invariant sets.
 
-    **Returns:** [`jaxcell.markov.NearlyClosedSets`][] of drifters that are released at phase 0.
+    **Returns:** [`jaxcell.markov.NearlyClosedSets`][] for drifters that are released at phase 0.
 
     The surface of the bundled sea at its first record has three eddies, two of them side by side:
 
@@ -80,11 +80,11 @@ def coherent_sets(
 ) -> NearlyClosedSets:
     """Find coherent sets: water that moves together, and hardly mixes with its surroundings.
 
-    They are those of [`jaxcell.markov.coherent_sets`][] over a window of time, in which the current
-    need not be periodic. Two choices decide whether vortices are found. The window is mapped in few
-    steps, at best in one, because in every step the grid spreads drifters by up to a cell. And the
-    search follows the window by a blur over neighbouring cells, because otherwise single cells are
-    the most coherent sets.
+    This applies [`jaxcell.markov.coherent_sets`][] to a window of time; the current need not be
+    periodic. Two choices are needed to find vortices. The window is mapped in few steps, at best in
+    one, because in every step the grid spreads drifters by up to a cell. And drifters are spread
+    over the neighbouring cells at the end of the window, because otherwise single cells are the
+    most coherent sets.
 
     **Arguments:**
 
@@ -94,10 +94,10 @@ def coherent_sets(
         gap, from 2 to `most`.
     - `start`: the beginning of the window, in seconds as in `Flow.time`.
     - `steps`: the number of steps of the window.
-    - `most`: the largest number of sets, if it is not given.
+    - `most`: the largest number of sets that is tried if there is no `count`.
 
-    **Returns:** [`jaxcell.markov.NearlyClosedSets`][]: `begin` has the place of each set at the
-    beginning of the window, and `end` at its end.
+    **Returns:** [`jaxcell.markov.NearlyClosedSets`][], with the cells of each set at the beginning
+    of the window, `begin`, and at its end, `end`.
 
     The surface of the bundled sea at its first record, which has three eddies:
 
@@ -208,7 +208,7 @@ class ClosedSets(Result):
 
     @functools.cached_property
     def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
-        """The rank of each set of each layer, as of the matching set in the layer above."""
+        """The rank of each set of each layer; matching sets of different layers have one rank."""
         return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property

@@ -13,23 +13,23 @@ from .behaviour import LongTermBehaviour
 from .water import Water
 
 
-# The largest table of views, in bytes, and the entries of it that are computed at once.
+# The largest size of a table of views, in bytes, and the number of entries computed at once.
 _MAX_TABLE, _CHUNK = 2**32, 2**24
 _ROUNDING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Deployment:
-    """Cells to drop drifters in, from which every cell may be visited in the long run."""
+    """Cells in which to drop drifters, from which every cell may be visited in the long run."""
 
     cells: Int[np.ndarray, "drifters"]
     "One cell of each persistent group, then cells of each transient group."
     group: Int[np.ndarray, "drifters"]
-    "The persistent group of the cell, -1 if it is transient."
+    "The persistent group of each cell, -1 for a transient cell."
     transient_group: Int[np.ndarray, "drifters"]
-    "The transient group of the cell, -1 if it is persistent."
+    "The transient group of each cell, -1 for a persistent cell."
     gained: Int[np.ndarray, "drifters"]
-    "The number of cells of its group that may be visited from the cell, and from none before it."
+    "The number of cells of its group that each cell leads to, and that no earlier cell leads to."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,31 +37,31 @@ class CoverageCurve:
     """The number of cells that may be visited, by the number of drifters."""
 
     cells: Int[np.ndarray, "drifters"]
-    "The cells to drop the first, second, ... drifter in."
+    "The cell in which each drifter is dropped, in order."
     covered: Int[np.ndarray, "drifters"]
-    "The number of cells that may be visited by the first drifter, the first two, ..."
+    "The number of cells that may be visited by the first drifter, the first two drifters, ..."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VisibleDeployment:
-    """Cells to drop drifters in whose cameras together see the whole sea bed."""
+    """Cells in which to drop drifters whose cameras together see the whole sea bed."""
 
     cover: Int[np.ndarray, "views"]
-    "Cells from which all cells are seen, in the order in which they were chosen."
+    "Cells from which cameras see all cells, in the order in which they were chosen."
     cells: Int[np.ndarray, "drifters"]
-    "The cells of the cover, with only the first one in each persistent group."
+    "The cells of the cover in which drifters are dropped: one cell at most per persistent group."
     least: int | None = None
-    "A lower bound on the size of a cover; `None` for a greedy cover."
+    "A lower bound on the size of any cover; `None` if the cover is greedy."
 
 
 def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     """Choose where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
 
-    In a persistent group any cell leads to all others; the smallest is taken, where the source
-    draws a cell. The cells of a transient group are visited from the longest absorption time to the
-    shortest, ties in order of cells, and each is taken unless a taken cell leads to it within the
-    group. The source would visit the cell first that leads to most others; in a map without
-    disturbances, where many times are equal, tied cells lead to equally many.
+    In a persistent group any cell leads to all others; the smallest cell is taken, while the
+    dissertation draws one at random. The cells of a transient group are examined from the longest
+    absorption time to the shortest, ties by cell number, and a cell is taken unless a taken cell
+    leads to it within the group. Among ties the dissertation takes the cell that leads to most
+    others; in a map without disturbances, tied cells lead to equally many.
 
     The cells need not be the fewest: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
 
@@ -71,7 +71,7 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
 
     **Returns:** [`Deployment`][jaxcell.drift.Deployment].
 
-    Two cells for the persistent groups, and one that leads to all of the others:
+    Cells 2 and 3 are persistent groups, and cell 0 leads to all other cells:
 
         >>> from jaxcell import drift, examples
         >>> chain = examples.stream()
@@ -95,8 +95,8 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     same = parts.reshape(-1, part.size) == part
     taken, left, first = np.zeros(0, np.int64), np.arange(order.size), np.zeros(0, np.int64)
     while left.size:
-        # Take every cell to which no earlier one of `left` leads. In a steady map one round is
-        # enough, because a cell leads to less than a cell that leads to it.
+        # Take every cell of `left` to which no earlier cell of `left` leads. In a steady map one
+        # round is enough, because a cell leads to no more cells than its predecessors lead to.
         first = _first_ancestor(within, order, left, same)
         taken = np.union1d(taken, left[first[left] == left])
         first = _first_ancestor(within, order, taken, same)
@@ -119,9 +119,9 @@ def _first_ancestor(
 ) -> Int[np.ndarray, "transients"]:
     """Find the place in `order` of the first source that leads to each cell within its part.
 
-    It is a shortest path from an additional node: the edge to a source costs its place in `order`,
-    and edges within a part cost nothing. A cell is reached at any phase at which it is of the
-    `same` part as at phase 0. A number beyond all places means that no source leads to the cell.
+    Shortest paths begin at an additional node: an edge to a source costs the place of the source in
+    `order`, and edges within a part cost nothing. A cell is reached at any phase at which it is in
+    the `same` part as at phase 0. If no source leads to a cell, its number exceeds all places.
     """
     states = within.shape[0]
     rows = np.concatenate([within.row, np.full(sources.size, states)])
@@ -138,18 +138,18 @@ def _first_ancestor(
 def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     """Find the fewest cells from which all cells may be visited.
 
-    They are one cell of each strongly connected component to which no other component leads: such a
-    component needs a drifter of its own, and all others are reached from them.
+    The cells are one cell of each strongly connected component to which no other component leads.
+    Each such component needs a drifter, and all other components are reached from them.
 
-    A persistent group gets no drifter if a transient cell leads to it, although a drifter from
-    there may end in another group; to be sure of each group, use
+    A persistent group gets no drifter if a transient cell leads to it, although a drifter from that
+    cell may end in another group. To put a drifter in each group, use
     [`deployment_cells`][jaxcell.drift.deployment_cells].
 
     **Arguments:**
 
     - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
 
-    **Returns:** the smallest cell of each of those components, in order.
+    **Returns:** the smallest cell of each such component, in order.
 
     From cell 0 a drifter may come anywhere:
 
@@ -167,13 +167,13 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
 
     Every drifter is dropped in the cell of
     [`minimum_deployment`][jaxcell.drift.minimum_deployment] that adds most cells. Any number of
-    drifters reaches at least the part `1 - 1/e` of the largest possible number (Nemhauser, Wolsey
-    and Fisher 1978). It takes seconds for 10,000 cells.
+    drifters reaches at least the share `1 - 1/e` of the largest possible number of cells
+    (Nemhauser, Wolsey and Fisher 1978). The computation takes seconds for 10,000 cells.
 
     **Arguments:**
 
     - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of chains,
-        for drifters that are dropped at phase 0 and cells that may be visited at any.
+        for drifters that are dropped at phase 0 and may visit cells at any phase.
 
     **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
 
@@ -199,7 +199,7 @@ def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
         cells = np.unique(inside[reached].indices)
         return cells[~covered[cells]]
 
-    # Gains only shrink, so a gain is computed again only if it is the largest of the old ones.
+    # Gains never grow, so only the largest of the known gains must be computed again.
     queue = [
         (-added(source).size, int(smallest[source]), source)
         for source in _sources(matrix).tolist()
@@ -232,21 +232,21 @@ def visible_deployment(
     """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
-    it lies wholly within the disc. Distances are those at the cell of the camera. From the first of
-    several cells of the cover in one persistent group, a drifter will visit the others in the long
-    run, and they are left out.
+    it lies wholly within the disc. Distances are computed by the sides of the camera's cell. Of
+    several cells of the cover in one persistent group only the first one gets a drifter, because
+    this drifter will visit the others in the long run.
 
     **Arguments:**
 
-    - `water`: the cells, whose sea bed is to be seen.
+    - `water`: the cells.
     - `reach`: radius of the disc, in metres.
-    - `groups`: persistent groups of a chain on those cells.
+    - `groups`: persistent groups of a chain on these cells.
     - `seconds`: the time limit of [`jaxcell.optimize.minimum_cover`][]; by default the cover is
         greedy, [`jaxcell.optimize.greedy_cover`][].
 
     **Returns:** [`VisibleDeployment`][jaxcell.drift.VisibleDeployment].
 
-    The surface of the bundled sea, with cameras that see 3 km:
+    The surface of the bundled sea, with discs of 3 km radius:
 
         >>> from jaxcell import drift, examples, mapping
         >>> water, flow = examples.gyres()
@@ -273,7 +273,7 @@ def visible_deployment(
 
 
 def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
-    """Refuse cameras that do not see their own cell, and too many views."""
+    """Raise `ValueError` if cameras do not see their own cells, or there are too many views."""
     if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "
@@ -309,7 +309,7 @@ def _components(
     """Find the component of each cell at each phase, and the edges between components."""
     matrix = chain.to_scipy()
     if isinstance(chain, ChainSequence):
-        # Edges of states that no drifter from phase 0 reaches are removed.
+        # Edges from states that no drifter from phase 0 reaches are removed.
         begins = np.arange(matrix.shape[0]) < chain.cells
         met = reaching(matrix.T.tocsr(), begins).astype(float)
         matrix = (scipy.sparse.diags_array(met) @ matrix).tocsr()
@@ -323,7 +323,7 @@ def _components(
 
 
 def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
-    """Find the components to which no other leads."""
+    """Find the components to which no other component leads."""
     return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)
 
 

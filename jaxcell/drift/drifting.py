@@ -1,4 +1,4 @@
-"""Drifters without cells: they go with the flow, diffuse, and stop where they leave the grid."""
+"""Drifters at points, not in cells: they follow the flow, diffuse, and stop where they leave."""
 
 import math
 
@@ -28,7 +28,7 @@ def drifted(
     longest: float | int,
     key: jax.Array | None = None,
 ) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
-    """Move points from one time to another; those that have left the map stay where they left.
+    """Move points from one time to another; points that leave the map stay where they left it.
 
     **Arguments:**
 
@@ -93,7 +93,7 @@ def diffuse(
 
 
 def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
-    """Find the row and column of the squares that hold points, or are nearest to them."""
+    """Find the row and column of the square that contains each point, or is nearest to it."""
     rows, columns = shape
     row, column = (jnp.round(place).astype(jnp.int32) for place in (y, x))
     column = column % columns if wraps else jnp.clip(column, 0, columns - 1)

@@ -18,8 +18,8 @@ class Flow:
 
     The point `(x, y)` lies in column `x` and row `y` of the grid; whole numbers are the centres of
     cells. On land the flow is 0, so that a drifter slows down towards a coast and does not cross
-    it, or, if it slips, it is that along the coast. Sea without data has the flow of the nearest
-    cell, so that drifters leave through it.
+    it; if drifters slip, the flow on land is the flow along the coast. Sea without data has the
+    flow of the nearest cell, so that drifters leave through it.
 
     The surface of the bundled sea at its first record:
 
@@ -30,14 +30,14 @@ class Flow:
     """
 
     rate: Float[Array, "records axes rows columns"]
-    "Along x and y, at the centres of the cells."
+    "The velocities along x and y at the centres of the cells, in cells per second."
     time: Float[Array, "records"]
     "Seconds since the first record of the file, ascending."
     wraps: bool = dataclasses.field(default=False, metadata={"static": True})
     "True if the last column is beside the first, as in `Water`."
     period: Float[Array, ""] | None = None
-    """Seconds from the first record to the last, which repeats the first; `None` if the current is
-    not periodic."""
+    """Seconds from the first record to the last record, which repeats the first one; `None` if the
+    current is not periodic."""
     diffusivity: float = dataclasses.field(default=0.0, metadata={"static": True})
     """The diffusivity of unresolved motion, in m²/s: over a time `t` drifters spread by
     `sqrt(2 diffusivity t)` along each axis."""
@@ -99,9 +99,9 @@ class Flow:
     def reversed(self) -> "Flow":
         """Reverse the flow in time, from the last record to the first.
 
-        Drifters go back along the paths that brought them, so where they end is where they came
-        from. Diffusion still spreads them: in incompressible water, the probability of coming from
-        a place is that of going there.
+        Drifters go back along the paths that brought them, so they end where they came from.
+        Diffusion still spreads them, because in incompressible water the probability of coming from
+        a place equals the probability of going there in the reversed flow.
         """
         rate, time = np.asarray(self.rate), np.asarray(self.time)
         rate, time = jax.device_put((-rate[::-1], (time[0] + time[-1] - time)[::-1]))
@@ -112,8 +112,8 @@ class Flow:
 
         **Arguments:**
 
-        - `period`: in seconds; by default one more record would follow the last, at the distance of
-            the last two.
+        - `period`: in seconds; by default the first record follows the last one after the time
+            between the last two records.
         """
         time = np.asarray(self.time)
         if time.size < 2:
@@ -133,7 +133,7 @@ class Flow:
     def fitted(self, duration: float | int) -> float:
         """Return the nearest duration that divides the period, or is a multiple of it.
 
-        With steps of that length all periods are alike.
+        With steps of this duration the maps repeat after whole periods.
         """
         if self.period is None:
             return float(duration)
@@ -143,7 +143,7 @@ class Flow:
         return length * steps_in(duration, length)
 
     def phases(self, duration: float | int) -> int:
-        """Count the steps of a duration in a period; 1 if the flow is not periodic."""
+        """Count the steps of some duration in a period; 1 if the flow is not periodic."""
         return 1 if self.period is None else steps_in(float(self.period), duration)
 
 
@@ -161,7 +161,8 @@ def _extended(
         row, column = row[:, middle][gaps], column[:, middle][gaps] % columns
         rate[..., gaps] = rate[..., row, column]
     if water.coast == "slip":
-        # Along x from the water beside in y, and along y from that beside in x: no water crosses.
+        # The flow along x comes from water above and below, and the flow along y from water left
+        # and right, so that no water crosses the coast.
         for axis, across in ((0, -2), (1, -1)):
             wraps = water.wraps and across == -1
             total = _beside(np.where(wet, rate[:, axis], 0.0), across, wraps)
@@ -173,7 +174,7 @@ def _extended(
 def _beside(
     values: Float[np.ndarray, "*records rows columns"], axis: int, wraps: bool
 ) -> Float[np.ndarray, "*records rows columns"]:
-    """Add the values in the two squares beside each along an axis, with 0 off the grid."""
+    """Add the values of the two neighbours of each square along an axis, with 0 off the grid."""
     width = [(0, 0)] * values.ndim
     width[axis] = 1, 1
     padded = np.pad(values, width, mode="wrap" if wraps else "constant")
@@ -184,8 +185,7 @@ def _beside(
 def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
     """Interpolate the flow in every square linearly in time.
 
-    Before the first and after the last record the flow is that of the record, unless it is
-    periodic.
+    Before the first record and after the last one a flow that is not periodic stays constant.
     """
     records = flow.rate.shape[0]
     if flow.period is not None:
@@ -209,8 +209,8 @@ def between(
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
     """Interpolate the flow at points of the grid bilinearly from its rate in the squares.
 
-    Points off the grid have the flow of the nearest point of the grid (columns that go round the
-    Earth have no end).
+    Points off the grid have the flow of the nearest point of the grid. Columns that go round the
+    Earth have no end.
     """
     rows, columns = flow.rate.shape[2:]
     left, right, across = _neighbours(x, columns, flow.wraps)
@@ -231,7 +231,7 @@ def between(
 
 
 def steps_in(seconds: float | int, duration: float | int) -> int:
-    """Return the number of steps of a duration that is nearest to a time, at least 1."""
+    """Return the number of steps of some duration whose total is nearest to a time, at least 1."""
     return max(1, round(seconds / duration))
 
 
@@ -250,11 +250,11 @@ def _neighbours(
 
 
 def crossing_time(water: Water, flow: Flow) -> float:
-    """Compute the time in seconds in which the mean drift over all cells and records is one cell.
+    """Compute the time in seconds in which drifters move by one cell on average.
 
-    The source steps "sufficiently long to cross a cell" without saying which cell. In the time of
-    the fastest cell nearly all others are their own images, and in that of the slowest the fastest
-    jump over the map; so the mean is used here.
+    The mean is over all cells and records. Alam 2018 takes steps "sufficiently long to cross a
+    cell" but does not name the cell. In the time to cross the fastest cell nearly all other cells
+    are their own images; in the time to cross the slowest, drifters in fast cells cross the map.
 
     **Arguments:**
 
@@ -263,7 +263,7 @@ def crossing_time(water: Water, flow: Flow) -> float:
 
     **Returns:** the time, more than 0.
 
-    At some 0.54 m/s it takes half an hour to cross a kilometre:
+    At a mean speed of 0.54 m/s a drifter crosses a cell of a kilometre in half an hour:
 
         >>> from jaxcell import drift, examples
         >>> water, flow = examples.gyres()

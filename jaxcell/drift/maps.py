@@ -20,15 +20,15 @@ from .step import DriftStep
 from .water import NEIGHBORS, Water, on_grid, square
 
 
-# The standard deviations that diffusion reaches, and the largest standard deviation in cells.
+# Diffusion is cut off at this number of standard deviations; the largest deviation in cells.
 _TAILS, _MAX_SPREAD = 3.5, 10
-# Points that drift in one call, unless the samples along one side of the cells are more.
+# The number of points per call, unless the points along one side of all cells are more.
 _POINTS = 65_536
 EDGES = ("east", "north", "west", "south")
 """The edges of the grid, counter-clockwise."""
 EXITS = ("sea without data", "land", *(f"edge in the {side}" for side in EDGES))
 """The ways out of the map."""
-# No cell at all, where -1 is the sink.
+# An unused slot; -1 is the sink.
 _NONE = -2
 
 
@@ -46,7 +46,7 @@ def flow_map(
 
     **Returns:** the displacements along the axes x and y of the grid, in cells.
 
-    In the time to cross a cell, cells drift by one on average:
+    In the crossing time the centres of cells move by one cell on average:
 
         >>> from jaxcell import drift, examples
         >>> water, flow = examples.gyres()
@@ -61,7 +61,7 @@ def flow_map(
 
 
 def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int = 0.0) -> Chain:
-    """Map every cell (Alam 2018, section 5.4.3 and lines 2 to 8 of Alg. 5.1).
+    """Compute the transition probabilities between cells (Alam 2018, section 5.4.3 and Alg. 5.1).
 
     **Arguments:**
 
@@ -72,8 +72,8 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
 
     **Returns:** the chain over the cells.
 
-    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], for drifters that strand at a
-    closed edge, or for a diffusivity that is too large or whose spread is not sampled;
+    **Raises:** `ValueError` as [`jaxcell.drift.DriftStep.seconds`][], for the coast `"strand"`
+    without the edge `"exit"`, or for a diffusivity that is too large or without `"sampled"` spread;
     `RuntimeError` if JAX is set to 32 bits; `MemoryError` if the map exceeds the free memory.
 
     The surface of the bundled sea; most cells have an image and two disturbances:
@@ -122,24 +122,24 @@ def drift_map(water: Water, flow: Flow, step: DriftStep, *, start: float | int =
         probability = _set_probabilities(image, float(step.rho))
     if not exits:
         image, probability = _with_uniform_boundary(water, image, probability)
-    # The probability of the sink is what a cell lacks of 1.
+    # The probability of the sink is 1 minus the sum over the cells.
     gone = image < 0
     image = np.where(gone, every, image)
     return Chain(image.astype(np.int32), np.where(gone, 0.0, probability))
 
 
 def drift_maps(water: Water, flow: Flow, step: DriftStep) -> Chain | ChainSequence:
-    """Map every cell at each phase of a periodic flow.
+    """Compute a map of the cells for each phase of a periodic flow.
 
     **Arguments:**
 
     - `water`, `flow`: as for [`drift_map`][]; a periodic flow is made by [`Flow.repeated`][].
-    - `step`: a step whose duration divides the period or is a multiple of it, as
-        [`Flow.fitted`][] gives it. The substeps of the Runge-Kutta method are doubled until they
-        are as many as the records in a step, and each is at most half a cell long on average.
+    - `step`: a step whose duration divides the period or is a multiple of it, as from
+        [`Flow.fitted`][]. The number of Runge-Kutta substeps is doubled until it is at least the
+        number of records in a step, and a substep is at most half a cell long on average.
 
-    **Returns:** the chains of the phases, one after the other; or the one chain of a flow that is
-    not periodic, or of a step of whole periods.
+    **Returns:** the sequence of the chains of the phases; or a single chain, if the flow is not
+    periodic or a step takes whole periods.
 
     Five hours of the bundled sea, repeated:
 
@@ -165,10 +165,10 @@ def exit_shares(
     - `water`, `flow`, `step`: those of the map.
     - `chain`: the map, as from [`drift_maps`][].
 
-    **Returns:** for each of `EXITS`, into sea without data, by stranding on land, and off the edge
-    of the grid in the east, north, west and south, the probability from each cell at each phase.
+    **Returns:** the probability from each cell at each phase, for each of `EXITS`: into sea without
+    data, by stranding on land, and off the edge of the grid in the east, north, west and south.
 
-    A cell of a strait that leads off the grid, whose water goes half a cell to the East in a step:
+    One cell with an open edge, whose water moves by half a cell to the East in a step:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -220,7 +220,7 @@ def _edge(
     row: Int[np.ndarray, "points some"],
     column: Int[np.ndarray, "points some"],
 ) -> Int[np.ndarray, "points some"]:
-    """Return the number of the edge, of `EDGES`, beyond which squares off the grid lie."""
+    """Return the number, in `EDGES`, of the edge of the grid beyond which each square lies."""
     up, right = (
         at - at.clip(0, size - 1)
         for at, size in zip((row, column), water.number.shape, strict=True)
@@ -231,7 +231,7 @@ def _edge(
 
 
 def _phases(water: Water, flow: Flow, step: DriftStep) -> tuple[DriftStep, list[float]]:
-    """Return the step at each phase of a flow, and the times at which the phases begin."""
+    """Return the step with its duration and enough substeps, and the start of each phase."""
     duration = step.seconds(water, flow)
     needed = 2 * abs(duration) / crossing_time(water, flow) if step.method == "rk4" else 1.0
     if flow.period is None:
@@ -254,14 +254,14 @@ def _ends(
     start: float | int,
     origin: Int[np.ndarray, "some"],
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield the places to which drifters from some cells go, with their weights.
+    """Yield `x` and `y` of the places where drifters from some cells end, and their weights.
 
-    The arrays have a row per place and a column per cell.
+    The arrays have a row per sample point and a column per cell.
     """
     duration = step.seconds(water, flow)
 
     def carry(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Carry one point per cell for each offset from the centre, in parts of a cell."""
+        """Move the points at some offsets, in cells, from the centre of each cell."""
         x, y = water.column[origin] + right[:, None], water.row[origin] + up[:, None]
         if step.edge == "exit" and step.method == "rk4":
             longest = abs(duration) / step.substeps
@@ -304,7 +304,7 @@ def _diffused(
     y: Float[np.ndarray, "some"],
     deviation: Float[np.ndarray, "axes some"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spread one point per cell by the normal law, integrated over the squares around it.
+    """Spread one point per cell by a normal distribution, integrated over the squares around it.
 
     **Returns:** the columns and rows of the squares, and their shares.
     """
@@ -325,7 +325,7 @@ def _diffused(
 def _transitions(
     image: Int[np.ndarray, "branches cells"], share: Float[np.ndarray, "branches cells"]
 ) -> scipy.sparse.csr_array:
-    """Make a transition matrix from shares of each cell in its images; -1 is the sink."""
+    """Make a transition matrix from the images of each cell and their shares; -1 is the sink."""
     stays, cells = image >= 0, image.shape[1]
     origin = np.broadcast_to(np.arange(cells), image.shape)[stays]
     return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=(cells, cells))
@@ -349,7 +349,7 @@ def _turned(
 def _around(
     water: Water, x: Float[np.ndarray, "1 cells"], y: Float[np.ndarray, "1 cells"], *, exits: bool
 ) -> Int[np.ndarray, "9 cells"]:
-    """Find the image of each cell and its neighbours, with the sink if the edge is open."""
+    """Find the image of each cell and the neighbours of the image; -1 for the sink."""
     image = water.landing(x, y, exits=exits)
     row, column = _squares_around(water, image, x, y)
     cell, land = water.at(row[1:], column[1:])
@@ -365,7 +365,7 @@ def _squares_around(
     x: Float[np.ndarray, "1 some"],
     y: Float[np.ndarray, "1 some"],
 ) -> tuple[Int[np.ndarray, "9 some"], Int[np.ndarray, "9 some"]]:
-    """Return the rows and columns of the squares of images, also off the map, and around them."""
+    """Return the rows and columns of each image and its eight neighbours, also off the map."""
     row, column = square(x, y)
     row = np.where(image >= 0, water.row[image], row)
     column = np.where(image >= 0, water.column[image], column)
@@ -376,7 +376,7 @@ def _squares_around(
 def _set_probabilities(
     targets: Int[np.ndarray, "branches cells"], rho: float
 ) -> Float[np.ndarray, "branches cells"]:
-    """Give each element of a set its probability, the image first; 0 for repeated elements."""
+    """Compute the probability of each element of a set, the image first; 0 if it is repeated."""
     counts = np.ones(targets.shape, bool)
     for branch in range(1, len(targets)):
         new = (targets[branch] != targets[:branch]).all(axis=0)
@@ -392,7 +392,7 @@ def _with_uniform_boundary(
     image: Int[np.ndarray, "branches cells"],
     probability: Float[np.ndarray, "branches cells"],
 ) -> tuple[Int[np.ndarray, "slots cells"], Float[np.ndarray, "slots cells"]]:
-    """Map the cells at a coast or an edge uniformly to their neighbours and themselves."""
+    """Map each cell at a coast or an edge to its neighbours and itself, with equal probability."""
     cells = np.flatnonzero(water.boundary)
     near = water.neighbor[:, cells]
     slots = max(len(image), 1 + int((near >= 0).sum(axis=0).max(initial=0)))

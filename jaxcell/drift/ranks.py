@@ -1,4 +1,4 @@
-"""Ranks of groups: matching groups of all layers get one number and one colour."""
+"""Ranks of groups: matching groups of different layers have the same number and colour."""
 
 from collections.abc import Sequence
 
@@ -7,18 +7,19 @@ from jaxtyping import Int
 from scipy.optimize import linear_sum_assignment
 
 
-# Only the largest groups of a layer are matched with groups of the next; the others are tiny.
+# Only this number of the largest groups of a layer is matched with groups of the next layer.
 _MAX_MATCHED = 200
 
 
 def basin_ranks(
     basins: Sequence[Int[np.ndarray, "rows columns"]],
 ) -> list[Int[np.ndarray, "_groups"]]:
-    """Rank the groups of layers that lie one over the other, by the group of each square, or -1.
+    """Rank the groups of layers from the top down, by the group of each square, -1 for none.
 
-    In the first layer ranks are by the size of the basins. Below, a group has the rank of the group
-    above with which its basin overlaps most, each rank going to one group; unmatched groups get new
-    ranks, by size. Two groups that change places below, where there is a third one:
+    In the first layer groups are ranked by the sizes of their basins. In each next layer groups are
+    matched one to one with groups of the layer above so that the overlap of basins is largest, and
+    take their ranks. Unmatched groups get new ranks, by size. Two groups exchange their numbers in
+    the second layer, which has a third group:
 
         >>> import numpy as np
         >>> from jaxcell.drift.ranks import basin_ranks

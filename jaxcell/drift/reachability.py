@@ -18,7 +18,7 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
 
     **Returns:** a mask over the cells.
 
-    From cell 1 drifters come to 2 or 3, and not back:
+    From cell 1 drifters go to cell 2 or 3, and do not return:
 
         >>> from jaxcell import drift, examples
         >>> chain = examples.stream()
@@ -31,8 +31,7 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
 def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     """Find the cells that drifters may visit in each layer in the long run (Alam 2018, Alg. 5.4).
 
-    Drifters go down once, at the start, to every layer above the sea bed, and stay in their layers
-    after that.
+    At the start, drifters go down to every layer above the sea bed; then each stays in its layer.
 
     **Arguments:**
 
@@ -57,8 +56,8 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     """Find the cells that a drifter may visit if it goes up and down at any time.
 
-    These are the cells to which some policy leads with positive probability. Alg. 5.4 of Alam 2018
-    does not compute them.
+    These are the cells to which some policy leads with positive probability. They are more than the
+    cells of Alg. 5.4 of Alam 2018.
 
     **Arguments:**
 
@@ -68,7 +67,7 @@ def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     **Returns:** a mask over the cells of all layers.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
-    Drifters that go up and down come anywhere:
+    A drifter that goes up and down reaches every cell:
 
         >>> from jaxcell import drift, examples
         >>> sea = examples.sea()

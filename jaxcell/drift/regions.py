@@ -27,17 +27,17 @@ from .flow import Flow, crossing_time, steps_in
 from .water import Water
 
 
-# The probability on either side of a confidence interval.
+# The probability beyond each end of a confidence interval.
 _TAIL = 0.025
-# Longitudes of polygons may differ from those of the cells by a turn.
+# Longitudes of polygons may differ from the longitudes of cells by 360 degrees.
 _TURNS = (0.0, -360.0, 360.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exchange(Result):
-    """The exchange of drifters between regions of the surface, after uniform release in each.
+    """The exchange of drifters between regions of the surface, released uniformly in each region.
 
-    A strait of six cells, in which water goes one cell a step to the East:
+    A strait of six cells, in which water moves by one cell per step to the East:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
@@ -53,7 +53,7 @@ class Exchange(Result):
 
     name: Annotated[np.ndarray, quantity("region", "name", kind="text")]
     inside: Bool[np.ndarray, "regions cells"]
-    "The cells of each region."
+    "The mask of the cells of each region."
     chain: Chain | ChainSequence
     "The map of the surface."
     hours: float | int
@@ -63,7 +63,7 @@ class Exchange(Result):
     arrived: Int[np.ndarray, "regions regions"] | None = None
     "The number of simulated drifters from each region in each region at arrival."
     released: int = 0
-    "The number of drifters that are simulated from each region."
+    "The number of simulated drifters from each region."
 
     @classmethod
     def of(
@@ -73,12 +73,12 @@ class Exchange(Result):
         inside: Bool[np.ndarray, "regions cells"],
         seconds: float | int,
     ) -> "Exchange":
-        """Compute the exchange by the map of a layer, after a time rounded to whole steps."""
+        """Prepare the exchange by the map of a layer, for a time rounded to whole steps."""
         steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
     def with_drifters(self, water: Water, flow: Flow, count: int, seed: int = 0) -> "Exchange":
-        """Simulate drifters from each region in the current itself, for confidence intervals.
+        """Add confidence intervals from drifters that are simulated in the current itself.
 
         **Arguments:**
 
@@ -138,7 +138,7 @@ class Exchange(Result):
         return self._quantile(1 - _TAIL, 1)
 
     def _quantile(self, level: float, more: int) -> Float[np.ndarray, "regions regions"] | None:
-        """Compute a bound of the exact interval of Clopper and Pearson (1934)."""
+        """Compute a bound of the exact confidence interval of Clopper and Pearson (1934)."""
         if self.arrived is None:
             return None
         seen = self.arrived
@@ -167,10 +167,10 @@ def read_regions(
     **Arguments:**
 
     - `path`: a collection of features, polygons or multipolygons, in degrees.
-    - `water`: the cells; a region has the cells whose centre is within its polygon.
+    - `water`: the cells; a region consists of the cells whose centre is within its polygon.
 
-    **Returns:** the names, from the property `name` of the features or else their numbers; and the
-    cells of each region.
+    **Returns:** the name of each region, which is the property `name` of its feature, or else its
+    number; and the mask of the cells of each region.
 
     **Raises:** `ValueError` for a file that is not GeoJSON, a feature that is not a polygon or has
     no water, or repeated names; `OSError` if the file does not exist.
@@ -223,7 +223,7 @@ def read_regions(
 def _leaving_times(
     matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "states"]
 ) -> Float[np.ndarray, "states"]:
-    """Compute the expected steps until a set is left; `inf` if a drifter may stay forever."""
+    """Compute the expected steps to leave a set; `inf` if a drifter may stay in it forever."""
     part = np.flatnonzero(inside)
     inner = matrix[part][:, part].tocsr()
     stuck = reaching(inner, ~reaching(inner, leaving_rows(inner) > 0))

@@ -20,7 +20,7 @@ class Sea:
     A drifter drifts within its layer, and can move to the cell directly above or below (Alam 2018,
     section 5.3.2).
 
-    Two layers of three cells; at the surface everything drifts East, below it West:
+    Two layers of three cells; the water of the surface flows East, and the water below it West:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
@@ -35,8 +35,8 @@ class Sea:
     """
 
     drift: Chain
-    """The drift within each layer; in a periodic current, over the cells at each phase, phase after
-    phase."""
+    """The map of the drift within layers. In a periodic current its states are the cells at each
+    phase, phase after phase."""
     layer: Int[np.ndarray, "cells"]
     "The layer of each cell, 0 at the surface."
     above: Int[np.ndarray, "cells"]
@@ -44,7 +44,7 @@ class Sea:
     below: Int[np.ndarray, "cells"]
     "The cell directly below, or -1 at the sea bed and in the last layer."
     number: Int[np.ndarray, "layers rows columns"]
-    "The cell in each square of each layer; -1 where there is no water."
+    "The cell in each square of each layer; -1 without water."
     phases: int = 1
     "Number of phases of the current."
 
@@ -122,12 +122,12 @@ class Sea:
 
     @property
     def ascent(self) -> scipy.sparse.csr_array:
-        """The transition matrix of going up; rows of 0 without a cell above."""
+        """The transition matrix of going up; its rows are 0 for cells with no cell above."""
         return self._steps(self.above)
 
     @property
     def descent(self) -> scipy.sparse.csr_array:
-        """The transition matrix of going down; rows of 0 without a cell below."""
+        """The transition matrix of going down; its rows are 0 for cells with no cell below."""
         return self._steps(self.below)
 
     def _steps(self, to: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
@@ -139,12 +139,12 @@ class Sea:
         )
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
-        """Reduce a mask over the cells at each phase to the cells that are in it at any phase."""
+        """Mark the cells that a mask over the cells at each phase marks at any phase."""
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 
 def _side_by_side(tides: Sequence[ChainSequence]) -> ChainSequence:
-    """Combine sequences of separate cells into one."""
+    """Combine sequences of chains, each over different cells, into one sequence."""
     branches = max(tide.image.shape[1] for tide in tides)
     images, probabilities, start = [], [], 0
     for tide in tides:

@@ -10,7 +10,7 @@ from .water import Water
 
 SPREADS = ("turned", "all", "sampled")
 EDGES = ("uniform", "exit")
-# The longest step, and one over the shortest, in times to cross a cell.
+# The largest ratio of a duration to the crossing time, or of the crossing time to a duration.
 _LONGEST = 1000
 
 
@@ -19,13 +19,13 @@ class DriftStep:
     """A step of a drift map: its duration, and the rules by which it maps each cell.
 
     The *image* of a cell is the cell to which the flow takes its centre,
-    [`jaxcell.drift.Water.landing`][]. Disturbances may bring the drifter to other cells; with the
-    image they are the set `A(z)`. The image has probability `rho`, and each other cell of the set
-    `(1 - rho) / (|A(z)| - 1)`. Cells that are reached in several ways count once, and an image that
-    is alone has probability 1.
+    [`jaxcell.drift.Water.landing`][]. Disturbances may bring the drifter to other cells; the image
+    and these cells are the set `A(z)`. The image has probability `rho`, and each other cell of the
+    set `(1 - rho) / (|A(z)| - 1)`. A cell that is reached in several ways counts once, and an image
+    without other cells has probability 1.
 
-    By default the rules are those of the dissertation. `METHODS` has others that agree with
-    drifters, without a duration:
+    By default the rules are those of the dissertation. `METHODS` has rules that agree better with
+    simulated drifters; its steps have no duration:
 
         >>> from jaxcell import drift
         >>> step = drift.METHODS["drifters"].lasting(3600.0)
@@ -39,19 +39,19 @@ class DriftStep:
     spread: str = "turned"
     """The disturbances. `"turned"`: the drift turned by 45 degrees to either side. `"all"`: the
     eight neighbours of the image; then connected water tends to be one persistent group.
-    `"sampled"`: none, and `rho` has no effect. Instead of the centre, `samples` x `samples` points
-    of the cell drift, and the probability of a cell is the share of the points that end there (Hsu
-    1987). This choice is required if the flow has a diffusivity, which then spreads the points at
-    the end of the step."""
+    `"sampled"`: no disturbance, and `rho` has no effect. In place of the centre `samples` x
+    `samples` points of the cell drift, and the probability of a cell is the share of the points
+    that end in it (Hsu 1987). This choice is required if the flow has a diffusivity, which spreads
+    the points at the end of the step."""
     rho: float | int = 0.8
     "The probability of the image, from 0 to 1."
     samples: int = 5
-    "The number of points along each side of a cell, for `spread`."
+    """The number of points along each side of a cell, for the spread `"sampled"`."""
     edge: str = "uniform"
-    """`"uniform"`, the rule of the source: a cell with fewer than eight neighbours is mapped to its
-    neighbours and to itself, all with one probability, and nothing ever leaves the grid. `"exit"`:
-    the cell is mapped like other cells, and a drifter that ends off the grid, in sea without data,
-    or stranded on land goes to the sink (one element of `A(z)`)."""
+    """`"uniform"`, the rule of the dissertation: a cell with fewer than eight neighbours is mapped
+    to its neighbours and itself with equal probabilities, and no drifter leaves the grid. `"exit"`:
+    such a cell is mapped like other cells, and a drifter that ends off the grid, in sea without
+    data, or stranded on land goes to the sink, which is one element of `A(z)`."""
     method: str = "euler"
     "The integration method, as for [`jaxcell.drift.advect`][]."
     substeps: int = 1
@@ -74,11 +74,11 @@ class DriftStep:
                 raise ValueError(f"{name}: expected 1 or more, got {value}")
 
     def lasting(self, duration: float | int | None) -> "DriftStep":
-        """Set the duration, in seconds."""
+        """Return this step with a duration in seconds."""
         return dataclasses.replace(self, duration=duration)
 
     def seconds(self, water: Water, flow: Flow) -> float:
-        """Return the duration of the step in a flow, by default the time to cross a cell."""
+        """Return the duration of the step in seconds, by default the crossing time of the flow."""
         if flow.rate.shape[2:] != water.number.shape:
             raise ValueError(
                 f"flow: expected one over the {list(water.number.shape)} squares of this water, "
@@ -92,7 +92,7 @@ class DriftStep:
         return crossing_time(water, flow) if self.duration is None else float(self.duration)
 
     def check_duration(self, crossing: float) -> None:
-        """Raise `ValueError` unless the duration is 0.001 to 1000 times that of crossing a cell."""
+        """Raise `ValueError` unless the duration is 0.001 to 1000 times the crossing time."""
         least, most = crossing / _LONGEST, crossing * _LONGEST
         if self.duration is not None and not least <= self.duration <= most:
             raise ValueError(
@@ -105,6 +105,6 @@ METHODS: Mapping[str, DriftStep] = {
     "drifters": DriftStep(spread="sampled", edge="exit", method="rk4", substeps=4),
     "source": DriftStep(),
 }
-"""Steps without a duration, by the rules that agree best with drifters in the current, and by those
-of Alam 2018, section 5.4.3, where the grid spreads drifters more than the water does and no edge is
-open."""
+"""Steps without a duration. `"drifters"` has the rules that agree best with simulated drifters, and
+`"source"` the rules of Alam 2018, section 5.4.3, by which the grid spreads drifters more than the
+water does and all edges are closed."""

@@ -19,7 +19,7 @@ from .sea import Sea
 
 
 # The actions of Alam 2018, section 5.3.2: drift, up, and down. The first of equally good actions is
-# taken; to drift costs nothing.
+# taken, so that drifters change their depth only if it is useful.
 ACTIONS = (0, -1, 1)
 _ARRIVAL_REWARD = 100.0
 _STEP_REWARD = -1.0
@@ -31,17 +31,17 @@ class Voyage:
 
     goal: Bool[np.ndarray, "cells"]
     actions: Int[Array, "phases cells"]
-    """-1 up, 1 down, 0 drift, at each phase of the current; 0 in the goal. All other arrays over
-    cells are of phase 0."""
+    """The actions at each phase of the current: -1 up, 1 down, 0 drift; 0 in the goal. All other
+    arrays over cells are for a start at phase 0."""
     chain: Chain
-    """The closed loop, in which the drifter follows the actions and stays in the goal, over the
-    cells at each phase, phase after phase."""
+    """The map of a drifter that follows the actions and stays in the goal. Its states are the cells
+    at each phase, phase after phase."""
     probability: Float[Array, "cells"]
     "The probability of ever arriving."
     time: Float[Array, "cells"]
-    "The expected number of steps to arrive; `inf` where the drifter may fail."
+    "The expected number of steps to arrive; `inf` for cells from which the drifter may fail."
     conditional_time: Float[Array, "cells"]
-    "The expected number of steps if the drifter arrives; `inf` where it cannot."
+    "The expected number of steps of drifters that arrive; `inf` for cells from which none can."
     value: Float[Array, "cells"] | None
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
@@ -61,7 +61,7 @@ class Tracks:
     """The tracks of simulated drifters."""
 
     cell: Int[Array, "times drifters"]
-    "The cell after 0, 1, 2, ... steps; -1 once the drifter has left the space."
+    "The cell after 0, 1, 2, ... steps; -1 once the drifter has left the map."
     time: Float[Array, "drifters"]
     "The number of steps until the drifter arrived, or `inf`."
 
@@ -77,21 +77,21 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     The actions are, in this order, drift (0), up (-1) and down (1). A move up or down takes one
     step, in which the drifter does not drift, and needs a cell above or below.
 
-    The reward is 100 for a step that leads to the goal, else -1 (Eq. 5.10): `101 p - 1` for a step
-    that leads there with probability `p`. The source does not say what follows. Here the voyage
-    ends with the arrival, with no further reward; and a drifter that has left the space pays 1 for
-    every later step, as a drifter in the space does, because otherwise it would be better to leave.
+    The reward is 100 for a step that leads to the goal, else -1 (Eq. 5.10), so `101 p - 1` for a
+    step that leads to the goal with probability `p`. The dissertation defines no reward after an
+    arrival or after leaving the map. Here the voyage ends with the arrival, without further reward.
+    A drifter off the map pays 1 per step, as on the map; otherwise it would be better to leave.
 
     **Arguments:**
 
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
-    - `discount`: the discount factor of the solve, for the cost of having left.
+    - `discount`: the discount factor per step, which determines the total cost of leaving.
 
     **Returns:** the model, for [`jaxcell.markov.value_iteration`][].
 
-    Two layers of three cells: at the surface everything drifts East, below it West.
-    The goal is cell 0; from cell 3, below it, going up gains 100:
+    Two layers of three cells: water flows East at the surface, and West below it.
+    The goal is cell 0; going up from cell 3, directly below the goal, has the reward 100:
 
         >>> from jaxcell import drift, examples
         >>> sea = examples.sea()
@@ -115,17 +115,18 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99) -> Voyage:
     """Compute the navigation policy of Alam 2018, Alg. 5.5, by value iteration.
 
-    The discount trades certainty for speed: the policy may prefer a quick path that often fails.
-    [`surest_voyage`][jaxcell.drift.surest_voyage] does not.
+    With a discount the policy may prefer a quick path that often fails;
+    [`surest_voyage`][jaxcell.drift.surest_voyage] avoids this.
 
     **Arguments:**
 
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
-    - `discount`: the discount factor per step, more than 0 and less than 1; the source omits it.
+    - `discount`: the discount factor per step, more than 0 and less than 1; the dissertation does
+        not name its value.
 
-    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy almost traps
-    drifters, times are beyond 64-bit numbers; `certificate` and `arrival` say so.
+    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. If an eddy almost traps
+    drifters, 64-bit numbers are too inaccurate; `certificate` and `arrival` then show this.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To reach the goal, cell 0, a drifter goes down (1), drifts (0) and comes up (-1):
@@ -144,7 +145,7 @@ def discounted_voyage(sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.9
 
 
 def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
-    """Compute the policy that most likely arrives, and among such policies the quickest.
+    """Compute the quickest of the policies that arrive with the largest probability.
 
     **Arguments:**
 
@@ -183,8 +184,8 @@ def simulate_voyages(
 
     - `key`: a key of `jax.random`.
     - `voyage`: the policy.
-    - `start`: a cell; several, or a mask over the cells, of which one is drawn for each drifter; or
-        floating-point numbers, the probability of each cell.
+    - `start`: a cell; several cells or a mask, from which a cell is drawn for each drifter; or the
+        probability of each cell, as floating-point numbers.
     - `drifters`: number of drifters.
     - `steps`: number of steps.
 
@@ -221,8 +222,8 @@ def _drift(
     placing, moving = jax.random.split(key)
     begin = jax.random.choice(placing, chain.cells, (drifters,), p=start).astype(jnp.int32)
     total = jnp.cumsum(chain.probability, axis=0)
-    # A draw beyond all branches goes to the sink, or to the likeliest branch if only rounding is
-    # the cause.
+    # A draw beyond the sum of all branches goes to the sink; if the cell has no sink, the cause is
+    # rounding, and the draw goes to the likeliest branch.
     likeliest = jnp.take_along_axis(
         chain.image, jnp.argmax(chain.probability, axis=0)[None], axis=0
     )[0]
@@ -248,7 +249,7 @@ def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]
 
 
 def _at_goal(sea: Sea, goal: npt.ArrayLike | int) -> Bool[np.ndarray, "states"]:
-    """Mark the goal at each phase."""
+    """Make a mask of the goal over the cells at each phase."""
     return np.tile(cell_mask(sea.cells, goal, "goal"), sea.phases)
 
 

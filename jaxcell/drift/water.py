@@ -16,9 +16,9 @@ from .currents.sphere import EARTH_RADIUS, goes_round, on_sphere
 _AROUND = np.ones((3, 3), int)
 # Offsets of the eight neighbours of a cell, in rows and columns.
 NEIGHBORS = tuple((r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0))
-# Coordinates in cells are rounded to this number of decimals, so that ties do not depend on place.
+# Coordinates in cells are rounded to this number of decimals, so that ties are exact everywhere.
 _DECIMALS = 9
-# The number of cells nearest by the mean metric that are compared by the metric of the place.
+# This number of nearest cells, by mean sides, is compared by the sides of the cell at the origin.
 _CANDIDATES = 8
 COASTS = ("hold", "slip", "strand")
 """The rules at a coast."""
@@ -38,7 +38,7 @@ class Water:
     """
 
     number: Int[np.ndarray, "rows columns"]
-    "The cell in each square of the grid; -1 where there is no water."
+    "The cell in each square of the grid; -1 without water."
     dx: Float[np.ndarray, "rows columns"]
     "Length of each square along the x axis of the grid, in metres."
     dy: Float[np.ndarray, "rows columns"]
@@ -48,20 +48,20 @@ class Water:
     "Longitude of each centre in degrees."
     lat: Float[np.ndarray, "rows columns"]
     depth: float
-    "Metres below the surface."
+    "The depth of the layer below the surface, in metres."
     wraps: bool = False
     "True if the last column is beside the first, as on a grid that goes round the Earth."
     land: Bool[np.ndarray, "rows columns"] = None  # type: ignore[assignment]
-    """Squares of land or of the sea bed, by default all without a cell. The others without a cell
-    are sea without data, an open edge."""
+    """Squares of land or of the sea bed, by default all squares without a cell. Other squares
+    without a cell are sea without data, which is an open edge."""
     coast: str = "hold"
-    """The rule for drifters that run ashore. `"hold"`: water slows down towards land and holds them
-    at the coast, in the nearest cell, until it carries them off. `"slip"`: the same, but water
-    beside land flows along it without friction. `"strand"`: as `"hold"`, but a drifter that ends on
-    land has stranded, and leaves the map."""
+    """The rule for drifters that run ashore. `"hold"`: water slows down towards land, and drifters
+    stay in the nearest cell at the coast until the current carries them off. `"slip"`: the same,
+    but water beside land flows along it without friction. `"strand"`: as `"hold"`, but a drifter
+    that ends on land strands, and so leaves the map."""
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for an unknown rule, or land in a cell of water."""
+        """**Raises:** `ValueError` for an unknown `coast`, or land in a cell of water."""
         if self.coast not in COASTS:
             raise ValueError(f"coast: expected 'hold', 'slip' or 'strand', got {self.coast!r}")
         if self.land is None:
@@ -117,9 +117,9 @@ class Water:
 
     @functools.cached_property
     def piece(self) -> Int[np.ndarray, "cells"]:
-        """The connected piece of sea of each cell, numbered from 0 by their smallest cells.
+        """The connected piece of sea of each cell, from 0 in order of the smallest cells of pieces.
 
-        Sea without data connects cells.
+        Pieces are also connected by sea without data.
         """
         label, count = scipy.ndimage.label(~self.land, structure=_AROUND)
         if self.wraps:
@@ -131,17 +131,17 @@ class Water:
 
     @property
     def closed(self) -> Bool[np.ndarray, "rows columns"]:
-        """The squares of land that drifters do not enter; none if they strand."""
+        """The squares of land that drifters cannot enter; empty if drifters strand."""
         return self.land & (self.coast != "strand")
 
     @property
     def gone(self) -> Bool[np.ndarray, "rows columns"]:
-        """The squares in which a drifter has left the map."""
+        """The squares off the map: a drifter that enters one has left."""
         return (self.number < 0) & ~self.closed
 
     @functools.cached_property
     def neighbor(self) -> Int[np.ndarray, "8 cells"]:
-        """The neighbours of each cell, in the order of rows; -1 where there is no water."""
+        """The eight neighbours of each cell, in the order of `NEIGHBORS`; -1 without water."""
         around = np.pad(self.number, ((1, 1), (0, 0)), constant_values=-1)
         beside = {"mode": "wrap"} if self.wraps else {"constant_values": -1}
         around = np.pad(around, ((0, 0), (1, 1)), **beside)
@@ -159,9 +159,9 @@ class Water:
 
     @property
     def reach(self) -> Float[np.ndarray, "rows columns"]:
-        """The largest distance of a place in a square from its centre, in metres.
+        """The largest distance from the centre of a square to a place in it, in metres.
 
-        It is half the diagonal and a hundredth more, because the earth is not a sphere.
+        It is 1.01 times half the diagonal, because the Earth is not a sphere.
         """
         return np.hypot(self.dx, self.dy) / 2 * 1.01
 
@@ -203,7 +203,7 @@ class Water:
     def at(
         self, row: Int[np.ndarray, "*points"], column: Int[np.ndarray, "*points"]
     ) -> tuple[Int[np.ndarray, "*points"], Bool[np.ndarray, "*points"]]:
-        """Look up the cells of squares (-1 without water), and whether they are land."""
+        """Look up the cell of each square, -1 without water, and mark the squares of land."""
         rows, columns = self.number.shape
         if self.wraps:
             column = column % columns
@@ -212,7 +212,7 @@ class Water:
         return np.where(inside, self.number[at], np.int32(-1)), inside & self.land[at]
 
     def on_columns(self, x: Float[np.ndarray, "*points"]) -> Float[np.ndarray, "*points"]:
-        """Wrap places along x onto the grid, if its columns go round the Earth."""
+        """Wrap x coordinates onto the grid, if its columns go round the Earth."""
         return (x + 0.5) % self.number.shape[1] - 0.5 if self.wraps else x
 
     def landing(
@@ -225,16 +225,16 @@ class Water:
     ) -> Int[np.ndarray, "branches points"]:
         """Find the cells in which drifters end.
 
-        A drifter ends in the cell that holds its end point, if the cell is of the connected piece
-        of water that the drifter came from. Else it ends in the nearest cell of that piece, in
-        metres by the sides of the cell it came from; of several, in that with the smallest number.
+        A drifter ends in the cell that contains its end point, if this cell is in the connected
+        piece of water of its origin. Else it ends in the nearest cell of that piece; distances are
+        in metres by the sides of the origin, and the smallest of equally near cells is taken.
 
         **Arguments:**
 
         - `x`, `y`: end points in cells.
-        - `origin`: the cell that the drifters of each column came from; by default every cell.
-        - `exits`: whether a drifter that ends off the grid or in sea without data has left, with
-            -1 as its cell; and also one that ends on land, if it strands there.
+        - `origin`: the cell where the drifters of each column began; by default every cell.
+        - `exits`: whether a drifter that ends off the grid or in sea without data leaves the map,
+            so that its cell is -1. With the coast `"strand"`, so does a drifter that ends on land.
         """
         origin = np.arange(self.cells) if origin is None else origin
         cell, land = self.at(*square(x, y))
@@ -257,12 +257,12 @@ class Water:
         y: Float[np.ndarray, "points"],
     ) -> Int[np.ndarray, "points"]:
         """Find the cells of a piece of water that are nearest to points outside it."""
-        # Of a cell with all its neighbours, a neighbour is nearer.
+        # A cell with eight neighbours is not the nearest cell: one of its neighbours is nearer.
         shore = np.flatnonzero((self.piece == piece) & self.boundary)
         row, column = self.row[shore], self.column[shore]
         side = self.sides
         scale = side[:, shore].mean(axis=1)
-        # Around the Earth each cell is also a turn earlier and a turn later.
+        # On a grid that goes round the Earth, cells are repeated a turn to the West and the East.
         x = self.on_columns(x)
         turns = np.arange(-1, 2) if self.wraps else np.zeros(1, int)
         column = (column + turns[:, None] * self.number.shape[1]).ravel()
@@ -279,7 +279,7 @@ class Water:
 
 
 def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
-    """Mark the points that are on a grid of some shape, which may go round the Earth."""
+    """Mark the points that are on a grid of `shape`; `wraps` if it goes round the Earth."""
     rows, columns = shape
     on = (y >= -0.5) & (y < rows - 0.5)
     return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)
@@ -288,13 +288,13 @@ def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
 def square(
     x: Float[np.ndarray, "*points"], y: Float[np.ndarray, "*points"]
 ) -> tuple[Int[np.ndarray, "*points"], Int[np.ndarray, "*points"]]:
-    """Find the row and column of the squares that hold points; ties go up and to the right."""
+    """Find the row and column of the square that contains each point; ties go up and right."""
     row, column = (np.floor(np.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
     return row, column
 
 
 def _joined(label: Int[np.ndarray, "rows columns"], count: int) -> Int[np.ndarray, "rows columns"]:
-    """Join the labels of pieces that meet across the seam, in order of their first cells."""
+    """Join the labels of pieces that meet across the seam, and number pieces by first label."""
     first, last = np.pad(label[:, 0], 1), np.tile(label[:, -1], 3)
     beside = np.concatenate([first[k : k + label.shape[0]] for k in range(3)])
     meet = (beside > 0) & (last > 0)

@@ -14,7 +14,7 @@ from .netcdf import OceanFile
 
 
 FASTEST_CURRENT = 10.0
-"""In m/s; faster currents are taken for an undeclared fill value or unit."""
+"""The largest speed in m/s; faster currents are taken for an undeclared fill value or unit."""
 
 _METRES_PER_SECOND = {
     "m/s": 1.0, "m s-1": 1.0, "m.s-1": 1.0, "m s^-1": 1.0, "ms-1": 1.0, "m/sec": 1.0,
@@ -36,13 +36,13 @@ class Component:
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
     """The rows and columns of the values to read. Values on the sides of cells, which are averaged,
-    extend beyond the block by a cell where the file does."""
+    extend one cell beyond the block, except at the edges of the file."""
     inner: Int[np.ndarray, " block"]
-    "The block among the centres that are computed."
+    "The places of the cells of the block among the computed centres."
     mask: Mask | None
-    "The mask of the currents; `None` if the file has no mask, and all values count."
+    "The mask of the values; `None` if the file has no mask, so that all values are used."
     factor: float
-    "Metres per second in a unit of the file."
+    "Metres per second per unit of the file."
     flags: list[Flag]
     "The variables that mark bad values."
 
@@ -55,8 +55,8 @@ class Component:
     ]:
         """Read the velocity at the centres of the cells, at a record.
 
-        **Returns:** the velocity in m/s; whether any of the two sides is open; and the velocity
-        without the mask.
+        **Returns:** the velocity in m/s; the mask of the cells with an open side, of the two sides;
+        and the velocity without the mask of the file.
         """
         axes = self.axes
         block: dict[str, object] = {axes.y: self.rows, axes.x: self.columns}
@@ -103,7 +103,7 @@ def component(
     grid: OceanGrid,
     places: Int[np.ndarray, " levels"] | None,
 ) -> Component:
-    """Prepare the reading of a velocity on a block of cells."""
+    """Prepare to read a velocity component on a block of cells."""
     factor = metres_per_second(file, name)
     dims, rho = (axes.y, axes.x), axes.rho
     cells = [grid.rows, grid.columns]
@@ -113,10 +113,10 @@ def component(
         first, last = int(cells[between][0]), int(cells[between][-1])
         outer = np.arange(max(first - 1, 0), min(last + 2, length))
         inner = cells[between] - outer[0]
-        # On other grids without a repeated column the side at the seam is not in the file.
+        # On other grids without a repeated column the file lacks the side at the seam.
         at_seam = last + 1 < length or file.dataset.sizes[axes.x] == length
         if grid.wraps and between == -1 and first == 0 and at_seam:
-            # The western side of the first column is the eastern one of the last.
+            # The western side of the first column is the eastern side of the last column.
             after = last + 1 if last + 1 < length else 0
             outer, inner = np.concatenate([[last], cells[-1], [after]]), inner + 1
         cells[between] = outer
@@ -134,7 +134,7 @@ def component(
 
 
 def metres_per_second(file: OceanFile, name: str) -> float:
-    """Return the metres per second in the unit of a velocity, or raise for an unknown unit."""
+    """Return the metres per second per unit of a velocity, or raise for an unknown unit."""
     units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
     if units.lower() not in _METRES_PER_SECOND:
         raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
@@ -144,7 +144,7 @@ def metres_per_second(file: OceanFile, name: str) -> float:
 def read_cells(
     file: OceanFile, name: str, axes: Axes, grid: OceanGrid, record: int | None = None
 ) -> Float[np.ndarray, "y x"]:
-    """Read a variable without levels at the centres, at a record if it changes in time."""
+    """Read a variable without levels at the centres of cells, at `record` if it depends on time."""
     y, x = axes.rho
     block: dict[str, object] = {y: grid.rows, x: grid.columns}
     if axes.time in file.dataset[name].dims:

@@ -20,24 +20,24 @@ class Convention:
     """Names by which a variable or a dimension is recognised."""
 
     role: Role
-    """A `"velocity"`, a `"wind"` and a Stokes drift of waves (`"stokes"`) have two names, the first
-    towards the East or along x."""
+    """The role of the variable. A `"velocity"`, a `"wind"` and a Stokes drift of waves (`"stokes"`)
+    have two names, the first for the component towards the East or along x."""
     names: tuple[str, ...] = ()
-    """Names of the variable or dimension in small letters, the preferred first; in a flag's, `{}`
-    stands for the name of the flagged variable."""
+    """Names of the variable or dimension in small letters, the preferred first. In the name of a
+    flag, `{}` stands for the name of the flagged variable."""
     standard_names: tuple[str, ...] = ()
     "Standard names of CF."
     units: tuple[str, ...] = ()
     "Units that no other role has."
     along: Along = "dims"
-    """The axes of a velocity: those of the `"earth"`; those of the `"grid"`; or (`"dims"`) those of
-    the grid if its dimensions are sides of cells, and those of the Earth on longitudes and
-    latitudes. On the sides of cells a name alone never stands for the Earth."""
+    """The axes of a velocity: East and North (`"earth"`); x and y of the grid (`"grid"`); or by its
+    dimensions (`"dims"`), x and y on the sides of cells, and East and North on longitudes and
+    latitudes. A velocity on sides that is known only by its name is along x and y."""
     point: Literal["t", "u", "v", ""] = ""
-    """The place on the grid of NEMO, whose dimensions do not say it: the centres of cells
+    """The points of the grid of NEMO, whose dimensions do not name them: the centres of cells
     (`"t"`), or their eastern (`"u"`) or northern sides (`"v"`)."""
     water: int = 1
-    "The value of a mask where there is water."
+    "The value of a mask in water."
 
 
 def _row(
@@ -96,7 +96,7 @@ CONVENTIONS: tuple[Convention, ...] = (
     _row("lat", "lat_rho nav_lat_rho lat latitude nav_lat nav_lat_grid_t", "latitude",
          "degrees_north degree_north degrees_n degree_n"),
     _row("side", "e1t e2t", point="t"),
-    # The standard name of CROCO may say otherwise.
+    # The name decides, because the standard name in files of CROCO may be wrong.
     _row("mask", "mask_rho mask_u mask_v", water=1),
     _row("mask", "tmask tmaskutil", point="t", water=1),
     _row("mask", "umask umaskutil", point="u", water=1),

@@ -26,18 +26,18 @@ class Field:
     "The depth of each layer, in metres."
     u: Float[np.ndarray, "kept layers y x"]
     v: Float[np.ndarray, "kept layers y x"]
-    "The velocity in m/s, NaN without water; at each record, or the mean."
+    "The velocity in m/s at each record, or the mean; NaN without water."
     water: Bool[np.ndarray, "layers y x"]
     "The cells with a velocity at every record, read or interpolated in time."
     land: Bool[np.ndarray, "layers y x"]
-    "The squares of land, or of the sea bed; the others without water are sea without data."
+    "The squares of land or the sea bed; other squares without water are sea without data."
     notes: tuple[str, ...]
-    "The steps of the reading, in words."
+    "Notes on how the velocity was read."
 
 
 @dataclasses.dataclass(frozen=True)
 class FieldReader:
-    """The part of a file whose velocity is read, with the limits of its water."""
+    """The part of a file that is read: its velocity, and its water and land."""
 
     file: OceanFile
     velocity: Velocity
@@ -46,7 +46,7 @@ class FieldReader:
     times: Shaped[np.ndarray, " records"]
     layers: Layers
     coast: Land | None = None
-    "The land for files without a mask; by default that of Natural Earth."
+    "The land for files without a mask; by default the land of Natural Earth."
     gaps: str = "open"
     "The treatment of gaps, as for [`jaxcell.drift.open_currents`][]."
 
@@ -72,7 +72,7 @@ class FieldReader:
 
     @functools.cached_property
     def bed(self) -> Float[np.ndarray, "y x"]:
-        """The depth of the sea bed in metres, NaN where it is not known."""
+        """The depth of the sea bed in metres, NaN if unknown."""
         axes, variables = self.velocity.u_axes, self.file.dataset.variables.items()
         on_cells = (str(name) for name, v in variables if set(v.dims) == set(axes.rho))
         name = find(self.file.dataset, "bed", on_cells)
@@ -84,7 +84,7 @@ class FieldReader:
 
     @functools.cached_property
     def surface(self) -> str | None:
-        """The variable of the height of the surface, if levels follow it."""
+        """The variable of the height of the sea surface; `None` if levels do not follow it."""
         if self.layers.s_levels is None:
             return None
         return find(self.file.dataset, "surface", map(str, self.file.dataset.variables))
@@ -168,9 +168,9 @@ class FieldReader:
     ) -> tuple[Bool[np.ndarray, "layers y x"], list[str]]:
         """Mark land and the sea bed among the squares that are not water, with notes.
 
-        A square with a velocity at any record is sea. It is the sea bed if a layer above has one.
-        Elsewhere the mask decides, else depths of the sea bed that are not positive, and else a
-        coastline.
+        A square with a velocity at any record is sea. A square below such a square is the sea bed.
+        For all others the mask decides if the file has one, else the depth of the sea bed, which is
+        not positive on land, or else a coastline.
         """
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
@@ -214,7 +214,7 @@ class FieldReader:
             notes.append("zeta: the file has none; the surface is taken as flat")
         if self.velocity.u_axes.staggered:
             notes.append(f"{self.names}: averaged from the sides of the cells to their centres")
-        # Both components may name one flag.
+        # Both components may have the same flag.
         flags = (flag.note for component in self.components for flag in component.flags)
         return notes + list(dict.fromkeys(flags))
 
@@ -225,7 +225,7 @@ class FieldReader:
         Float[np.ndarray, "layers y x"],
         Bool[np.ndarray, "layers y x"],
     ]:
-        """Interpolate a velocity on levels to the layers, and mark what is below the sea bed."""
+        """Interpolate a velocity from levels to layers, and mark the squares below the sea bed."""
         surface = np.zeros(self.bed.shape)
         if self.surface is not None:
             axes = self.velocity.u_axes
@@ -246,7 +246,7 @@ class FieldReader:
     def _exchanged(
         self, is_water: Bool[np.ndarray, "y x"], would_move: Bool[np.ndarray, "y x"]
     ) -> ValueError:
-        """Return the error for masks that leave no current, although the file has some."""
+        """Make the error for masks by which all currents of the file are on land."""
         masks = [self.mask, *(component.mask for component in self.components)]
         why = {mask.name: mask.why for mask in masks if mask}
         return self.file.error(
@@ -259,7 +259,7 @@ class FieldReader:
     def _check_reach(
         self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "layers y x"]
     ) -> None:
-        """Refuse heights that are more than a layer above or below the levels of the file."""
+        """Raise if a height is more than a layer above or below the levels of the file."""
         levels, grid = self.layers.s_levels, self.grid
         assert levels is not None
         for depth, height in zip(self.layers.depth, wanted, strict=True):
@@ -281,9 +281,9 @@ class FieldReader:
     def _with_water(
         self, water: Bool[np.ndarray, "layers y x"], moving: Bool[np.ndarray, "records layers"]
     ) -> Bool[np.ndarray, " layers"]:
-        """Mark the layers with water, and refuse the others if they were chosen or have currents.
+        """Mark the layers with water, and raise for other layers if they were chosen.
 
-        `moving` tells whether a layer has any velocity at a record.
+        A layer without water that has a velocity at some record, as `moving` marks, raises too.
         """
         kept = np.asarray(water.any(axis=(1, 2)))
         for k in np.flatnonzero(~kept):
@@ -292,7 +292,7 @@ class FieldReader:
         return kept
 
     def _no_water(self, depth: float, moving: Bool[np.ndarray, " records"]) -> ValueError:
-        """Return the error for a layer without water, with the cause."""
+        """Make the error for a layer without water, with the cause."""
         if moving.all():
             why = f"no cell has a velocity at each of the {len(moving)} records; choose fewer"
             return self.file.error("time", why)

@@ -34,27 +34,27 @@ class OceanGrid:
     lat: Float[np.ndarray, "y x"]
     dx: Float[np.ndarray, "y x"]
     dy: Float[np.ndarray, "y x"]
-    "Sides in metres along the x and y axes."
+    "Sides of each cell along the x and y axes, in metres."
     angle: Float[np.ndarray, "y x"]
-    "Radians, counter-clockwise from East to the x axis."
+    "Angle from East to the x axis, counter-clockwise, in radians."
     closed: Bool[np.ndarray, " y"]
-    "Rows that repeat others across the northern fold of the grid, and count as land."
+    "The mask of rows that repeat others across the northern fold of the grid, and count as land."
     wraps: bool
     "True if the last column is beside the first, because the grid goes round the Earth."
     angle_from: str
-    "The origin of the angle, in words; empty on a grid of latitude and longitude."
+    "The source of the angle, in words; empty on a grid of latitude and longitude."
     notes: tuple[str, ...] = ()
-    "Changes that were made to the grid."
+    "Notes on changes of the grid."
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
-    """Read the positions of the cells in the block that holds all cells within `bounds`."""
+    """Read the positions of the cells of the smallest block with all cells within `bounds`."""
     box = None if bounds is None else _bounds(file, bounds)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)
 
 
-# In degrees. The angle of a model is exact; that from positions is between neighbouring cells.
+# The largest difference, in degrees, of the angle in a file from the angle of the positions.
 _MAX_ERROR_OF_ANGLE = 5.0
 
 _Box = tuple[float, float, float, float]
@@ -90,7 +90,7 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         y = np.flatnonzero(inside(np.full_like(lat, box[0]), lat, box))
         if x.size == 0 or y.size == 0:
             raise _outside(file, box, lon, lat)
-        if whole and x.size < lon.size:  # those across the seam side by side
+        if whole and x.size < lon.size:  # bounds across the seam: begin at the western bound
             x = x[np.argsort((lon[x] - box[0] + 1e-9) % 360)]
     wraps = whole and x.size == lon.size
     if wraps:
@@ -119,7 +119,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     lon = wrapped(lon)
     rows, columns = (np.arange(size) for size in sizes.values())
     notes = []
-    # Of two repeated columns one at each end is left out: the file has the sides of the others.
+    # Of two repeated columns one at each end is left out, so that kept columns have both sides.
     again = overlapping_columns(lon, lat)
     inner = slice(again // 2, columns.size - (again - again // 2))
     wraps = goes_round(lon[:, inner], lat[:, inner])
@@ -178,11 +178,11 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
 def _angle(
     file: OceanFile, axes: Axes, angle: Float[np.ndarray, "y x"], computed: Float[np.ndarray, "y x"]
 ) -> tuple[Float[np.ndarray, "y x"], str]:
-    """Convert the variable `angle` to radians, and return it with its origin in words.
+    """Convert the variable `angle` to radians, and describe its source in words.
 
-    It is in radians if the file says so and they agree with the positions of the cells. Else its
-    unit is the one that agrees better, because files omit the unit, and some of CROCO have radians
-    with the unit degree.
+    The angle is in radians if the file declares radians that agree with the positions of the cells.
+    Else the unit is the one that agrees better, because some files omit the unit, and some files of
+    CROCO declare degrees for radians.
     """
     known = np.isfinite(angle + computed)
     if not known.any():
@@ -219,7 +219,7 @@ def _in_degrees(
 
 
 def _turn(angle: Float[np.ndarray, "y x"]) -> Float[np.ndarray, "y x"]:
-    """Wrap an angle in radians to -pi up to pi."""
+    """Wrap angles in radians to the interval from -pi to pi."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 

@@ -1,4 +1,4 @@
-"""Land by a coastline: the polygons of Natural Earth, or of a file."""
+"""Land by a coastline: polygons of Natural Earth, or of a file."""
 
 import dataclasses
 import functools
@@ -18,15 +18,15 @@ from .sphere import wrapped
 
 
 _BUNDLED = "Natural Earth 1:10 million"
-# Precision of the bundled corners, in degrees.
+# Precision of the corners of bundled polygons, in degrees.
 _DIGITS = 0.001
-# The largest half side of a square in degrees: near a pole of a curved grid meridians are close.
+# The largest half side of a square in degrees; squares near a pole would span more degrees.
 _MOST = 10.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Land:
-    """The land of the Earth, or of a part of it."""
+    """The land of the Earth, or of a part of the Earth."""
 
     name: str
     polygons: np.ndarray
@@ -38,10 +38,10 @@ class Land:
         lat: Float[np.ndarray, "y x"],
         some: Bool[np.ndarray, "y x"],
     ) -> Bool[np.ndarray, "y x"]:
-        """Mark those of some squares of a grid that hold land.
+        """Mark the squares that contain land, of the squares `some` of a grid.
 
-        A square counts if any land is in it: the velocity of such a square is rarely known. Squares
-        without a position count too.
+        A square with any land in it is marked, because its velocity is rarely known. Squares
+        without a position are marked too.
         """
         marks = some & ~np.isfinite(lon + lat)
         centre = np.nonzero(some & ~marks)
@@ -73,7 +73,7 @@ class Land:
             lines = shapely.get_parts(shapely.clip_by_rect(shapely.get_rings(near), *box))
             for line in lines:
                 points = shapely.get_coordinates(line)
-                # Polygons are cut at the antimeridian and the South pole, where there is no coast.
+                # At the antimeridian and the South pole polygons are cut, but there is no coast.
                 cut = (np.abs(points[:, 0]) > 180 - _DIGITS / 2) | (
                     points[:, 1] < -90 + _DIGITS / 2
                 )
@@ -83,7 +83,7 @@ class Land:
 
 
 def read_land(path: str | os.PathLike[str] | None = None) -> Land:
-    """Read the land of a GeoJSON file or a shapefile; by default that of Natural Earth.
+    """Read land from a GeoJSON file or a shapefile; by default, the land of Natural Earth.
 
     **Raises:** `FileNotFoundError`, or `ValueError` for a file without polygons in degrees.
     """
@@ -97,7 +97,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
 
 @functools.lru_cache(maxsize=2)
 def _read_land(path: str, version: tuple[int, int]) -> Land:
-    """Read a file, again if its time or size has changed."""
+    """Read a file; results are cached until its time or size, the `version`, changes."""
     in_shapefile = Path(path).suffix.lower() in (".shp", ".zip")
     reader = import_module("shapefile").Reader if in_shapefile else None
     try:
@@ -149,7 +149,7 @@ def _shapes(reader: Any, path: str) -> list[shapely.Geometry]:
 def _steps(
     values: Float[np.ndarray, "y x"], axis: int, *, turn: bool = False
 ) -> Float[np.ndarray, "y x"]:
-    """Return the mean steps from each centre to its neighbours along an axis, in degrees."""
+    """Return the mean step from each centre to its neighbours along an axis, in degrees."""
     steps = np.diff(values, axis=axis)
     steps = wrapped(steps) if turn else steps
     first, last = steps.take([0], axis), steps.take([-1], axis)

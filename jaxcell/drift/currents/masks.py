@@ -1,4 +1,4 @@
-"""The mask of a file: the variable, and its values for water."""
+"""The mask of a file: the variable that separates water from land."""
 
 import dataclasses
 import functools
@@ -18,13 +18,13 @@ _LAND, _WATER = {"land", "dry"}, {"water", "sea", "ocean", "wet"}
 
 @dataclasses.dataclass(frozen=True)
 class Mask:
-    """The water by a variable of the file."""
+    """The mask of the water by a variable of a file."""
 
     name: str
     water: Bool[np.ndarray, "#levels y x"]
-    "On one level or all."
+    "True for water, on all levels or on a single level for all."
     why: str
-    "The values for water, and the reason, in words."
+    "The values for water or land, and how they are known, in words."
 
 
 def read_mask(
@@ -37,10 +37,10 @@ def read_mask(
 ) -> Mask | None:
     """Read the mask of a file on some of its points, or return `None` if it has none.
 
-    The mask is a variable with the name that ROMS, CROCO or NEMO gives to it, in which 1 is water;
-    else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land
-    and water; else one with a standard name of CF. `dims` are the dimensions of y and x, and
-    `places` the levels to read along a dimension `depth`.
+    The mask is a variable with a name of ROMS, CROCO or NEMO, in which 1 is water; else a variable
+    whose `flag_values` and `flag_meanings`, or attributes such as `option_0`, name land and water;
+    else a variable with a standard name of CF. `dims` are the dimensions of y and x, and `places`
+    the levels to read along a dimension `depth`.
     """
     candidates = {
         str(name): variable
@@ -81,7 +81,7 @@ def _as_named(
     name: str, values: Float[np.ndarray, "#levels y x"], row: Convention, known: str
 ) -> Mask:
     why = f"1 is {'water' if row.water else 'land'}, by {known}"
-    # Packed files have 0.99999 for 1.
+    # In packed files 1 may be stored as 0.99999.
     return Mask(name, values > 0.5 if row.water else values < 0.5, why)
 
 
@@ -102,7 +102,7 @@ def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
 
 
 def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:
-    """Read the meanings of the values of a variable, from flags of CF or options of ROMS."""
+    """Read the meanings of the values of a variable, from CF flags or from ROMS options."""
     texts = re.split(r"[\s,]+", str(attributes.get("flag_meanings", "")).strip())
     values = np.atleast_1d(attributes.get("flag_values", ()))
     if len(values) == len(texts) and values.dtype.kind in "iuf":
@@ -119,5 +119,5 @@ def _about(words: str, expected: set[str], others: set[str]) -> bool:
 def _off(
     values: Float[np.ndarray, "levels y x"], wanted: list[float]
 ) -> Float[np.ndarray, "levels y x"]:
-    """Compute the distance of values from the nearest of the wanted ones."""
+    """Compute the distance between each value and the nearest wanted value."""
     return functools.reduce(np.minimum, (np.abs(values - value) for value in wanted))

@@ -18,48 +18,48 @@ from ...base import memory
 
 
 LARGEST_BYTES = 4 * 2**30
-"""Larger arrays are refused, because they are nearly always a whole ocean by mistake."""
+"""Larger arrays are refused, because usually a whole ocean was chosen by mistake."""
 
 _MAX_READ = 10_000_000
 
-# Undeclared fill values: the oldest convention, and the default fills of NetCDF, ROMS and HYCOM,
-# which are all above the last number.
+# Undeclared fill values: an old convention, and all larger values, which include the default fill
+# values of NetCDF, ROMS and HYCOM.
 _UNDECLARED_FILLS = (-9999.0, -99999.0)
 _MAX_VALUE = 1e20
 
 
 class TooLargeError(ValueError):
-    """Arrays that take too much memory."""
+    """The error for arrays that take too much memory."""
 
 
 @dataclasses.dataclass(frozen=True)
 class OceanFile:
-    """An open file, or several as one, whose values are still on the disk."""
+    """An open file, or several files combined, whose values are read when they are used."""
 
     name: str
     "The path of the file, for messages."
     dataset: xr.Dataset
-    "The variables, with encoded times. Reading unpacks them, and replaces fill values by NaN."
+    "The variables. Times are encoded; `read` unpacks values, and replaces fill values by NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    "The paths of variables that are from another file."
+    "The path of the file of each variable that is from another file."
 
     def error(self, field: str, message: str) -> ValueError:
-        """Make an error that begins with the file and the field, in one line."""
+        """Make an error in one line that begins with the file and the field."""
         return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
 
     def named(self, names: Sequence[str]) -> list[str]:
-        """Find variables by name, in any case of letters; none unless all exist."""
+        """Find variables by name, ignoring case; return an empty list unless all exist."""
         known = {str(name).lower(): str(name) for name in self.dataset.data_vars}
         return [known[name] for name in names] if all(name in known for name in names) else []
 
     def coordinates(self, field: str) -> list[str]:
-        """List the variables that a variable names as its coordinates."""
+        """List the variables in the attribute `coordinates` of a variable."""
         variable = self.dataset[field]
         # xarray moves decoded attributes to the encoding.
         return str({**variable.encoding, **variable.attrs}.get("coordinates", "")).split()
 
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
-        """Refuse float64 arrays of some sizes that together exceed 4 GiB or the free memory."""
+        """Raise if float64 arrays of some sizes together exceed 4 GiB or the free memory."""
         size = 8 * arrays * math.prod(sizes.values())
         if size > LARGEST_BYTES:
             text = " x ".join(f"{count} ({name})" for name, count in sizes.items())
@@ -72,9 +72,9 @@ class OceanFile:
         memory.check(size, f"{self.name}: {field}", "choose less with time, depths or bounds")
 
     def read(self, array: xr.DataArray, dims: Sequence[str] = ()) -> Float[np.ndarray, "..."]:
-        """Read the values of a variable, or a part of it, as float64, with NaN for missing ones.
+        """Read a variable, or a part of a variable, as float64, with NaN for missing values.
 
-        `dims` is the order of the dimensions; missing ones get the length 1.
+        `dims` is the order of the dimensions; missing dimensions get the length 1.
         """
         field = str(array.name)
         if array.dtype.kind not in "fiub":
@@ -95,7 +95,7 @@ class OceanFile:
 
 @contextlib.contextmanager
 def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
-    """Open a NetCDF file, of version 3 or 4, for the length of the block."""
+    """Open a NetCDF file, of version 3 or 4, as a context manager."""
     name = os.fspath(path)
     if not Path(path).is_file():
         raise FileNotFoundError(f"{name}: there is no such file")
@@ -128,7 +128,7 @@ def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Silence warnings about two fill values in a variable, other calendars, and Zarr metadata."""
+    """Silence warnings about several fill values, other calendars, and Zarr metadata."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", xr.SerializationWarning)
         warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
@@ -138,8 +138,8 @@ def unwarned() -> Iterator[None]:
 def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
     """Choose the backend for a file by its first four bytes.
 
-    The NetCDF library reads the lost end of a truncated classic file as zeros, which look like
-    slack water; scipy refuses such a file, but does not read the classic version 5.
+    The NetCDF library reads the missing end of a truncated classic file as zeros, which look like
+    slack water; scipy refuses such a file, but cannot read the classic version 5.
     """
     with open(path, "rb") as file:
         magic = file.read(4)
@@ -152,7 +152,7 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
 
 
 def _sizes_read(path: str | os.PathLike[str]) -> dict[str, int]:
-    """Return the sizes of the variables that xarray reads on opening: coordinates and text."""
+    """Return the sizes of variables that xarray reads when it opens a file: coordinates, text."""
     with netCDF4.Dataset(path) as file:
         return {
             name: math.prod(variable.shape)

@@ -1,4 +1,4 @@
-"""Ocean currents from a file, on cells."""
+"""Ocean currents on cells, from files."""
 
 import dataclasses
 import os
@@ -20,8 +20,8 @@ from .surface import Push, read_surface
 from .velocity import Velocity, choose_velocity
 
 
-# The least ratio of the sides of a cell. It is 1/100,000 at the end of a grid of 1/1000 degree that
-# ends at a pole, and a rounding error in a row whose centres are the pole.
+# The least ratio of the sides of a cell. Beside a pole on a grid of 1/1000 degree it is 1/100,000;
+# in a row whose centres are the pole it is a rounding error.
 _LEAST_RATIO_OF_SIDES = 5e-6
 
 
@@ -41,52 +41,51 @@ def open_currents(
 ) -> xr.Dataset:
     """Read ocean currents (Alam 2018, section 5.4.1).
 
-    It reads native output of ROMS, CROCO and NEMO, files on fixed depths or of the surface with the
-    names of CF or of common ocean models and products, and maps of HF radar. Velocities on the
-    sides of cells are averaged to their centres and turned to East and North, and levels that
-    follow the sea bed are interpolated to depths. Only the chosen part is read from the disk,
-    record by record.
+    Supported files are native output of ROMS, CROCO and NEMO, files at fixed depths or of the
+    surface with the names of CF or of common ocean models and products, and maps of HF radar.
+    Velocities on the sides of cells are averaged to the centres and turned to East and North, and
+    levels that follow the sea bed are interpolated to depths. Only the chosen part is read from the
+    disk, record by record.
 
-    A cell is water if it has a velocity at 80 % of the chosen records or more; gaps are
-    interpolated in time, and values with a bad quality flag are gaps. If the file has a mask, the
-    cell must also be water by the mask, whose values are known by the names of ROMS, CROCO and
-    NEMO, by flags or options such as `option_0`, or by a standard name.
+    A cell is water if it has a velocity at 80 % of the chosen records or more. Gaps, among them
+    values with a bad quality flag, are interpolated in time. If the file has a mask, the cell must
+    also be water by the mask. Masks are recognised by the names of ROMS, CROCO and NEMO, by flags
+    or options such as `option_0`, or by a standard name.
 
-    Other squares are land, the sea bed, or *sea without data*, an open edge of the map. The sea bed
-    is below a square with a velocity. Else the mask decides, or depths of the sea bed that are not
-    positive, or, without either, a coastline: a square that holds land by it is land.
+    Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
+    below a square with a velocity is the sea bed. For other squares the mask decides, or else the
+    depth of the sea bed, or else a coastline: a square that contains land is land.
 
     If the columns go round the Earth, repeated columns are left out, and all computations go on
-    across the seam; `notes` says so. Velocities on the sides of cells without a repeated column
-    lack the side at the seam, and the cells beside it have the velocity of their other side. Rows
-    that repeat others because the grid is folded in the North are closed, as land.
+    across the seam, which `notes` mentions. If the file lacks the sides of cells at the seam, cells
+    beside the seam have the velocity of their other side. Rows that repeat others because the grid
+    is folded in the North are closed, as land.
 
     **Arguments:**
 
-    - `path`: a NetCDF file, version 3 or 4; several, with consecutive records or with u and v; a
-        pattern of their names such as `"2016_*.nc"`; a Zarr store; an address of an OPeNDAP server;
-        or an open dataset.
-    - `grid`: the same for positions, masks and depths, if they are in another file.
+    - `path`: a NetCDF file, version 3 or 4; several files, with consecutive records or with u and
+        v; a pattern of names such as `"2016_*.nc"`; a Zarr store; an OPeNDAP address; or an open
+        dataset.
+    - `grid`: a second source of positions, masks and depths, if `path` lacks them.
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, UTC, or a date for
-        its midnight), a slice of indices, or the first and the last of the records as indices or
-        moments, both included. A moment is the nearest record (the later of two), within half the
-        time between records. By default all records. Moments are dates of the calendar of the file;
-        days of one without leap years, or of years of 360 days, are counted on from the first year
-        of its records, and `notes` says so.
+        its midnight), a slice of indices, or a pair of the first and the last record, as indices or
+        moments, both included. A moment selects the nearest record (the later of two), within half
+        the time between records. By default all records. Moments are dates of the calendar of the
+        file. If its years have 360 days, or no leap days, days are counted from the beginning of
+        the year of the first record, which `notes` mentions.
     - `depths`: in metres below the surface, positive down. In a file of fixed depths they must be
-        among its levels, to the centimetre; by default all levels with water are read. In one whose
-        levels follow the sea bed any depth is possible, by default 0; the velocity of the highest
-        level extends up to the surface, and that of the lowest down to the bed, but at most a layer
-        if the file lacks levels.
+        among its levels, to the centimetre; by default all levels with water are read. If levels
+        follow the sea bed, any depth is possible, by default 0; the velocity of the highest level
+        extends up to the surface, and that of the lowest level down to the bed, but over at most
+        one layer if the file lacks levels.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
-        than east. A turned or curved grid gives the block that holds all cells within them.
-    - `variables`: the names of the velocities towards the East and North, for a file that is
-        ambiguous (or along the grid, if they are on the sides of its cells or their standard names
-        say so).
-    - `mean`: whether to read only the mean of the records, in the memory of one record.
+        than east. Of a turned or curved grid the smallest block with all cells within is read.
+    - `variables`: the names of the velocities towards the East and North, for an ambiguous file;
+        they are along x and y if they are on the sides of cells or their standard names say so.
+    - `mean`: whether to compute only the mean of the records, with one record in memory at a time.
     - `windage`: the share of the speed of the wind that is added to the current of the first layer,
-        if the file has the wind: some 0.01 to 0.04 for objects that project from the water.
-    - `stokes`: whether to add the Stokes drift of waves to the first layer, if the file has it.
+        about 0.01 to 0.04 for objects that project from the water; the file must have the wind.
+    - `stokes`: whether to add the Stokes drift of waves in the file to the first layer.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
         land of Natural Earth, whose coasts are off by some kilometres.
     - `gaps`: `"open"`, or `"land"` if all squares without a velocity are land.
@@ -95,18 +94,18 @@ def open_currents(
     of latitude and longitude, the South and West first:
 
     - `u`, `v`: velocity towards the East and North in m/s, NaN without water;
-    - `water`: whether a cell of a layer is water;
-    - `land`: whether it is land or the sea bed; the rest is sea without data;
+    - `water`: the mask of the squares of each layer that are water;
+    - `land`: the mask of land or the sea bed; squares in neither mask are sea without data;
     - `dx`, `dy`: the sides of each cell along the x and y axes of the grid, in metres;
-    - `angle`: radians, counter-clockwise from East to the x axis;
+    - `angle`: the angle from East to the x axis, counter-clockwise, in radians;
     - coordinates `time` (UTC), `depth` of each layer in metres, `lon` and `lat` of the centres;
     - attributes `source`; `east_from` and `north_from`, the variables and the reason for their
-        choice; `notes`, other steps of the reading, a line each; and `mean_of`, the number of
-        records in each mean; and `coastline`, the file of `land`, or "".
+        choice; `notes`, one line per note on how the file was read; `mean_of`, the number of
+        records in the mean, or 1; and `coastline`, the file of `land`, or "".
 
-    **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
-    damaged or contradictory files, choices that the file does not have, and more data than 4 GiB;
-    `MemoryError` for more than the free memory.
+    **Raises:** `FileNotFoundError`; `ValueError`, with the file, the field and the value, for
+    damaged or contradictory files, choices that do not exist in the file, and more data than 4 GiB;
+    `MemoryError` if the data exceed the free memory.
 
     The surface of the bundled sea at its first record:
 
@@ -163,7 +162,7 @@ def open_currents(
 
 
 def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:
-    """Refuse cells of water without a position, an angle or sides."""
+    """Raise if a cell of water has no position, angle or sides."""
     water = field.water.any(axis=0)
     for values, what in ((grid.lon, "longitude"), (grid.lat, "latitude"), (grid.angle, "angle")):
         bad = water & ~np.isfinite(values)

@@ -1,4 +1,4 @@
-"""Tables of particles in Parquet, with the columns of Parcels 4."""
+"""Tables of particles in Parquet files, with the columns of Parcels 4."""
 
 import os
 from collections.abc import Mapping
@@ -10,13 +10,13 @@ from ...base.optional_modules import import_module
 from .netcdf import error_line
 
 
-# Parcels 4 calls the coordinates x, y and t.
+# Parcels 4 names the coordinates x, y and t.
 _NAMES = {"x": "lon", "y": "lat", "t": "time"}
 _NEEDED = ("lon", "lat", "time", "particle_id", "trajectory", *_NAMES)
 
 
 def read_parquet(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Read the positions in a table, on a dimension `obs`, with the attributes of the columns.
+    """Read the positions in a table, as variables on `obs` with the attributes of their columns.
 
     **Raises:** `ValueError` for a file that is not Parquet; `ModuleNotFoundError` without PyArrow.
     """

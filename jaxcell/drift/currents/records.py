@@ -1,4 +1,4 @@
-"""Records of several files as one dataset, each read from its own file when it is used."""
+"""Records of several files as one dataset; each record is read from its file when it is used."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -45,8 +45,8 @@ class _Records(BackendArray):
 def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
     """Join files: records in the order of time, other variables from the first file that has them.
 
-    Times become dates, because each file may count from its own. Variables that are not at every
-    record are left out.
+    Times become dates, because the files may count times from different dates. Variables that some
+    records lack are left out.
     """
     joined = OceanFile(name, xr.Dataset())
     fixed: dict[str, xr.Variable] = {}

@@ -22,10 +22,10 @@ Source: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | 
 
 @contextlib.contextmanager
 def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFile]:
-    """Open all files of a source as one, for the length of the block.
+    """Open all files of a source as one, as a context manager.
 
-    The records of several files follow one another in the order of time, and variables of different
-    names are combined. Variables of `grid` do not change in time, and replace those of the source.
+    Records of several files are joined in the order of time, and variables of different names are
+    combined. The variables of `grid`, which do not change in time, replace variables of the source.
     Only positions and times are read.
     """
     with contextlib.ExitStack() as stack:
@@ -50,7 +50,7 @@ def _joined(names: Sequence[str]) -> str:
 
 
 def _paths(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
-    """List the paths of a source, with patterns expanded in the order of names."""
+    """List the paths of a source; the matches of a pattern are in the order of their names."""
     several = [source] if isinstance(source, str | os.PathLike) else source
     paths = [path for pattern in several for path in existing(pattern)]
     if not paths:
@@ -89,7 +89,7 @@ def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
 
 
 def _clashing_positions(files: list[OceanFile]) -> set[str]:
-    """Find longitudes and latitudes that differ between files of different points of a grid."""
+    """Find positions that differ between files, because their fields are on different points."""
     known: dict[str, tuple[OceanFile, np.ndarray]] = {}
     clashing = set()
     for file in files:
@@ -130,7 +130,7 @@ def _with_grid(file: OceanFile, grid: OceanFile) -> OceanFile:
             raise grid.error(str(dim), f"not the same as in {file.name}; expected one grid")
     times = {dim for dim in moving.dims if axis_kind(moving, str(dim)) == "time"}
     kept = {name for name, variable in moving.variables.items() if times & set(variable.dims)}
-    # In the mesh of NEMO these repeat the centres; elsewhere they are positions of any points.
+    # In a mesh of NEMO these repeat the positions of centres; in other files they are needed.
     plotted = {"nav_lon", "nav_lat"} if "glamt" in fixed.variables else set()
     fixed = fixed.reset_coords().drop_vars(kept | plotted | set(moving.indexes), errors="ignore")
     elsewhere = {str(name): grid.name for name in fixed.variables}

@@ -7,9 +7,9 @@ from scipy.spatial import cKDTree
 
 EARTH_RADIUS = 6371000.0
 
-# A grid goes round the Earth if the spacing across its seam is between those on both sides of it,
-# with the first tolerance. Columns that differ by less than the second part of their spacing are
-# the same.
+# A grid goes round the Earth if the spacing across its seam is between the spacings on both sides,
+# within the first relative tolerance. Columns are the same if they differ by less than the second
+# share of their spacing.
 _SEAM, _SAME = 0.1, 0.01
 # The largest number of repeated columns, and the spacing of columns below which a row is at a pole.
 _MAX_REPEATED, _POLE = 4, 1e-9
@@ -23,7 +23,7 @@ def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
 
 
 def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
-    """Count the last longitudes, in degrees and in order, that repeat the first a turn later."""
+    """Count the last longitudes, in degrees and in order, that repeat the first after a turn."""
     steps = wrapped(np.diff(lon))
     place = np.abs(np.append(0.0, np.cumsum(steps)))
     same = _SAME * np.abs(steps).min(initial=np.inf)
@@ -38,7 +38,7 @@ def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
 
 
 def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
-    """Count the last columns of a grid that repeat its first ones, often one or two."""
+    """Count the last columns of a grid that repeat its first columns, often one or two."""
     most = min(_MAX_REPEATED, lon.shape[1] // 2)
     first = on_sphere(lon[:, : most + 1], lat[:, : most + 1])
     last = on_sphere(lon[:, -most:], lat[:, -most:])
@@ -54,8 +54,8 @@ def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y
 def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
     """Count the last rows that repeat other rows, because the grid is folded there.
 
-    If the fold is between two rows, the last row repeats the row before it, reversed. If it is on a
-    row, that row repeats itself and the last row repeats the row before the fold.
+    If the fold is between two rows, the last row repeats the previous row, reversed. If the fold is
+    on a row, this row repeats itself, and the last row repeats the row before the fold.
     """
     rows, columns = lon.shape
     if rows < 6 or columns < 3:
@@ -77,7 +77,7 @@ def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) ->
 def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> bool:
     """Return whether the last column of a grid is beside the first, so that its rows are circles.
 
-    The rows must go once round the Earth, and the seam must be as wide as the columns beside it.
+    The rows must go once round the Earth, with a seam as wide as the spacing of columns beside it.
     """
     if lon.shape[1] < 3:
         return False
@@ -96,10 +96,10 @@ def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> 
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
     """Return the order in which longitudes ascend to the East, from the western end of the grid.
 
-    They are one turn to the East or the West, with any jumps by 360 degrees, or ascend or descend
-    within a turn, with a hole of any width. A grid that goes round the Earth begins at -180
-    degrees; others begin after their widest gap, so that a grid across the antimeridian stays
-    whole.
+    The longitudes must go to the East or to the West within one turn, with any jumps by 360
+    degrees; or ascend or descend within a turn, with a gap of any width. A grid that goes round the
+    Earth begins at -180 degrees; other grids begin after their widest gap, so that a grid across
+    the antimeridian stays whole.
     """
     steps = np.diff(lon)
     if not (((steps > 0).all() or (steps < 0).all()) and np.ptp(lon) < 360):
@@ -129,13 +129,13 @@ def inside(
     lat: Float[np.ndarray, "*shape"],
     bounds: tuple[float, float, float, float],
 ) -> Bool[np.ndarray, "*shape"]:
-    """Mark points within bounds `(west, south, east, north)` in degrees, edges included.
+    """Mark the points within bounds `(west, south, east, north)` in degrees, edges included.
 
-    If west is more than east, the bounds go across the antimeridian.
+    If west is more than east, the bounds cross the antimeridian.
     """
     west, south, east, north = bounds
     width = (east - west) % 360 if east - west < 360 else 360.0
-    # With rounding a point on the western edge would be 360 degrees to the East of it.
+    # A rounding error could put a point of the western edge 360 degrees to the East of this edge.
     eastward = (lon - west + 1e-9) % 360
     return (eastward <= width + 2e-9) & (lat >= south - 1e-9) & (lat <= north + 1e-9)
 
@@ -150,8 +150,8 @@ def rectangular_sides(
 ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
     """Compute the sides in metres of cells between meridians and parallels.
 
-    A cell reaches half way to its neighbours; at the edge of the grid, as far outward as inward.
-    `lon` and `lat` of the whole grid ascend, and `rows` and `columns` are those of the cells.
+    A cell extends half way to its neighbours; at the edge of the grid, as far outward as inward.
+    `lon` and `lat` are those of the whole grid, ascending; `rows` and `columns` select the cells.
 
     **Returns:** `dx` along the parallel of the centre, and `dy` along the meridian.
     """
@@ -173,8 +173,8 @@ def curvilinear_sides(
 ]:
     """Compute the sides and directions of the cells of any grid of at least 2 x 2 centres.
 
-    They are those of the straight line between the neighbours of a cell, or at the edge of the grid
-    between the cell and its neighbour.
+    Along each axis a side is half the straight line between the two neighbours of a cell; at the
+    edge of the grid, the line between the cell and its neighbour.
 
     **Returns:** `dx` and `dy`, the sides in metres along the x and y axes; `angle`, radians
     counter-clockwise from East to the x axis; `turn`, the sine of the angle from the x axis to the
@@ -202,7 +202,7 @@ def curvilinear_sides(
 def on_sphere(
     lon: Float[np.ndarray, "*shape"], lat: Float[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "3 *shape"]:
-    """Return the unit vectors from the centre of the Earth."""
+    """Return the unit vectors from the centre of the Earth to places in degrees."""
     east, north = np.radians(lon), np.radians(lat)
     return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
 

@@ -29,7 +29,7 @@ def read_surface(
 ) -> tuple[Float[np.ndarray, "axes records y x"], str]:
     """Read the wind or the Stokes drift towards the East and North at some records.
 
-    **Returns:** the components in m/s, 0 outside the water, and the names of their variables.
+    **Returns:** the components in m/s, 0 outside `water`; and the names of the variables.
     """
     names = _names(file, role)
     values = np.zeros((2, len(records), *water.shape))
@@ -50,7 +50,7 @@ def read_surface(
 
 
 def _names(file: OceanFile, role: Push) -> list[str]:
-    """Find the variables towards the East and North, by standard name and then by name."""
+    """Find the variables of a role towards the East and North, by standard name or name."""
     variables = file.dataset.data_vars.items()
     by_standard = {str(v.attrs.get("standard_name")): str(name) for name, v in variables}
     for row in table(role):

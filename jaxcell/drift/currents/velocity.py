@@ -1,4 +1,4 @@
-"""The choice of the variables of a file that are the current."""
+"""The choice of the two variables of a file that are the current."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -22,16 +22,16 @@ class Velocity:
     v: str
     "The variable towards the North or along y."
     along: Literal["earth", "grid"]
-    "The axes that they are measured along."
+    "The axes of the components: East and North, or x and y of the grid."
     why: str
-    "The reason for the choice, in words."
+    "The reason for the choice of axes, in words."
     u_axes: Axes
     v_axes: Axes
 
 
 class _Pair(NamedTuple):
-    """The names of u and v, the axes by their convention, and the reason for the choice, in words;
-    `None` if it is their names alone."""
+    """The names of u and v, the axes by their convention, and `why` they were chosen, in words;
+    `None` if they were chosen by name only."""
 
     u: str
     v: str
@@ -44,13 +44,13 @@ def choose_velocity(
 ) -> tuple[OceanFile, Velocity]:
     """Choose the variables of the current by standard name, then by the names of ocean models.
 
-    A bare `u` is accepted only if its dimensions tell its axes: the sides of the cells of a C-grid,
-    or longitude and latitude. The source calls u the northing in one place and the easting in
-    another (Alam 2018, sections 5.4.1 and 5.4.2); here u is towards the East. Variables that the
-    caller names are along the grid if their standard names say so or they are on the sides of its
-    cells, and otherwise towards the East and North.
+    A variable `u` without a standard name is accepted only if its axes follow from its dimensions:
+    the sides of the cells of a C-grid, or longitude and latitude. Alam 2018 calls u the northing in
+    section 5.4.1 and the easting in section 5.4.2; here u is towards the East. Variables that the
+    caller names are along the axes of the grid if their standard names say so or they are on the
+    sides of cells, and otherwise towards the East and North.
 
-    **Returns:** the file, on dimensions that tell the points of the grid; and the velocity.
+    **Returns:** the file, with dimensions named by the points of the grid; and the velocity.
     """
     if variables is not None:
         pair = _as_asked(file, variables)
@@ -118,7 +118,7 @@ def _by_name(file: OceanFile) -> _Pair:
 
 
 def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
-    """Decide which axes a velocity is along, with the reason in words."""
+    """Decide whether a velocity is along the Earth or the grid, with the reason in words."""
     dims = f"by their dimensions ({axes.y}, {axes.x})"
     if axes.staggered and (pair.why is None or pair.along == "dims"):
         return "grid", pair.why or f"{dims}, the sides of the cells of a C-grid"
@@ -137,6 +137,6 @@ def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "
 
 
 def _all(file: OceanFile) -> str:
-    """List the variables that may be fields."""
+    """List the variables with two dimensions or more, in words."""
     fields = [str(name) for name, variable in file.dataset.data_vars.items() if variable.ndim > 1]
     return ", ".join(fields) or "no variables of two dimensions or more"

@@ -14,11 +14,11 @@ from ..water import Water
 from .trajectories import Trajectories
 
 
-# The tolerance of the time of an observation, as a part of the lag.
+# The tolerance of the time between two observations, as a share of the lag.
 _NEAR = 0.05
 # The largest number of squares.
 _MAX_CELLS = 50_000_000
-# The rounding error of numbers of squares, and of degrees.
+# The tolerance for rounding errors, of numbers of squares and of degrees.
 _ROUNDING = 1e-9
 
 
@@ -27,13 +27,13 @@ class CountedMoves:
     """Observed moves of drifters from cell to cell."""
 
     water: Water
-    "The cells with enough moves."
+    "The cells from which enough moves begin."
     begin: Int[np.ndarray, "moves"]
     "The cell in which each move begins."
     end: Int[np.ndarray, "moves"]
-    "The cell in which it ends, or -1."
+    "The cell in which each move ends, -1 for none."
     drifter: Int[np.ndarray, "moves"]
-    "The drifter that moved."
+    "The drifter of each move."
     lag: float | int
     "Seconds per move."
 
@@ -53,8 +53,8 @@ class CountedMoves:
     def resampled(self, random: np.random.Generator) -> Chain:
         """Draw the same number of drifters with replacement, and return the chain of their moves.
 
-        Drifters are drawn with all their moves, because these are not independent. A cell from
-        which no drawn drifter moved keeps its moves.
+        Drifters are drawn with all their moves, because the moves of a drifter are not independent.
+        A cell from which no drawn drifter moved keeps its observed moves.
         """
         drifters, number = np.unique(self.drifter, return_inverse=True)
         times = random.multinomial(drifters.size, np.full(drifters.size, 1 / drifters.size))
@@ -72,9 +72,9 @@ class CountedMoves:
 
     @functools.cached_property
     def _slots(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
-        """The images of the chain, and the place among them of each move that ends in a cell.
+        """The images of the chain, and the place among the images of each move that ends in a cell.
 
-        All resampled chains share them, so that programs on these chains are compiled once.
+        All resampled chains have the same images, so that programs are compiled only once.
         """
         cells, inside = self.water.cells, self.end >= 0
         pairs, pair = np.unique(
@@ -92,15 +92,15 @@ class Spread:
     """A quantity with its sampling error, by the bootstrap over drifters."""
 
     value: np.ndarray
-    "The quantity of all drifters."
+    "The quantity for all drifters."
     mean: np.ndarray
     "The mean over resampled drifters."
     error: np.ndarray
-    "The standard deviation over resampled drifters; NaN where one is not finite."
+    "The standard deviation over resampled drifters; NaN if a sample is not finite."
     low: np.ndarray
     "The 5 % quantile over resampled drifters."
     high: np.ndarray
-    "The 95 % quantile."
+    "The 95 % quantile over resampled drifters."
 
 
 def boxes(
@@ -112,8 +112,8 @@ def boxes(
 
     - `seen`: the trajectories.
     - `cell`: the side of a cell in degrees.
-    - `bounds`: West, South, East and North in degrees; by default those of all observations. The
-        East may be less than the West, across the date line.
+    - `bounds`: West, South, East and North in degrees; by default the bounds of all observations.
+        If the East is less than the West, the bounds cross the date line.
 
     **Returns:** the cells, at the surface.
 
@@ -135,7 +135,7 @@ def boxes(
             f"cell: {cell:g} degrees make {rows * columns:,} squares; expected {_MAX_CELLS:,} or "
             "fewer"
         )
-    # Rows end at a pole; rows from pole to pole extend equally beyond both.
+    # Rows end at a pole. If rows do not fit from pole to pole, they extend equally beyond both.
     rows = min(rows, math.ceil(180 / cell - _ROUNDING))
     top = 90 - rows * cell
     south = max(-90.0, min(south, top)) if top >= -90 else (top - 90) / 2
@@ -156,7 +156,7 @@ def boxes(
 
 
 def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
-    """Return the West and South of all observations, and the numbers of columns and rows."""
+    """Return the western and southern bounds of all observations, and the columns and rows."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")
     # The western edge follows the widest gap between longitudes.
@@ -184,17 +184,17 @@ def count_moves(
 ) -> CountedMoves:
     """Count the moves of drifters from cell to cell.
 
-    Every observation begins a move. It ends at the observation of the same drifter that is nearest
-    in time to the lag, and counts if that is within a twentieth of the lag, and if the drifter was
-    observed for the whole lag.
+    Every observation begins a move. The move ends at the observation of the same drifter whose time
+    is nearest to one lag later. It counts if that time differs by at most a twentieth of the lag,
+    and if the drifter was observed for the whole lag.
 
     **Arguments:**
 
     - `seen`: the trajectories.
-    - `water`: the cells: [`boxes`][], or those of a model, [`jaxcell.drift.Water.of`][].
+    - `water`: the cells, from [`boxes`][], or of a model, from [`jaxcell.drift.Water.of`][].
     - `lag`: seconds per move.
-    - `least`: the least number of moves from a cell. Other cells are left out, and moves to them go
-        to the sink.
+    - `least`: the least number of moves from a cell. Cells with fewer moves are left out, and moves
+        to them go to the sink.
 
     **Returns:** [`CountedMoves`][], with the remaining cells.
 
@@ -223,7 +223,7 @@ def count_moves(
             f"least: no cell has {least} moves in {lag:g} s; the most has "
             f"{np.bincount(begin, minlength=1).max()}"
         )
-    # The last number is that of no cell.
+    # The last entry, -1, is the number for no cell.
     number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
     known = kept[begin]
     grid = water.on_grid(number[:-1].astype(np.int32), -1).astype(np.int32)
@@ -247,13 +247,13 @@ def bootstrap(
     **Arguments:**
 
     - `moves`: the moves.
-    - `quantity`: a function of the chain, whose arrays have one shape.
-    - `samples`: the number of draws of all drifters with replacement.
+    - `quantity`: a function of the chain, whose result has the same shape for every sample.
+    - `samples`: the number of samples; each draws as many drifters, with replacement.
     - `seed`: seed of the draws.
 
     **Returns:** [`Spread`][].
 
-    Of a hundred drifters 60 move on; that share has an error of 5 %:
+    Of a hundred drifters 60 leave the map; this share has a standard error of 5 %:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -278,7 +278,7 @@ def bootstrap(
 def located(
     water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
-    """Find the cell of each place by the nearest centre, -1 beyond `Water.reach` of it."""
+    """Find the cell with the nearest centre to each place; -1 if it is beyond `Water.reach`."""
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)
@@ -288,7 +288,7 @@ def located(
 
 
 def _later(seen: Trajectories, lag: float) -> Int[np.ndarray, "observations"]:
-    """Find the observation of the same drifter after a lag, or -1."""
+    """Find the observation of the same drifter one lag after each observation; -1 for none."""
     time = seen.time - seen.time.min(initial=np.inf)
     # Keys of different drifters are farther apart than the lag.
     key = time + seen.drifter * (time.max(initial=0.0) + 2 * lag)

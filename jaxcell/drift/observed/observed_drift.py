@@ -21,13 +21,13 @@ from .trajectories import Trajectories
 
 _SQUARES = "layer y x"
 _LAND = "NaN: too few drifters were there"
-# The answers from each resampled chain: about the whole map, and their number per cell.
+# The answers from each resampled chain about the whole map, and the number of answers per cell.
 _OF_ALL = "persistent groups", "cells of persistent groups", "median hours to the end", "share left"
 _OF_CELLS = 3
 
 
 def _of_all(name: str, meaning: str) -> Any:
-    """Describe a field of the spread for the answers about the whole map."""
+    """Make a quantity from a field of the spread, for the answers about the whole map."""
     return derived("estimate", meaning)(
         lambda drift: getattr(drift.spread, name)[: -_OF_CELLS * drift.cells]
     )
@@ -35,9 +35,9 @@ def _of_all(name: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObservedDrift(SeaLayers):
-    """The ends of drifters by observed moves, with sampling errors.
+    """The ends of drifters by the chain of observed moves, with sampling errors.
 
-    A hundred drifters of which 60 go on to the East, and then off the map:
+    A hundred drifters begin in one cell, and 60 of them move to the East, off the map:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -71,7 +71,7 @@ class ObservedDrift(SeaLayers):
     counted: CountedMoves
     "The moves between cells."
     spread: Spread
-    "The answers, with the errors from resampled drifters."
+    "The answers, with errors from resampled drifters."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     after: float | int | None = None
@@ -125,7 +125,7 @@ class ObservedDrift(SeaLayers):
 
     @property
     def when(self) -> str:
-        """The time of the distribution, in words."""
+        """The time of the distribution of drifters, in words."""
         return "in the long run" if self.after is None else f"after {self.after / 86400:g} days"
 
     drifters = from_part("seen.drifters", "", "drifters that were observed", kind="count")
@@ -189,7 +189,7 @@ class ObservedDrift(SeaLayers):
 def _answers(
     chain: Chain, lag: float, after: float | int | None, sets: ClosedSets | None
 ) -> Float[np.ndarray, "answers"]:
-    """Compute the answers from a chain: numbers about the whole map, then three per cell."""
+    """Compute the answers from a chain: some about the whole map, then three per cell."""
     groups = persistent_groups(chain)
     persistent = np.asarray(groups.group) >= 0
     hours = np.asarray(absorption_times(chain, groups, throw=False).value) * lag / 3600
@@ -208,7 +208,7 @@ def _leakage(
 ) -> tuple[Float[np.ndarray, "sets"], Float[np.ndarray, "sets"]]:
     """Compute the leakage of nearly closed sets by a chain of resampled drifters.
 
-    **Returns:** the leakage of each set, and the hours until a share of 1/e is left in it.
+    **Returns:** the leakage of each set, and the hours until 1/e of the drifters are left in it.
     """
     (water,), (closed,) = sets.waters, sets.layers
     inside = closed.begin == np.arange(closed.count)[:, None]

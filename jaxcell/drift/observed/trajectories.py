@@ -1,4 +1,4 @@
-"""Trajectories of drifters, from observations and from models that follow particles."""
+"""Trajectories of drifters, from observations and from models of particles."""
 
 import dataclasses
 import os
@@ -19,8 +19,8 @@ from ..currents.sphere import wrapped
 
 
 _ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"}
-# Names, in small letters, of counts of observations and of labels of drifters, and prefixes of the
-# dimension of drifters.
+# Names, in small letters, of variables with the counts of observations and with the labels of
+# drifters; and prefixes of the name of the dimension of drifters.
 _COUNTS = ("rowsize", "row_size")
 _LABELS = ("id", "drifter", "particle", "particle_id", "trajectory")
 _DRIFTERS = ("traj", "drifter", "particle")
@@ -31,7 +31,7 @@ _MAX_TIME = 1e17
 class Trajectories:
     """Observed positions of drifters, one drifter after the other.
 
-    Two drifters, of three observations and two:
+    Three observations of one drifter, and two of another:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -47,15 +47,15 @@ class Trajectories:
     lat: Float[np.ndarray, "observations"]
     "Latitudes in degrees."
     time: Float[np.ndarray, "observations"]
-    "Seconds, growing along each drifter."
+    "Times in seconds, ascending for each drifter."
     drifter: Int[np.ndarray, "observations"]
-    "The drifter of each observation, from 0 in order."
+    "The number of the drifter of each observation, from 0, ascending."
     source: str = "trajectories"
     "The name of the source."
     since: str = ""
-    "The date from which seconds count, such as `2020-01-01`; empty if it is not known."
+    "The date from which seconds are counted, such as `2020-01-01`; empty if unknown."
     drogued: Bool[np.ndarray, "observations"] | None = None
-    "True for drifters that still had their drogue; `None` if it is not known."
+    "True for observations of drifters that still had their drogue; `None` if unknown."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for observations that are not in order."""
@@ -82,9 +82,9 @@ class Trajectories:
         since: str = "",
         drogued: Bool[np.ndarray, "observations"] | None = None,
     ) -> "Trajectories":
-        """Sort observations, and leave out invalid and repeated ones.
+        """Sort observations, and leave out invalid and repeated observations.
 
-        **Arguments:** as the fields; `drifter` may be any numbers.
+        **Arguments:** as the fields; the numbers in `drifter` may be in any order, with gaps.
         """
         known = np.flatnonzero(np.isfinite(lon) & np.isfinite(time) & (np.abs(lat) <= 90))
         order = known[np.lexsort((time[known], drifter[known]))]
@@ -99,7 +99,7 @@ class Trajectories:
     def with_drogue(self, kept: bool) -> "Trajectories":
         """Select the observations of drifters that still had their drogue, or had lost it.
 
-        **Raises:** `ValueError` if that is not known, or there are none.
+        **Raises:** `ValueError` if `drogued` is unknown, or no observation is left.
         """
         if self.drogued is None:
             raise ValueError(
@@ -115,9 +115,9 @@ class Trajectories:
         return Trajectories.of(*fields, self.source, self.since, self.drogued[chosen])
 
     def dataset(self) -> xr.Dataset:
-        """Return a dataset in the convention of CF for trajectories, one after the other.
+        """Return a dataset in the CF convention for trajectories, as a contiguous ragged array.
 
-        TrajAn reads it (`dataset.traj`), and so does [`open_trajectories`][].
+        It can be read by TrajAn (`dataset.traj`) and by [`open_trajectories`][].
         """
         unit = f"seconds since {self.since}" if self.since else "seconds"
         data = {
@@ -172,16 +172,16 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
 
 
 def open_trajectories(path: Source) -> Trajectories:
-    """Read trajectories of the Global Drifter Program, OpenDrift, Parcels, or any CF file of them.
+    """Read trajectories of the Global Drifter Program, OpenDrift, Parcels, or in the CF convention.
 
-    A file has a matrix of drifters by observations, with common times or a time for each; or one
-    drifter after the other, with the number of observations of each drifter (a ragged array), or
-    with the drifter of each observation.
+    A file has a matrix of drifters by observations, with common or separate times; or the drifters
+    one after the other, with the number of observations per drifter (a ragged array); or the
+    drifter of each observation.
 
     **Arguments:**
 
-    - `path`: a file or several, a pattern, a Zarr store, an address of OPeNDAP, a table of Parcels
-        4 that ends in `.parquet`, or an open dataset with encoded times.
+    - `path`: one or more files, a pattern, a Zarr store, an OPeNDAP address, a table of Parcels 4
+        whose name ends in `.parquet`, or an open dataset with encoded times.
 
     **Returns:** [`Trajectories`][].
 
@@ -235,7 +235,7 @@ def _field(file: OceanFile, role: Role) -> str:
 
 
 def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
-    """Number the drifter of each observation, on the dimensions of the longitudes."""
+    """Return the number of the drifter of each observation, on the dimensions of longitudes."""
     if lon.ndim == 2:
         named = [dim for dim in lon.dims if str(dim).lower().startswith(_DRIFTERS)]
         across = [dim for dim in lon.dims if dim not in time.dims]
@@ -272,9 +272,9 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
 
 
 def _drogued(file: OceanFile, drifter: xr.DataArray, seconds: xr.DataArray) -> xr.DataArray | None:
-    """Find the observations of drifters with their drogue, by their status or the date of its loss.
+    """Mark observations of drifters with a drogue, by its status or the date of its loss.
 
-    A missing date stands for a drogue that was never lost.
+    A missing date means that the drogue was never lost. Return `None` if the file has neither.
     """
     variables = {str(name).lower(): name for name in file.dataset.variables}
     if (name := variables.get("drogue_status")) is not None:
@@ -295,12 +295,12 @@ def _drogued(file: OceanFile, drifter: xr.DataArray, seconds: xr.DataArray) -> x
 def _seconds(file: OceanFile, time: xr.DataArray) -> np.ndarray:
     """Convert times to seconds since the date in their units."""
     if time.dtype.kind == "M":
-        # Nanoseconds do not hold every date.
+        # Not every date fits 64 bits in nanoseconds.
         seconds = time.values.astype("datetime64[us]").astype(np.int64) / 1e6
         return np.where(np.isnat(time.values), np.nan, seconds)
     units = str(time.attrs.get("units", "")).split(" since ")[0].strip().lower()
     if units not in SECONDS:
         raise file.error(str(time.name), f"units: expected a unit of time, got {units!r}")
     values = file.read(time)
-    # Whole numbers have no NaN; the library reads it as nearly the least number.
+    # Whole numbers have no NaN: a missing time is read as a number near the least one.
     return np.where(np.abs(values) < _MAX_TIME, values, np.nan) * SECONDS[units]

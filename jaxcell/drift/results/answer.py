@@ -1,4 +1,4 @@
-"""The first lines of an answer: where drifters go, by when, and how sure that is."""
+"""The first lines of an answer: where drifters go, how soon, and how accurate the map is."""
 
 from typing import TYPE_CHECKING
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 # The period of the principal lunar tide and of a day, in hours, and the tolerance of a multiple.
 _CYCLES, _NEAR = (12.4206, 24.0), 0.05
-# The number of drifters whose reach a sentence gives, and of nearly closed sets it names.
+# The numbers of drifters whose reach is named, and the largest number of named sets.
 _FEW, _NAMED = (1, 2, 5, 10, 20, 50), 4
-# The least share of drifters for which a way out is named.
+# The least share of drifters that leave by a way out for it to be named.
 _NAMED_SHARE = 0.005
 
 
@@ -27,7 +27,7 @@ def answer(drift: "SeaDrift") -> tuple[str, ...]:
 
 
 def _beyond(drift: "SeaDrift") -> str | None:
-    """Say that the records cover less time than the answer, and what is assumed after them."""
+    """Say that the records cover less than the time of interest, and what is assumed after them."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
         return f"There is one record: the answer is for {in_time(asked)} of a steady current."
@@ -44,7 +44,7 @@ def _beyond(drift: "SeaDrift") -> str | None:
 
 
 def _gathering(drift: "SeaDrift") -> str:
-    """Say where drifters are at the time of interest."""
+    """Write the shares of drifters in nearly closed sets and off the map, at the time asked."""
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
     where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
@@ -68,7 +68,7 @@ def _gathering(drift: "SeaDrift") -> str:
 
 
 def _leaving(drift: "SeaDrift") -> str:
-    """Say what share has left at the compared times, by drifters and by the map."""
+    """Write the shares that left by the times of comparison, by simulated drifters and the map."""
     of = drift.layers[0].compared
     pairs = zip(of.hours.tolist(), of.drifters_left, of.map_left, strict=True)
     times = [
@@ -81,7 +81,7 @@ def _leaving(drift: "SeaDrift") -> str:
 
 
 def _certainty(drift: "SeaDrift") -> str:
-    """Say how far the map is from drifters at the compared times."""
+    """Write the distance between the map and simulated drifters, at the times of comparison."""
     of = drift.layers[0].compared
     trios = zip(of.hours.tolist(), of.total_variation, of.noise, strict=True)
     times = [
@@ -95,7 +95,7 @@ def _certainty(drift: "SeaDrift") -> str:
 
 
 def _groups(drift: "SeaDrift") -> str:
-    """Count the groups, and say how much they and the times depend on the step."""
+    """Write the number of groups and the time to them, for this step and for other steps."""
     surface = drift.layers[0]
     count = surface.persistent_groups
     text = f"{count:,} persistent group{'s' * (count != 1)}"
@@ -115,7 +115,7 @@ def _groups(drift: "SeaDrift") -> str:
 
 
 def _reach(drift: "SeaDrift") -> str | None:
-    """Say how many cells a few drifters may visit."""
+    """Write the share of the cells that a few drifters may visit."""
     if (curve := drift.curve) is None:
         return None
     cells, last = drift.layers[0].cells, curve.covered.size
@@ -128,7 +128,7 @@ def _reach(drift: "SeaDrift") -> str | None:
 
 
 def _diffusion(drift: "SeaDrift") -> str | None:
-    """Compare the diffusivity with that of the grid."""
+    """Compare the requested diffusivity with the diffusivity of the grid."""
     wanted, grid = drift.diffusivity, drift.grid_diffusivity
     if wanted is None:
         return None

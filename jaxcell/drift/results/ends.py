@@ -1,4 +1,4 @@
-"""The ends of drifters and the times to reach them, for any layers of water with chains."""
+"""The groups or exits in which drifters end, and the times until then, for layers with chains."""
 
 import dataclasses
 import functools
@@ -22,17 +22,17 @@ from ..water import Water
 
 
 ALMOST_FOREVER = 10_000
-"""The expected number of steps above which drifters take almost forever to end."""
+"""The expected number of steps to the end above which the time counts as almost forever."""
 LARGEST_TABLE = 2**28
 """The largest number of bytes for the probabilities of all groups of a layer."""
 LARGE, LARGEST_SOLVE = 200_000, 2_000_000
-"""The number of cells at all phases from which solves take seconds, and their largest number there,
-times the number of ends, for which the probability of each end is solved."""
+"""The number of cells at all phases above which a solve takes seconds. In such maps the probability
+of each end is computed only if cells times ends do not exceed the second number."""
 _UNKNOWN = "NaN: not known"
 
 
 class Ends(Result):
-    """Totals over one layer or more: groups, transient cells, and times to the end."""
+    """Totals over one or more layers: groups, transient cells, and times to the end."""
 
     @property
     def _layers(self) -> "tuple[LayerEnds, ...]":
@@ -137,7 +137,7 @@ class Ends(Result):
 
     @property
     def _tells_ways(self) -> bool:
-        """True if leaving is divided by the way out, as in a current."""
+        """True if the probability of leaving is known for each way out, as in a current."""
         return all(len(layer.exits) == len(EXITS) for layer in self._layers)
 
     def _left_by(self, ways: slice | int) -> float | None:
@@ -147,7 +147,7 @@ class Ends(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LayerEnds(Ends):
-    """The ends of drifters of one layer."""
+    """The groups or exits in which drifters of one layer end, with probabilities and times."""
 
     brief: ClassVar[tuple[str, ...]] = ("cells", "persistent_groups")
     tables: ClassVar[Mapping[str, str]] = {"group_index": "groups", "transient": "transients"}
@@ -178,8 +178,8 @@ class LayerEnds(Ends):
     def ends(self) -> Absorption | None:
         """The probabilities of ending in each group, at each phase of a periodic current.
 
-        `None` if they would take more than 256 MiB, or minutes, or are not accurate enough: where
-        transient cells almost trap drifters, 64-bit numbers may not be enough.
+        `None` if they would take more than 256 MiB, or minutes, or are not accurate enough: if
+        transient cells almost trap drifters, 64-bit numbers may be too inaccurate.
         """
         behaviour, count = self.behaviour, self.behaviour.groups.count
         if 8 * count * behaviour.unrolled.cells > LARGEST_TABLE or not self._solvable(count):
@@ -189,7 +189,7 @@ class LayerEnds(Ends):
 
     @functools.cached_property
     def exits(self) -> Float[np.ndarray, "ways states"]:
-        """The probability of leaving the map in a step, by the way out if leaving is divided."""
+        """The probability of leaving the map in a step, by the way out; here for a single way."""
         return leaving_rows(self.behaviour.unrolled.to_scipy())[None]
 
     @functools.cached_property
@@ -203,7 +203,7 @@ class LayerEnds(Ends):
     def leaving_by_way(self) -> Float[np.ndarray, "ways cells"]:
         """The probability of ending off the map from each cell, by the way out; NaN if not known.
 
-        In large maps, which take seconds for each way, it is not known for several ways.
+        It is not known for several ways in large maps, because each way takes seconds.
         """
         if self._solvable(self._possible_ways):
             return self._leaving_by(self.exits)
@@ -215,17 +215,17 @@ class LayerEnds(Ends):
         return int(np.count_nonzero(self.exits.any(axis=1)))
 
     def _solvable(self, ends: int) -> bool:
-        """True if the probability of each of some ends is computed in seconds."""
+        """True if the probabilities of this number of ends are computed in seconds."""
         states = self.behaviour.unrolled.cells
         return ends <= 1 or states <= LARGE or ends * states <= LARGEST_SOLVE
 
     def _leaving_by(
         self, exits: Float[np.ndarray, "ways states"]
     ) -> Float[np.ndarray, "ways cells"]:
-        """Compute the probability of ending by each way; NaN if not accurate."""
+        """Compute the probability of leaving by each way from each cell; NaN if not accurate."""
         behaviour, cells = self.behaviour, self.water.cells
         possible, sure = np.any(exits, axis=1), self.begins.sure_to_leave
-        # Without a solve it is known where no drifter can leave (0) or every drifter must (1).
+        # No solve is needed if from each cell no drifter (0) or every drifter (1) leaves.
         if possible.sum() <= 1 and not np.isnan(sure).any():
             return np.where(possible[:, None], sure, 0.0)
         # All persistent groups are one end, and each way out is another.
@@ -252,13 +252,13 @@ class LayerEnds(Ends):
         part = Transient.of(behaviour.unrolled.to_scipy(), transient)
         visits, _ = part.visits((part.cells < cells) / cells)
         mean = self.exits[:, part.cells[part.branching]] @ visits
-        # An eddy that almost holds drifters is beyond 64-bit numbers.
+        # If an eddy almost traps drifters, 64-bit numbers are too inaccurate.
         known = np.isfinite(mean).all() and mean.sum() <= 1 + PROBABILITY
         return mean if known else np.full(mean.size, np.nan)
 
     @property
     def almost_forever(self) -> Bool[np.ndarray, "cells"]:
-        """The transient cells whose expected time to the end exceeds `ALMOST_FOREVER` steps."""
+        """The mask of cells whose expected time to the end exceeds `ALMOST_FOREVER` steps."""
         return ~(np.asarray(self.begins.absorption.value) <= ALMOST_FOREVER)
 
     depth = from_part("water.depth", "", "depth", "m")
@@ -321,9 +321,9 @@ class LayerEnds(Ends):
         )
 
     def checks(self) -> Checks:
-        """Relations between the chain, its groups, and the ends of drifters.
+        """Checks of relations between the chain, its groups, and the ends of drifters.
 
-        The residual of times has no limit, because no solve is accurate where cells almost trap
+        The residual of times has no limit, because no solve is accurate if cells almost trap
         drifters.
         """
         P = self.behaviour.chain.to_scipy()

@@ -31,7 +31,7 @@ from .ends import Ends, LayerEnds
 
 
 class Compared(Ends):
-    """The distance of the maps of one layer or more from drifters."""
+    """The distance between maps and simulated drifters, for one or more layers."""
 
     @property
     def _distances(self) -> list[Distance]:
@@ -40,7 +40,7 @@ class Compared(Ends):
 
     @property
     def transient_hours(self) -> Float[np.ndarray, "transient"]:
-        """The hours until a drifter from each transient cell is in a group or off the map."""
+        """The expected hours until drifters are in a group or off the map, by transient cell."""
         return self._hours
 
     @derived("", "time that the answer is about", "h", kind="time")
@@ -93,18 +93,18 @@ class Compared(Ends):
 
     @derived("", "diffusivity that the grid adds", "m2 s-1")
     def grid_diffusivity(self) -> float:
-        # A step moves a drifter to an independent place in a cell: a variance of side^2 / 6.
+        # In a step a drifter gets a random place in its cell, which adds a variance of side^2 / 6.
         side = np.concatenate([layer.water.sides.ravel() for layer in self._layers])
         return float((side**2).mean()) / (12 * self._layers[0].behaviour.duration)
 
     def _mean(self, of_layers: list[float]) -> float:
-        """Average numbers of the layers over all cells."""
+        """Average numbers of the layers, weighted by the cells of each layer."""
         return float(np.average(of_layers, weights=[layer.water.cells for layer in self._layers]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Layer(LayerEnds, Compared):
-    """One layer of the sea: its water, its current, and the ends of drifters in it.
+    """One layer of the sea: its water, its current, and where drifters end.
 
     The surface of the bundled sea at its first record:
 
@@ -129,13 +129,13 @@ class Layer(LayerEnds, Compared):
     flow: Flow
     "The current at all records, in which simulated drifters move."
     by: Flow
-    "The flow of the map: `flow` if it is periodic, otherwise the mean of its records."
+    "The flow from which the map is made: `flow` if it is periodic, else the mean of its records."
     step: DriftStep
     "The step of the map."
     diagnosis: Diagnosis
     "Signs that the grid, rather than the flow, determines the groups."
     measured: Distance | None = None
-    "The distance of the map from drifters, if it is known."
+    "The distance between the map and simulated drifters; `None` to compute it when needed."
     asked: float | int | None = None
     "The time of interest, in hours; by default the median time to the end."
 
@@ -153,13 +153,13 @@ class Layer(LayerEnds, Compared):
         """Compute the long-term behaviour in a flow.
 
         By default the map is made from the flow itself if it is periodic, and else from the mean of
-        its records; `made` is the map and its distance from drifters, if they are known.
+        its records; `made` is the map and its distance from drifters, if already computed.
         """
         by = mapped(flow) if by is None else by
         step = step.lasting(step.seconds(water, by))
         duration = float(step.duration or 0)
         chain, distance = made or (drift_maps(water, by, step), None)
-        # Where cells almost trap drifters, times are inaccurate; all other results are useful.
+        # If cells almost trap drifters, times are inaccurate, but all other results are useful.
         behaviour = long_term_behaviour(chain, duration, throw=False)
         diagnosis = diagnose(water, by, behaviour.begins.groups, step)
         return cls(water, behaviour, flow, by, step, diagnosis, distance, asked)
@@ -171,7 +171,7 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def compared(self) -> Distance:
-        """The distance of the map from drifters in the current, as it changes with time."""
+        """The distance between the map and drifters in the current, as it changes with time."""
         return self.measured or self._compared([(self.behaviour.chain, self.behaviour.duration)])[0]
 
     def _compared(
@@ -186,7 +186,7 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def by_cell(self) -> Float[np.ndarray, "2 cells"] | None:
-        """The distance for the drifters of each cell, and the noise; `None` for many cells."""
+        """The distance for the drifters of each cell, and its noise; `None` for large maps."""
         if self.behaviour.unrolled.cells > MOST_CELLS:
             return None
         chain, duration = self.behaviour.chain, self.behaviour.duration
@@ -194,9 +194,9 @@ class Layer(LayerEnds, Compared):
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
-        """The setting whose map is nearest to drifters, among a few others.
+        """The best of a few other durations and methods, with the distance of its map.
 
-        `None` if the map is not far from drifters, or no setting is nearer.
+        `None` if this map is not far from drifters, or no other map is nearer.
         """
         if self.compared.worst <= FAR or self._large:
             return None
@@ -219,7 +219,7 @@ class Layer(LayerEnds, Compared):
         return best if best[1].worst < self.compared.worst else None
 
     def tested(self, sets: Int[np.ndarray, "cells"], first: int = 0) -> MarkovTest:
-        """Test the map on sets of cells at the times of the comparison, against its drifters.
+        """Test the map on sets of cells, at the times and by the drifters of the comparison.
 
         **Arguments:**
 
@@ -275,7 +275,7 @@ class Layer(LayerEnds, Compared):
 
     @property
     def _large(self) -> bool:
-        """True for a map for which others take too long to try."""
+        """True if the map is so large that other maps take too long to try."""
         return self.behaviour.unrolled.cells > MOST_CELLS
 
     @property

@@ -6,7 +6,7 @@ from ..water import Water
 
 
 def too_large(waters: Sequence[Water], phases: int, largest: int) -> str | None:
-    """Explain why the maps of all phases are too large, or return `None` if they are not."""
+    """Explain why the maps of all phases are too large; return `None` if they are not."""
     cells = [phases * water.cells for water in waters]
     needed, available = estimates.drift(cells), memory.free()
     if sum(cells) > largest:

@@ -16,12 +16,12 @@ from .layer import Compared, Layer
 from .sea_layers import SeaLayers
 
 
-# The factors of other steps.
+# The factors by which the durations of other steps differ.
 _FACTORS = (0.5, 1.0, 2.0)
 
 
 def _by_time(name: str, meaning: str) -> Any:
-    """Describe an array of the distances of all layers."""
+    """Make a quantity from an array of the distance of each layer."""
     return derived("layer compared", meaning, "1", kind="share")(
         lambda sea: np.stack([getattr(layer.compared, name) for layer in sea.layers])
     )
@@ -29,14 +29,14 @@ def _by_time(name: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaCurrents(SeaLayers, Compared):
-    """The ends of drifters in some layers of a current, and the distance from drifters."""
+    """The ends of drifters in layers of a current, and the distance of maps from drifters."""
 
     layers: tuple[Layer, ...]
     currents: xr.Dataset
     "The currents, a dataset of [`jaxcell.drift.open_currents`][]."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for layers of other currents."""
+        """**Raises:** `ValueError` if the number of layers differs from that of the currents."""
         super().__post_init__()
         layers = self.currents.sizes["layer"]
         if len(self.layers) != layers:
@@ -125,7 +125,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _by_other_steps(self) -> list[LayerEnds] | None:
-        """The ends of drifters at the surface for other steps; `None` for many cells."""
+        """The ends of drifters at the surface by other steps; `None` for large maps."""
         surface = self.layers[0]
         if surface.cells * surface.by.phases(self._other_steps[0]) > MOST_CELLS:
             return None
@@ -140,12 +140,12 @@ class SeaCurrents(SeaLayers, Compared):
 
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "2 steps"] | None:
-        """The numbers of groups for other steps; in row 1, if only the centres of cells drift."""
+        """The numbers of groups by other steps: row 0 by the map, row 1 by the centres of cells."""
         surface = self.layers[0]
         # With diffusion each piece of water is one group.
         if self._by_other_steps is None or surface.by.diffusivity:
             return None
-        # Without disturbances the centre of a cell goes to one place.
+        # With `rho` = 1 there is no disturbance, and each cell has one image.
         centres = dataclasses.replace(surface.step, rho=1.0, spread="turned")
         steps = [centres.lasting(seconds) for seconds in self._other_steps]
         by_centres = group_counts(surface.water, surface.by, steps)
@@ -153,7 +153,7 @@ class SeaCurrents(SeaLayers, Compared):
 
     @property
     def _other_steps(self) -> list[float]:
-        """The durations of other steps, in seconds; the second is that of the maps."""
+        """The durations of other steps, in seconds; the second is the duration of the maps."""
         return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
     @derived("", "time that the records cover", "h", kind="time")

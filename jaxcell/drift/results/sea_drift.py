@@ -37,9 +37,9 @@ from .sea_layers import positions
 from .sea_voyage import SeaVoyage
 
 
-# The coverage curve of this number of cells takes seconds.
+# The largest number of cells at all phases for which the coverage curve takes seconds.
 _MAX_FOR_CURVE = 20_000
-# The number of remarks that fit a screen.
+# The largest number of remarks that are shown.
 _MAX_REMARKS = 4
 _SQUARES = "layer y x"
 
@@ -80,27 +80,27 @@ class SeaDrift(SeaCurrents):
     reach: float | None = None
     "The range of cameras that look at the sea bed, in metres."
     seconds: float | int | None = None
-    "The time limit of the search for the fewest views; `None` for greedy ones."
+    "The time limit of the search for the fewest views, in seconds; `None` for greedy views."
     voyage: SeaVoyage | None = None
     "The voyage to a goal by the discounted policy."
     surest: SeaVoyage | None = None
-    "The voyage that most likely arrives."
+    "The voyage by the policy that most likely arrives."
     exchange: Exchange | None = None
     "The exchange of drifters between regions of the surface."
     beaching: Stranded | None = None
-    "Drifters of the surface that strand at coasts."
+    "The drifters of the surface that strand at coasts."
     nearly_closed_sets: ClosedSets | None = None
     "Sets of cells that drifters hardly leave."
     sets_listed: bool = True
-    "If true, a terminal shows a table of the nearly closed sets."
+    "True if a terminal shows a table of the nearly closed sets."
     markov_test: MarkovTest | None = None
     "The Chapman-Kolmogorov test of the maps on the nearly closed sets."
     until: float | int | None = None
     "The time of interest, in hours; `None` for the median time to the end, up to 30 days."
     backward: bool = False
-    "True if drifters go back in time."
+    "True if drifters go backward in time."
     notices: tuple[str, ...] = ()
-    "Differences from the request."
+    "Notes on what was computed otherwise than requested."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` if the parts have different cells or layers."""
@@ -132,27 +132,25 @@ class SeaDrift(SeaCurrents):
     ) -> "SeaDrift":
         """Compute the long-term behaviour in each layer.
 
-        A current of several records changes from one to the next, and repeats itself after the
-        last. There is a map for each phase of the period, and groups and times are those of
-        drifters that are released at the first record. If that would take more than the free
-        memory, or more than 2.5 million cells at all phases, the mean of the records is taken, and
-        `remarks` say so.
+        A current of several records changes from record to record, and repeats itself after the
+        last one. There is a map for each phase of the period, and groups and times are for drifters
+        that are released at the first record. If the maps exceed the free memory, or 2.5 million
+        cells at all phases, the mean of the records is used instead, and `remarks` say so.
 
         **Arguments:**
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
-        - `step`: the step, such as one of `jaxcell.drift.METHODS`. Its duration, 0.001 to 1000
-            times the [`jaxcell.drift.crossing_time`][] of the slowest layer, is changed to the
-            nearest one that fits the period. By default it is that of
-            [`jaxcell.drift.nearest_step`][] for sampled maps, and the crossing time for others.
+        - `step`: the step, such as one of `jaxcell.drift.METHODS`. Its duration must be 0.001 to
+            1000 times the [`jaxcell.drift.crossing_time`][] of the slowest layer, and is changed to
+            fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][]
+            for sampled maps, and is the crossing time for others.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: the range of cameras that look at the sea bed, in metres.
-        - `seconds`: the time limit of the search for the fewest views; by default they are greedy.
-        - `mean`: whether to map by the mean of the records.
-        - `backward`: whether drifters go back in time from the last record, by the reversed flow.
+        - `seconds`: the time limit of the search for the fewest views; by default it is greedy.
+        - `mean`: whether to make the map from the mean of the records.
+        - `backward`: whether drifters go backward in time from the last record.
         - `diffusivity`: the diffusivity of unresolved motion, in m²/s; for sampled maps.
-        - `until`: the time of interest, in hours; by default
-            [`jaxcell.drift.asked_hours`][].
+        - `until`: the time of interest, in hours; by default [`jaxcell.drift.asked_hours`][].
         - `coast`: the rule for drifters that run ashore, as for [`jaxcell.drift.Water`][].
         - `say`: called with each stage of the computation.
         """
@@ -173,7 +171,7 @@ class SeaDrift(SeaCurrents):
         step.check_duration(max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[DriftStep, Any]:
-            """Choose the duration, and return the maps if they were made for the choice."""
+            """Choose the duration; return the step, and the maps if they were made already."""
             if step.duration is not None:
                 return step.lasting(by[0].fitted(step.duration)), None
             if step.spread != "sampled":
@@ -225,7 +223,7 @@ class SeaDrift(SeaCurrents):
         )
 
     def with_closed_sets(self, count: int, *, listed: bool = True) -> "SeaDrift":
-        """Add nearly closed sets of each layer, and the test of the maps on them."""
+        """Add nearly closed sets of each layer, and a test of the maps on these sets."""
         chains = [layer.behaviour.chain for layer in self.layers]
         sets = ClosedSets.of(self.waters, chains, self.step, count)
         tests, first = [], 0
@@ -280,21 +278,21 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
-        """Masks of the cells that drifters from the start may visit: drifters that change their
-        layer at the start only, and drifters that change it at any time."""
+        """Two masks of the cells that drifters from the start may visit, if they change their layer
+        only at the start, and if they change it at any time; `None` without a start."""
         if self.start is None:
             return None
         return reachable_by_layer(self.sea, self.start), reachable_at_depth(self.sea, self.start)
 
     @functools.cached_property
     def deployment(self) -> Deployment:
-        """The cells of the surface to drop drifters in."""
+        """The cells of the surface in which to drop drifters, by Alg. 5.2."""
         return deployment_cells(self.layers[0].behaviour)
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
         """The fewest cells from which all cells of the surface may be visited; in a periodic
-        current, as few as a greedy search finds."""
+        current, the cells of a greedy search."""
         chain = self.layers[0].behaviour.chain
         if isinstance(chain, Chain):
             return minimum_deployment(chain)
@@ -302,14 +300,14 @@ class SeaDrift(SeaCurrents):
 
     @functools.cached_property
     def curve(self) -> CoverageCurve | None:
-        """The cells that a number of drifters may visit; `None` for more than 20,000 cells."""
+        """The number of cells that drifters may visit; `None` for more than 20,000 cells."""
         surface = self.layers[0]
         small = surface.behaviour.unrolled.cells <= _MAX_FOR_CURVE
         return coverage_curve(surface.behaviour.chain) if small else None
 
     @functools.cached_property
     def views(self) -> VisibleDeployment | None:
-        """The cells to drop drifters in that look at the sea bed."""
+        """The cells in which to drop drifters that look at the sea bed; `None` without a reach."""
         surface = self.layers[0]
         if self.reach is None:
             return None

@@ -20,7 +20,7 @@ _UNKNOWN = "NaN: no such group, no water, or not known"
 
 
 def positions(cells: str, dim: str) -> tuple[Any, Any]:
-    """Describe the longitudes and latitudes of the cells in a quantity."""
+    """Make the quantities of the longitudes and latitudes of the cells in another quantity."""
 
     def along(axis: int) -> Callable[[Any], Any]:
         def value(drift: Any) -> Any:
@@ -36,15 +36,15 @@ def positions(cells: str, dim: str) -> tuple[Any, Any]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaLayers(Ends):
-    """The ends of drifters in some layers of the sea, on the squares of its grid."""
+    """The ends of drifters in some layers of the sea, as arrays on the squares of the grid."""
 
     picture: ClassVar[str] = "basin"
 
     layers: tuple[LayerEnds, ...]
-    "The surface first, with steps of one duration."
+    "The layers, the surface first; all have the same duration of a step."
 
     def __post_init__(self) -> None:
-        """**Raises:** `ValueError` for steps of several durations."""
+        """**Raises:** `ValueError` if layers have steps of different durations."""
         durations = {layer.behaviour.duration for layer in self.layers}
         if len(durations) > 1:
             raise ValueError(f"layers: expected steps of one duration, got {sorted(durations)}")
@@ -96,7 +96,7 @@ class SeaLayers(Ends):
 
     @functools.cached_property
     def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
-        """The rank of each group of each layer, as of the matching group in the layer above."""
+        """The rank of each group of each layer; matching groups of two layers have one rank."""
         return basin_ranks(
             [layer.water.on_grid(np.asarray(layer.begins.basin), -1) for layer in self.layers]
         )
@@ -198,7 +198,7 @@ class SeaLayers(Ends):
 
     @property
     def _domiciles(self) -> list[tuple[int, ...]]:
-        """The possible ends of each transient group, layer after layer."""
+        """The ends that each transient group can reach, layer after layer."""
         return [homes for one in self.layers for homes in one.begins.transient.domiciles]
 
     @derived("entry", "cell", kind="index")

@@ -18,7 +18,7 @@ _SQUARES = "layer y x"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaVoyage(Result):
-    """The voyages to a goal by one policy, with their probabilities and times."""
+    """The voyages to a goal by one policy, with probabilities and times of arrival."""
 
     sea: Sea
     policy: Voyage
@@ -33,7 +33,7 @@ class SeaVoyage(Result):
 
     @property
     def arrives(self) -> bool:
-        """True if a drifter from the start may arrive, or without a start."""
+        """True if a drifter from the start may arrive, or if there is no start."""
         return self.start_probability is None or self.start_probability > 0
 
     @derived("", "probability of arriving from the start", kind="share")

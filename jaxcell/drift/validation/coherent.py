@@ -26,23 +26,23 @@ def ftle(
     """Compute the finite-time Lyapunov exponent, the rate at which water from a cell separates.
 
     It is `log(s) / |duration|`, where `s` is the largest factor by which the drift stretches a
-    short line, the root of the largest eigenvalue of the Cauchy-Green tensor (Haller 2015). The
-    gradient of the drift is taken between the middles of the four sides of the cell, so that cells
-    at a coast need no neighbour. Lengths are in metres, by the sides of the cells where the drift
-    begins and ends.
+    short line: the square root of the largest eigenvalue of the Cauchy-Green tensor (Haller 2015).
+    The gradient of the drift is computed from the middles of the four sides of the cell, so that
+    cells at a coast need no neighbour. Lengths are in metres, by the sides of the cells where the
+    drift begins and ends.
 
     **Arguments:**
 
     - `water`: the cells.
     - `flow`: the flow of the same layer.
-    - `duration`: in seconds. Ridges of the exponent repel the water if it is positive, and attract
-        it if it is negative, backward in time.
+    - `duration`: in seconds; negative for backward in time. Ridges of the exponent repel the water
+        if the duration is positive, and attract it otherwise.
     - `start`, `method`, `steps`: as for [`jaxcell.drift.advect`][].
 
     **Returns:** the exponents, per second.
 
-    A flow along x that gets a hundredth of a cell a second faster with every column stretches what
-    it carries by a tenth in ten seconds, in one step of Euler's method:
+    A flow along x that is faster by 0.01 cells per second in every next column stretches a line by
+    a tenth in ten seconds, in one step of Euler's method:
 
         >>> import jax.numpy as jnp, numpy as np
         >>> from jaxcell import drift
@@ -85,19 +85,19 @@ def ridges(
 ) -> Bool[np.ndarray, "cells"]:
     """Find the cells on a ridge of some values, such as [`ftle`][].
 
-    A cell is on a ridge if its value is among the highest of all, and not below those of its two
-    neighbours in the direction, of the four on a grid, in which the values are curved down most.
-    Cells at a coast or the edge of the grid are on no ridge.
+    A cell is on a ridge if its value is among the highest, and not below the values of its two
+    neighbours across the ridge: those in the direction, of four, of the strongest downward
+    curvature. Cells at a coast or the edge of the grid are on no ridge.
 
     **Arguments:**
 
     - `water`: the cells.
     - `values`: the value of each cell.
-    - `share`: the share of the cells, those with the highest values, that may be on a ridge.
+    - `share`: only this share of the cells, with the highest values, may be on a ridge.
 
     **Returns:** a mask over the cells.
 
-    The middle of five columns is the highest; at the edges there is no ridge:
+    The middle column has the highest values; in the first and last row there is no ridge:
 
         >>> import numpy as np
         >>> from jaxcell import drift
@@ -108,7 +108,7 @@ def ridges(
     """
     if not 0 < share <= 1:
         raise ValueError(f"share: expected more than 0 and at most 1, got {share}")
-    # West and East, South and North, and the two diagonals, by their places in Water.neighbor.
+    # West and East, South and North, and the two diagonals, by their rows in Water.neighbor.
     lines = ((3, 4), (1, 6), (0, 7), (2, 5))
     side = water.sides
     length = np.stack([side[0], side[1], np.hypot(*side), np.hypot(*side)])
@@ -129,11 +129,11 @@ class Agreement:
     near: float
     "The share of the border cells that are near a ridge."
     expected: float
-    "The share of all cells that are near a ridge, as expected of borders by chance."
+    "The share of all cells that are near a ridge: the expected `near` of random borders."
 
     @property
     def ratio(self) -> float:
-        """The ratio of the two shares."""
+        """The ratio of `near` to `expected`."""
         return self.near / self.expected if self.expected else np.nan
 
 
@@ -153,11 +153,11 @@ def agreement(
     - `water`: the cells.
     - `label`: the group of each cell, of any kind, such as `LongTermBehaviour.basin`.
     - `ridge`: the cells on ridges.
-    - `within`: the distance in rows and columns up to which a ridge is near.
+    - `within`: the largest distance, in rows and columns, at which a ridge is near.
 
     **Returns:** [`Agreement`][], two shares from 0 to 1.
 
-    The border between columns 2 and 3, beside a ridge in column 2:
+    Groups with a border between columns 2 and 3, and a ridge in column 2:
 
         >>> import numpy as np
         >>> from jaxcell import drift

@@ -12,9 +12,9 @@ from ..step import DriftStep
 from ..water import Water, square
 
 
-# The mean drift, in cells, above which a step is not too short.
+# The mean drift, in cells, above which a longer duration is not advised.
 _FAR = 2.0
-# The number of steps in which water certainly leaves a cell that does not hold it.
+# If the flow leads out of a cell, water from its centre leaves it within this number of steps.
 _LONG = 10
 
 
@@ -27,15 +27,15 @@ class Diagnosis:
     mean_shift: float
     "The mean drift of the centres of the cells in one step, in cells."
     self_image: float
-    "The share of all cells whose centre stays in the cell."
+    "The share of the cells that are their own images."
     pieces: Int[np.ndarray, "pieces"]
     "Number of cells of each connected piece of water."
     whole_pieces: int
-    "Number of persistent groups that are a whole piece of water, whatever the flow."
+    "Number of persistent groups that are a whole connected piece of water, as for any flow."
     locked: int
-    "Number of the other persistent groups that are one cell, out of which the water flows."
+    "Number of the other persistent groups that are a single cell from which water flows away."
     ashore: int
-    "Number of the groups of one cell out of which the water flows onto land only."
+    "Number of persistent groups that are a single cell from which water flows onto land only."
     groups: int
     "Number of persistent groups."
 
@@ -45,9 +45,9 @@ class Diagnosis:
 
         A drift of less than half a cell maps a cell to itself, so a step that is too short makes
         slow cells persistent. A step counts as too short if more than half of the cells are their
-        own images, or if more than half of the persistent groups, except those that are whole
-        pieces of water, are single cells from whose centre the flow leads out of the cell within
-        ten steps.
+        own images. It also does if more than half of the persistent groups are single cells from
+        whose centre the flow leads to another cell within ten steps; groups that are whole pieces
+        of water are not counted.
         """
         others = self.groups - self.whole_pieces
         if self.self_image > 0.5:
@@ -62,10 +62,10 @@ class Diagnosis:
         )
 
     def remedies(self, spread: str) -> tuple[str, ...]:
-        """Name the parameters of the step whose change may remove the warning.
+        """Return the names of the parameters of the step whose change may remove the warning.
 
-        They are `duration`, to be longer, if the mean drift is less than two cells; and `spread`,
-        to be `"sampled"`, unless the map is sampled already. Without a warning there are none.
+        They are `duration`, which should be longer, if the mean drift is less than two cells; and
+        `spread`, which should be `"sampled"`, if it is not. Without a warning there are none.
         """
         if self.warning is None:
             return ()
@@ -83,7 +83,7 @@ def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep
 
     **Returns:** [`Diagnosis`][].
 
-    The surface of the bundled sea, where the flow makes the groups:
+    The surface of the bundled sea, where the flow determines the groups:
 
         >>> from jaxcell import drift, examples, mapping
         >>> water, flow = examples.gyres()
@@ -113,8 +113,8 @@ def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep
     x, y = (place[alone].astype(np.float64) for place in (water.column, water.row))
     end = carried(flow, x, y, _LONG * duration, 0.0, "rk4", 4 * _LONG * step.substeps)
     locked = water.landing(end[0][None], end[1][None], origin=alone, exits=True)[0] != alone
-    # Drifters that run ashore land in the nearest cell, as in the map, although they may have left
-    # the square.
+    # Drifters that run ashore are assigned to the nearest cell, as in the map, although their point
+    # may be in another square.
     cell, _ = water.at(*square(*end))
     return Diagnosis(
         duration=duration,
@@ -131,13 +131,13 @@ def diagnose(water: Water, flow: Flow, groups: PersistentGroups, step: DriftStep
 def group_counts(water: Water, flow: Flow, steps: Sequence[DriftStep]) -> Int[np.ndarray, "steps"]:
     """Count the persistent groups for several steps.
 
-    The groups depend on `rho` only by whether it is 0, 1 or between, because they follow from the
-    possible moves, not from their probabilities.
+    The groups follow from the possible moves, not from their probabilities; so all values of `rho`
+    between 0 and 1 give the same groups.
 
     **Arguments:**
 
     - `water`, `flow`: as for [`jaxcell.drift.drift_maps`][].
-    - `steps`: the steps; in a periodic flow the nearest durations that fit the period are taken.
+    - `steps`: the steps; in a periodic flow their durations are changed to fit the period.
 
     **Returns:** the number of groups for each step.
 

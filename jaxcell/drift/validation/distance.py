@@ -1,4 +1,4 @@
-"""The distance of a drift map from simulated drifters in the current itself."""
+"""The distance between a drift map and simulated drifters in the current itself."""
 
 import dataclasses
 import functools
@@ -22,34 +22,34 @@ from .replay import SAMPLING, Replay, Sampling
 HOURS = (6.0, 24.0)
 """Times at which maps are compared with drifters, in hours, in addition to the time of interest."""
 FAR = 0.2
-"""The total variation above which a map is far from drifters."""
+"""The total variation above which a map counts as far from drifters."""
 MOST_CELLS = 100_000
-"""The cells at all phases above which only one step is mapped."""
+"""The number of cells at all phases above which only one duration is mapped."""
 # The longest default time of interest, in hours.
 _MONTH = 30 * 24.0
 # The least number of steps in the time of interest: the agreement of one step proves nothing.
 _LEAST_STEPS = 4
-# Steps in which diffusion spreads drifters over more cells are not tried.
+# Durations are not tried if diffusion spreads drifters over more cells in a step.
 _MAX_DIFFUSED = 2.0
 _FACTORS = (1, 2, 4, 8, 16, 32)
-# The number of square parts of the grid, along each side, in which single cells are compared.
+# The number of parts along each side of the grid, among which drifters of one cell are compared.
 _PARTS = 6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distance:
-    """The distance of a map from drifters that began uniformly in the cells."""
+    """The distance between a map and drifters that began uniformly in the cells."""
 
     hours: Float[np.ndarray, "times"]
-    "The times, each of whole steps."
+    "The times of the comparison, in hours."
     total_variation: Float[np.ndarray, "times"]
-    "The share of the drifters that the map has in a wrong cell, 0 to 1."
+    "The share of the drifters for which the map predicts a wrong cell, 0 to 1."
     noise: Float[np.ndarray, "times"]
-    "The total variation to expect of this number of drifters, if the map were exact."
+    "The total variation to expect with this number of drifters if the map were exact."
     drifters_left: Float[np.ndarray, "times"]
-    "The share of the drifters that left the grid."
+    "The share of the simulated drifters that left the grid."
     map_left: Float[np.ndarray, "times"]
-    "The share that left the grid by the map."
+    "The probability, by the map, that a drifter left the grid."
     replay: Replay
     "The drifters."
 
@@ -91,7 +91,7 @@ def distances(
     **Returns:** the [`Distance`][] of each map.
 
     The surface of the bundled sea at its first record. The rules of the dissertation spread
-    drifters over the grid more than the water does:
+    drifters more than the water does:
 
         >>> from jaxcell import drift, examples
         >>> water, flow = examples.gyres()
@@ -117,7 +117,7 @@ def distances(
         ]
         left, map_left = (1 - np.array([one.sum() for one in of]) for of in (share, mapped))
         variation = np.array([*map(total_variation, mapped, share)])
-        # Of two halves each has twice the variance of all.
+        # The variance of each half is twice the variance of all drifters.
         noise = np.array([total_variation(*pair) for pair in halves]) / 2
         results.append(Distance(at, variation, noise, left, map_left.clip(0, 1), replay))
     return tuple(results)
@@ -128,18 +128,18 @@ def distances_by_cell(
 ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "cells"]]:
     """Compute the distance for the drifters of each cell, at the last time of a comparison.
 
-    The few drifters from one cell are in different cells at the end, so ends are compared in some
-    36 square parts of the grid.
+    Only few drifters begin in each cell, so the shares are compared over about 36 parts of the
+    grid, not over cells.
 
     **Arguments:**
 
     - `water`, `chain`, `seconds`: the cells, the map and its seconds per step.
-    - `distance`: the distance of the map.
+    - `distance`: the distance of the map, from [`distances`][].
 
     **Returns:** the total variation of each cell, and the total variation to expect if the map were
-    exact; NaN where no drifter began.
+    exact; NaN for cells in which no drifter began.
 
-    In a current that stands still almost everywhere, each drifter stays where it is:
+    In almost still water drifters stay in their cells, but the map moves the drifters of cell 0:
 
         >>> import numpy as np
         >>> import jax.numpy as jnp
@@ -177,7 +177,7 @@ def _places(water: Water) -> list[tuple[Int[np.ndarray, "cells"], int]]:
 def _pulled(
     chain: Chain | ChainSequence, values: Float[np.ndarray, "cells parts"], steps: int
 ) -> Float[np.ndarray, "cells parts"]:
-    """Compute the expected values after some steps from each cell, from phase 0 on."""
+    """Compute the expected values some steps after a start in each cell at phase 0."""
     sequence = as_sequence(chain)
     matrices = [sequence.at(phase).to_scipy() for phase in range(sequence.phases)]
     for step in reversed(range(steps)):
@@ -191,22 +191,22 @@ def nearest_step(
     step: DriftStep,
     hours: float | int | None = None,
 ) -> DriftStep:
-    """Choose the duration of a step so that the maps of layers are nearest to drifters.
+    """Choose the duration of a step for which the maps of layers are nearest to drifters.
 
-    In every step the grid spreads drifters by up to a cell, which favours few steps; but the
-    current changes during a long step, and few points stand for all of a cell. Of 1, 2, 4 ... times
-    the [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a quarter of the time of
-    interest, the choice has the least total variation after 6 and 24 hours and the time of
-    interest. In a periodic flow there is a map per phase, and durations are the nearest ones that
-    fit the period; otherwise the map is made from the mean of the records. For more than
-    100,000 cells at all phases no duration is tried, and the duration is twice the crossing time.
+    In every step the grid spreads drifters by up to a cell, which favours few long steps. But in a
+    long step the current changes, and a few points do not represent a whole cell. The durations
+    tried are 1, 2, 4 ... times the [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a
+    quarter of the time of interest. The choice minimizes the largest total variation after 6 hours,
+    24 hours and the time of interest. In a periodic flow there is a map per phase, and durations
+    are changed to fit the period; otherwise the map is made from the mean of the records. For more
+    than 100,000 cells at all phases no duration is tried; it is twice the crossing time.
 
     **Arguments:**
 
     - `waters`, `flows`: water and flow of each layer, with all records.
     - `step`: the rules of the step; its duration has no effect.
     - `hours`: the time of interest; by default [`asked_hours`][jaxcell.drift.asked_hours] of the
-        map whose step is twice the crossing time.
+        map for twice the crossing time.
 
     **Returns:** the step with its duration.
 
@@ -222,15 +222,15 @@ def nearest_step(
 
 
 def mapped(flow: Flow) -> Flow:
-    """Return the flow that maps are made of: a periodic flow itself, and else its mean."""
+    """Return the flow from which maps are made: a periodic flow itself, or else its mean."""
     return flow if flow.period is not None else flow.mean()
 
 
 def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -> float:
-    """Return the time that an answer about drifters is about by default, in hours.
+    """Return the default time of interest, in hours.
 
     It is the median time until drifters from a transient cell are in a persistent group or off the
-    map, in whole days, from a day to thirty.
+    map, rounded up to whole days, from 1 to 30.
 
     **Arguments:**
 
@@ -239,7 +239,7 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
 
     **Returns:** the time.
 
-    Drifters that leave in ten steps of six hours on average:
+    Drifters leave the map in ten steps of six hours on average:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
@@ -256,13 +256,13 @@ def asked_hours(chains: Sequence[Chain | ChainSequence], seconds: float | int) -
 
 
 def whole_days(hours: Float[np.ndarray, "transient"]) -> float:
-    """Return the median of some times, in whole days from 1 to 30, as hours."""
+    """Return the median of some hours, rounded up to whole days from 1 to 30, in hours."""
     median = float(np.median(hours)) if hours.size else 0.0
     return 24.0 * min(max(1, math.ceil(median / 24 - 1e-6)), round(_MONTH / 24))
 
 
 def compared_hours(asked: float | int) -> tuple[float, ...]:
-    """Return the times of a comparison: 6 and 24 hours if they are earlier, and the time asked."""
+    """Return the hours of a comparison: the time of interest, and before it 6 and 24 hours."""
     return (*(hour for hour in HOURS if hour < asked), float(asked))
 
 
@@ -278,7 +278,7 @@ def nearest_maps(
 
     **Arguments:**
 
-    - `by`: the flow of the map of each layer; drifters move in the flow in `flows`.
+    - `by`: the flow of the map of each layer; drifters move by the flow in `flows`.
     - `most_cells`: number of cells at all phases above which no duration is tried, and `None` is
         returned in place of the maps.
     """
@@ -297,7 +297,7 @@ def nearest_maps(
     longest = min(3600 * asked / _LEAST_STEPS, spread)
     factors = [factor for factor in _FACTORS if factor == 1 or factor * crossing <= longest]
     if by[0].period is None:
-        # A whole number of steps takes the time of interest.
+        # The durations divide the time of interest.
         counts = {steps_in(3600 * asked, factor * crossing) for factor in factors}
         durations = sorted(3600 * asked / count for count in counts)
     else:
@@ -317,6 +317,6 @@ def nearest_maps(
 
 
 def longest_duration(water: Water, flow: Flow) -> float:
-    """Return the longest duration to try, in seconds, so that diffusion does not fill the map."""
+    """Return the longest duration to try, in seconds, for which diffusion spans at most 2 cells."""
     in_a_second = float(diffused_cells(water, flow, 1.0).max())
     return (_MAX_DIFFUSED / in_a_second) ** 2 if in_a_second else math.inf

@@ -24,10 +24,10 @@ class Drifters:
 
     x: Float[Array, "steps drifters"]
     """Column of each drifter after each step, in cells. A drifter that left the map stays where it
-    left; around the Earth columns go on past the last one, turn after turn."""
+    left. On a grid that goes round the Earth, x grows beyond the last column with each turn."""
     y: Float[Array, "steps drifters"]
     cell: Int[np.ndarray, "steps drifters"]
-    "The cell, or the nearest cell for a drifter that ran ashore; -1 off the grid."
+    "The cell of each drifter, or the nearest cell if it ran ashore; -1 off the map."
     duration: float
     "Seconds per step."
 
@@ -49,9 +49,9 @@ def simulate_drifters(
     start: float | int = 0.0,
     substeps: int = 8,
 ) -> Drifters:
-    """Simulate drifters in the flow itself, without cells, as a check of the map between cells.
+    """Simulate drifters in the flow itself, to check the map between cells.
 
-    They move by the Runge-Kutta method, and do not return once they have left the map.
+    Drifters move by the Runge-Kutta method, and do not return after they have left the map.
 
     **Arguments:**
 
@@ -61,12 +61,12 @@ def simulate_drifters(
     - `duration`: seconds per step.
     - `steps`: number of steps.
     - `drifters`: number of drifters.
-    - `rho`: the probability that a step goes with the flow; else its drift is turned by 45 degrees
-        to either side, the disturbance of `spread="turned"`.
+    - `rho`: the probability that a drifter follows the flow in a step; else its drift is turned by
+        45 degrees to either side, the disturbance of `spread="turned"`.
     - `start`: the time of release, in seconds as in `Flow.time`.
-    - `substeps`: steps of the Runge-Kutta method in one step.
+    - `substeps`: steps of the Runge-Kutta method in each step.
 
-    **Returns:** [`Drifters`][], beginning with the places of release.
+    **Returns:** [`Drifters`][], whose first row has the places of release.
 
     Two hours at the surface of the bundled sea, from cell 100:
 
@@ -88,7 +88,7 @@ def simulate_drifters(
     begin = start + np.arange(steps) * duration
     choice, off = map(np.asarray, _release(key, released.size, drifters))
     x, y = centre[:, choice] + off
-    # Without turns none are drawn.
+    # If no drift is turned, no random numbers are drawn for turns.
     turning = float(rho) if rho < 1 else None
     gone = water.gone
     xs, ys = _paths(key, flow, sides, wet, gone, x, y, begin, duration, turning, substeps)
@@ -142,15 +142,15 @@ def _turned(key, rho, side, place, end):  # type: ignore[no-untyped-def]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """The distance of the distribution of a chain from that of simulated drifters, by time."""
+    """The distance between the distributions of a chain and of simulated drifters, by time."""
 
     hours: Float[np.ndarray, "times"]
     total_variation: Float[np.ndarray, "times"]
-    "The total variation: the share of drifters for which the chain has a wrong cell, 0 to 1."
+    "The total variation: the share of drifters for which the chain predicts a wrong cell, 0 to 1."
     sampling: Float[np.ndarray, "times"]
     "The total variation between two halves of the drifters: the noise of the comparison."
     transport: Float[np.ndarray, "times"]
-    "The distance in cells: the larger of the Wasserstein distances along x and y."
+    "The larger of the Wasserstein distances along x and y, in cells."
 
 
 def compare(
@@ -159,7 +159,7 @@ def compare(
     drifted: Drifters,
     hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
-    """Compare a drift map with simulated drifters, from their places of release on.
+    """Compare a drift map with simulated drifters, from the release of the drifters on.
 
     **Arguments:**
 
@@ -170,7 +170,7 @@ def compare(
 
     **Returns:** [`Comparison`][], with one number per time.
 
-    Two cells of 1 km. The chain takes all drifters to the second cell; one of two drifters went:
+    Two cells of 1 km. The chain moves all drifters to the second cell; one of two drifters moved:
 
         >>> import jax.numpy as jnp, numpy as np
         >>> from jaxcell import drift, mapping
@@ -208,15 +208,15 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
 
 
 def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
-    """Compute the total variation of two distributions; the rest to 1 is one more outcome."""
+    """Compute the total variation of two distributions; off the map is a further outcome."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 
 
 def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
     """Compute the larger Wasserstein distance of the distributions over columns and over rows.
 
-    It is a lower bound of the distance over cells, and needs no linear program. What left the grid
-    is left out. Around the Earth, drifters go the shorter way over the columns.
+    It is a lower bound of the distance over cells, and needs no linear program. Drifters off the
+    grid are left out. On a grid that goes round the Earth, drifters take the shorter way.
     """
     if not (p.sum() > 0 and q.sum() > 0):
         return float("nan")
@@ -227,7 +227,7 @@ def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray,
         over = [np.cumsum(np.bincount(place, v / v.sum(), size)) for v in (p, q)]
         moved = over[0] - over[1]
         if circle:
-            # Any flow round the circle may be added; with the median of 0 the least is moved.
+            # Any constant flow round the circle may be added; with a median of 0 the sum is least.
             moved = moved - np.median(moved)
         apart.append(float(np.abs(moved).sum()))
     return max(apart)

@@ -1,4 +1,4 @@
-"""The Chapman-Kolmogorov test: several steps of a map against drifters, on sets of cells."""
+"""The Chapman-Kolmogorov test, which compares steps of a map with drifters on sets of cells."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from ...mapping.sequence import as_sequence
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MarkovTest(Result):
-    """The shares of drifters from each set that are in it later, by a map and by drifters.
+    """The share of drifters of each set that are in the set later, by a map and by simulation.
 
-    If drifters forget where they were, the `n`-th power of the map has the shares of `n` steps
-    (Prinz et al. 2011); each case is a set and a time. Half of the drifters of set 0 are still in
-    it by the map, and a quarter of four:
+    If the drifters are a Markov chain, the `n`-th power of the map predicts the shares after `n`
+    steps (Prinz et al. 2011). Each case is a set and a time. By the map half of the drifters of
+    set 0 are still in it after a step; of four simulated drifters, a quarter:
 
         >>> import numpy as np
         >>> from jaxcell import drift, mapping
@@ -64,8 +64,8 @@ class MarkovTest(Result):
         - `chain`: the map, from phase 0 on.
         - `sets`: the set of each cell, -1 for none.
         - `seconds`: the duration of a step.
-        - `seen`: numbers of steps, each with the cells in which drifters began and ended; -1 for a
-            drifter that has left.
+        - `seen`: numbers of steps, each with the cells in which simulated drifters began and ended;
+            -1 for drifters that have left.
         - `depth`: depth of the cells, in metres.
         - `first`: the number of set 0 in the result.
         """
@@ -89,7 +89,7 @@ class MarkovTest(Result):
 
     @classmethod
     def joined(cls, tests: Sequence["MarkovTest"]) -> "MarkovTest":
-        """Join the tests of layers, whose sets are numbered through all layers."""
+        """Join the tests of several layers; the numbers of sets continue from layer to layer."""
         names = [field.name for field in dataclasses.fields(cls)]
         return cls(*(np.concatenate([getattr(test, name) for test in tests]) for name in names))
 

@@ -1,4 +1,4 @@
-"""Drifters that begin on an even grid of points in cells, and drift without cells."""
+"""Simulated drifters that begin on an even grid of points in cells."""
 
 import dataclasses
 import math
@@ -15,37 +15,37 @@ from ..water import Water
 
 @dataclasses.dataclass(frozen=True)
 class Sampling:
-    """The points at which drifters begin: a square grid in every cell, or in every cell of a
-    sample."""
+    """The points at which drifters begin: a square grid of points in every cell, or in every cell
+    of a sample."""
 
     drifters: int = 1_000_000
     "The largest number of drifters."
     least: int = 3
-    "The least number of points along each side of a cell; if needed, fewer cells are sampled."
+    "The least number of points along each side of a cell; if needed, only some cells are sampled."
     most: int = 6
     "The largest number of points along each side of a cell; twice as many if drifters diffuse."
     part: int = 64
-    "A sample has whole square parts of the grid, of this side in cells."
+    "The side, in cells, of the square parts of the grid that are sampled as a whole."
     moves: int = 100_000_000
     "The largest number of Runge-Kutta steps of all drifters."
 
 
 SAMPLING = Sampling()
-"""The default of [`distances`][jaxcell.drift.distances]."""
+"""The default sampling of [`distances`][jaxcell.drift.distances]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """The cells of drifters in the flow itself, at some times."""
+    """The cells of drifters that were simulated in the flow itself, at some times."""
 
     hours: Float[np.ndarray, "times"]
-    "The times, ascending."
+    "The times in hours, ascending."
     origin: Int[np.ndarray, "drifters"]
     "The cell in which each drifter began."
     cell: Int[np.ndarray, "times drifters"]
     "The cell of each drifter at each time; -1 if the drifter has left the grid."
     half: Bool[np.ndarray, "drifters"]
-    "Every second point in a cell, for estimates of noise."
+    "The mask of every second drifter of a cell, for estimates of noise."
 
     @classmethod
     def of(
@@ -57,17 +57,17 @@ class Replay:
     ) -> "Replay":
         """Simulate drifters by the Runge-Kutta method and the random walk of the diffusivity.
 
-        By default 9 to 36 begin in each cell, up to 144 if they diffuse. Of many cells, those in
-        separate square parts of the grid are sampled.
+        By default 9 to 36 drifters begin in each cell, or up to 144 if they diffuse. If there are
+        too many cells, only the cells in some square parts of the grid are sampled.
 
         **Arguments:**
 
         - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
-        - `hours`: the times.
+        - `hours`: the times in hours.
         - `sampling`: the points at which drifters begin.
         """
         times = np.unique(np.asarray(hours, float)) * 3600
-        # A substep is at most half a cell long, and not longer than from one record to the next.
+        # A substep is at most half a cell long, and not longer than the time between two records.
         between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
         longest = min(crossing_time(water, flow) / 2, between)
         most = min(sampling.drifters, int(sampling.moves / max(1.0, times[-1] / longest)))
@@ -107,7 +107,7 @@ class Replay:
 def _begin(water: Water, sampling: Sampling) -> Bool[np.ndarray, "cells"]:
     """Mark the cells in which drifters begin."""
     every = max(1, -(-water.cells * sampling.least**2 // max(1, sampling.drifters)))
-    # Along every diagonal, one in `every` square parts.
+    # Of the square parts along every row and column, one in `every` is chosen.
     part = water.row // sampling.part + water.column // sampling.part
     chosen = part % every == 0
     return chosen if chosen.any() else part == part[0]

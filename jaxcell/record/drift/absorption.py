@@ -14,7 +14,7 @@ from .map import SeaMap
 
 
 _PERSISTENT = "in a persistent group"
-# Hours from which most times are given in days.
+# The median time in hours from which times are shown in days.
 _DAYS = 72
 _LATE = f"almost forever: over {ALMOST_FOREVER:,} steps"
 
@@ -25,7 +25,7 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     hours = [np.asarray(layer.begins.hours) for layer in layers]
     late = [layer.almost_forever for layer in layers]
     shown = np.concatenate([t[(t > 0) & ~is_late] for t, is_late in zip(hours, late, strict=True)])
-    # Times over several powers of ten have a logarithmic scale.
+    # The scale is logarithmic, because times span several powers of ten.
     days = shown.size > 0 and float(np.median(shown)) >= _DAYS
     unit, size = ("days", 24.0) if days else ("h", 1.0)
     drift, bounds = maps[0].drift, (1.0, 1.0)
@@ -63,9 +63,9 @@ def _text(layers: Sequence[LayerEnds]) -> str:
         )
     return f"""# How long it takes
 
-The *absorption time* of a cell is the expected time until a drifter from there is in a persistent
-group, or off the map. Blue is soon, yellow is late, on a logarithmic scale; persistent cells
-are light.
+The *absorption time* of a cell is the expected time until a drifter from this cell is in a
+persistent group, or off the map. Blue is soon, yellow is late, on a logarithmic scale; persistent
+cells are light.
 
 {described(layers, *columns)}
 

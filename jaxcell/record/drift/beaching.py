@@ -15,7 +15,7 @@ _NO_BEACH = "no beach"
 
 
 def log_beaching(map: SeaMap, stranded: Stranded) -> rrb.Container:
-    """Log the drifters on each beach, the share by the cell of release, and the share by time."""
+    """Log the drifters on each beach, and the share of stranded drifters by cell and by time."""
     row, column = map.water.row, map.water.column
     beached = 100 * map.water.cells * stranded.on_beach[row, column]
     chance = 100 * stranded.chance[row, column]
@@ -43,10 +43,10 @@ def log_beaching(map: SeaMap, stranded: Stranded) -> rrb.Container:
 def _text(stranded: Stranded) -> str:
     return f"""# Ashore
 
-Drifters are released uniformly in all cells, strand at a coast, and come afloat again. After
+Drifters are released uniformly in all cells, strand at a coast, and may float again. After
 **{stranded.after_hours:.3g} hours** **{stranded.share:.1%}** are on a beach. The maps show the
-drifters on each beach, in percent of the drifters that one cell had at first, and the share of
-stranded drifters by the cell of release.
+drifters on each beach, in percent of the drifters released per cell, and the share of stranded
+drifters by the cell of release.
 
 {numbers(stranded)}
 """

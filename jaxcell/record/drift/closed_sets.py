@@ -58,9 +58,9 @@ def _text(sets: ClosedSets) -> str:
     columns = "rank", "depth", "size", "leakage", "hours", "lon", "lat"
     return f"""# Parts that drifters hardly leave
 
-These parts are *nearly closed*: of the drifters that are released in one everywhere alike, only a
-small share is outside after **{sets.window_hours:.3g} hours**. At that rate 1/e of them are left
-after the time that stands on the map. They come from the leading eigenvectors of the Markov chain.
+These parts are *nearly closed*: if drifters are released uniformly in a part, only a small share is
+outside it after **{sets.window_hours:.3g} hours**. At this rate 1/e of them are left in it after
+the time on the map. The parts come from the leading eigenvectors of the Markov chain.
 
 {described(sets, *columns)}
 """

@@ -15,7 +15,7 @@ from .map import DRIFTER, CurrentMap
 
 
 _MAX_ARROWS = 700
-# The number of arrows over all records and layers, so that the file stays small.
+# The largest number of arrows over all records and layers, which keeps the file small.
 _MAX_DRAWN = 400_000
 DRIFTERS = 250
 """The number of drifters that are drawn."""
@@ -26,7 +26,7 @@ _MAX_LENGTH = 2.5
 
 
 def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
-    """Log the current of each layer by time, and drifters in it."""
+    """Log the current of each layer by time, and drifters in the current."""
     views = []
     for map in maps:
         _log_arrows(map, len(maps))
@@ -38,7 +38,7 @@ def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
 
 
 def currents_of(drift: SeaDrift) -> str:
-    """Name the source and the times of the currents in a sentence."""
+    """Write a sentence with the source and the times of the currents."""
     times, source = drift.currents.time.values, drift.currents.attrs["source"]
     if times.size == 1:
         return f"The current of `{source}` at {_moment(times[0])}."
@@ -57,7 +57,7 @@ def _text(map: CurrentMap) -> str:
     notes = "\n".join(f"- {note}" for note in drift.notes)
     return f"""# The current
 
-Arrows show the records one after the other, longer where water is faster. Dots are drifters with
+Arrows show the records one after the other; faster water has longer arrows. Dots are drifters with
 their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
 {_moment(drift.currents.time.values[0])}.
 
@@ -106,7 +106,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
 
 
 def _log_drifters(map: CurrentMap, seed: int) -> None:
-    """Log drifters in the current itself, without disturbances."""
+    """Log drifters that are simulated in the current itself, without disturbances."""
     water, clock, stream = map.water, map.clock, map.stream
     moved = simulate_drifters(
         jax.random.key(seed),
@@ -126,9 +126,9 @@ def _log_drifters(map: CurrentMap, seed: int) -> None:
     square, _ = water.at(np.rint(y).astype(int), np.rint(x).astype(int))
     dry = present & (square < 0)
     xy[dry] = map.xy(moved.cell[dry])
-    # A trail across the seam begins beyond the edge of the map, not at its other side.
+    # A trail across the seam begins beyond the edge of the map, not at the opposite edge.
     turns = map.on_grid(whole, y) - map.on_grid(x, y)
-    # Trails of one length are logged much faster; at first they repeat their first point.
+    # Trails of equal length are logged much faster, so early trails repeat their first point.
     trails = []
     for time in range(len(xy)):
         past = np.arange(time - _TRAIL, time + 1).clip(0)

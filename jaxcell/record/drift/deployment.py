@@ -1,4 +1,4 @@
-"""The tab of the deployment: the cells to drop drifters in."""
+"""The tab of the deployment: the cells in which to drop drifters."""
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -22,7 +22,7 @@ _MAX_ROWS = 24
 
 
 def log_deployment(map: CurrentMap) -> rrb.Container:
-    """Log the cells to drop drifters in at the surface."""
+    """Log the cells of the surface in which to drop drifters."""
     drift = map.drift
     chosen = drift.deployment
     kind, classes = group_classes(drift.layers[0], drift.group_ranks[0])
@@ -48,7 +48,7 @@ def log_deployment(map: CurrentMap) -> rrb.Container:
 
 
 def _log_views(map: CurrentMap) -> rrb.View:
-    """Log the cells from which the sea bed is seen, with the discs that are seen."""
+    """Log the cells from which the sea bed is seen, with the disc that each camera sees."""
     views, reach = map.drift.views, map.drift.reach
     assert views is not None
     assert reach is not None

@@ -1,4 +1,4 @@
-"""The tab of distances: how far the map of cells is from drifters, cell by cell."""
+"""The tab of distances between the map of cells and simulated drifters, by cell."""
 
 from collections.abc import Sequence
 
@@ -46,8 +46,8 @@ def _text(drift: SeaDrift) -> str:
     return f"""# How sure the map is
 
 Drifters in the current itself begin at many points of each cell. **The map**: the share of the
-drifters from each cell that the map of cells has in a wrong part of 36 square parts, after
-**{in_time(drift.asked_hours)}**. An exact map would have {noise:.0%} on average by chance.
+drifters from each cell for which the map of cells predicts the wrong one of 36 parts of the sea,
+after **{in_time(drift.asked_hours)}**. For an exact map it would be {noise:.0%} on average.
 
 {described(drift, "compared_hours", "distance_by_time")}
 

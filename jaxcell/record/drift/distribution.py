@@ -13,10 +13,10 @@ from ..canvas.scale import Scale
 from .map import SeaMap
 
 
-# The ends of the scale, in multiples of the number of drifters at first.
+# The ends of the scale, in multiples of the number of drifters at release.
 _LEAST, _MOST = 1 / 16, 16.0
 _HARDLY = "hardly any"
-# The number of squares over all times and layers, so that the file stays small.
+# The largest number of squares over all times and layers, which keeps the file small.
 _MAX_SQUARES = 20_000_000
 
 
@@ -46,7 +46,7 @@ def log_distribution(
 
 @functools.cache
 def density() -> Scale:
-    """Make the scale of the number of drifters in a cell, in multiples of the number at first."""
+    """Make the scale of the number of drifters in a cell, in multiples of the number at release."""
     return Scale.over(
         np.zeros(0),
         "{} x".format,
@@ -66,7 +66,7 @@ def levels(share: np.ndarray) -> np.ndarray:
 
 
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Push drifters on, and return the classes of cells after every few steps, and the times."""
+    """Compute the distribution every few steps; return the classes of cells, and the times."""
     chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
     share = np.full(map.water.cells, 1 / map.water.cells)
     shares = itertools.islice(chain.pushed(share, steps), 0, None, every)
@@ -78,8 +78,8 @@ def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray
 def _text(about: str) -> str:
     return f"""# Where drifters come to be
 
-Drifters are released in all cells alike and go on by the map of cells, step by step: press play.
-The colours say by how much there are more or fewer than at first.
+Drifters are released uniformly in all cells and move by the map of cells, step by step: press play.
+The colours show the number of drifters in each cell, in multiples of the number at release.
 
 {about}
 """

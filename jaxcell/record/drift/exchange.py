@@ -11,18 +11,18 @@ from ..canvas.prose import described
 from .map import SeaMap
 
 
-# The width of a letter of the names of rows, in squares of the heat map.
+# The width of a letter in the names of rows, in squares of the heat map.
 _LETTER = 0.1
 _PALE = 0.4
 
 
 def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
-    """Log the regions on the map, and the shares that go between them as a heat map."""
+    """Log the regions on the map, and a heat map of the shares of drifters between regions."""
     names = exchange.name.tolist()
     colors = [tint(color, _PALE) for color in CATEGORIES.values()]
     classes = [PictureClass("land", CLEAR), PictureClass("in no region", FREE)]
     classes += [PictureClass(name, colors[k % len(colors)]) for k, name in enumerate(names)]
-    # Of overlapping regions the last is shown.
+    # If regions overlap, the last one is shown.
     kind = (exchange.inside * (np.arange(len(names))[:, None] + 1)).max(axis=0) + 1
     picture = map.picture("regions", classes, kind)
     labels = []
@@ -51,9 +51,9 @@ def _hours(hours: float) -> str:
 def _text(exchange: Exchange) -> str:
     return f"""# From region to region
 
-Drifters are released in each region of the surface everywhere alike. **Left**: the regions, with
-the mean time until a drifter first leaves each. **Right**: where those of a row are after
-**{_hours(exchange.after_hours)}**, in percent.
+Drifters are released uniformly in each region of the surface. **Left**: the regions, with the mean
+time until a drifter first leaves its region. **Right**: the share of the drifters of each row that
+are in each column after **{_hours(exchange.after_hours)}**, in percent.
 
 {described(exchange, "name", "cell_count", "residence_hours", "left")}
 """

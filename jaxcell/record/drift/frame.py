@@ -16,9 +16,9 @@ from ..canvas.palette import TEXT, Color
 
 
 COAST: Color = (24, 24, 28)
-# Lines of longitude or latitude that are marked at an edge, at least.
+# The least number of lines of longitude or latitude that are marked at an edge.
 _LEAST_TICKS = 3
-# The distance of marks, in degrees.
+# The possible distances between marks, in degrees.
 _STEPS = (*(n * 10.0**k for k in (1, 0, -1, -2) for n in (5, 2, 1)),)
 
 
@@ -63,8 +63,8 @@ def on_the_grid(
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "points"]]:
     """Convert places in degrees to columns and rows of a grid.
 
-    From the nearest centre it goes on by the sides and the angle of that square, also beyond the
-    edge.
+    The offset from the nearest centre is divided by the sides of its square, along its axes, also
+    beyond the edge of the grid.
 
     **Returns:** the places; and the number of the nearest square.
     """
@@ -101,20 +101,20 @@ def _coasts(water: Water, coastline: str) -> Iterator[Float[np.ndarray, "points 
     limits = np.array([columns, rows]) - 0.5
     for place in np.split(places, np.cumsum([len(line) for line in lines])[:-1]):
         on = np.all((place >= -0.5) & (place <= limits), axis=1)
-        # A line ends at the edge of the map, and at the seam of a grid round the Earth.
+        # A line ends at the edge of the map, and at the seam of a grid that goes round the Earth.
         jump = np.abs(np.diff(place, axis=0)).max(axis=1) > max(columns, rows) / 2
         breaks = np.flatnonzero(jump | ~(on[1:] | on[:-1])) + 1
         yield from (part.clip(-0.5, limits) for part in np.split(place, breaks) if len(part) > 1)
 
 
 def _ticks(water: Water, side: Float[np.ndarray, "2"]) -> Iterator[tuple[str, float, int]]:
-    """Return the degrees at the edges, in kilometres along x (0) below the map, and y (1) left."""
+    """Yield the name and place, in kilometres, of the degrees along x (0) and along y (1)."""
     for axis, values, name in ((0, water.lon[0], longitude), (1, water.lat[:, 0], latitude)):
         at = np.flatnonzero(np.isfinite(values))
         if at.size < 2:
             continue
         values = np.unwrap(values[at], period=360)
-        # The edges of the outer squares.
+        # The degrees at the outer edges of the grid.
         ends = 1.5 * values[[0, -1]] - 0.5 * values[[1, -2]]
         values = np.concatenate([ends[:1], values, ends[1:]])
         places = np.concatenate([[at[0] - 0.5], at, [at[-1] + 0.5]])

@@ -17,14 +17,14 @@ from .map import DRIFTER, SeaMap
 
 
 HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
-"""The colours of persistent groups, the largest basin of the highest layer first."""
+"""The colours of persistent groups by rank; rank 0 has the largest basin of the first layer."""
 _SEVERAL: Color = FREE
 _AWAY: Color = tint(CATEGORIES["yellow"], 0.3)
 _OTHERS: Color = (96, 82, 72)
 _PALE = 0.6
-# The number of groups with a class of their own; pictures have at most 255 classes.
+# The largest number of groups with separate classes; pictures have at most 255 classes.
 _MAX_CLASSES = 120
-# The least share of the map for a label, which would hide a smaller group.
+# The least share of the map for a group to get a label, because labels hide smaller groups.
 _MIN_LABELLED = 0.01
 
 
@@ -57,9 +57,10 @@ def home_color(rank: int) -> Color:
 def group_classes(
     layer: LayerEnds, rank: Int[np.ndarray, "groups"]
 ) -> tuple[UInt8[np.ndarray, "cells"], list[PictureClass]]:
-    """Classify each cell for a picture of groups, with the meanings of the classes; 0 is land.
+    """Classify each cell for a picture of groups, and return the classes, of which 0 is land.
 
-    A cell of a persistent group has its colour; a cell that surely leads there, a paler shade.
+    A cell of a persistent group has the colour of the group; a cell that surely leads to the group
+    has a paler shade.
     """
     transient = layer.begins.transient
     classes = [PictureClass("land", CLEAR)]
@@ -94,7 +95,7 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
 
 
 def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"]) -> None:
-    """Log the numbers of large groups with a colour of their own."""
+    """Log the numbers of large groups that have a separate colour."""
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]
@@ -120,12 +121,12 @@ GROUPS_SEEN = """Sooner or later a drifter is in a *persistent group* of cells, 
 leaves, or off the map.
 
 - **Full colours**: persistent groups.
-- **Pale colours**: from there it ends in the group of that colour for sure.
-- **White**: it may end in several. Hover over a cell to read in which."""
+- **Pale colours**: a drifter from there surely ends in the group of that colour.
+- **White**: it may end in several groups. Hover over a cell to read in which."""
 
 
 def groups_text(drift: SeaDrift, spec: Spec) -> str:
-    """Write the text beside the groups in a current."""
+    """Write the text of the tab of groups in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     ways = "mean_leaving_into_gaps", "mean_leaving_off_edge", "mean_stranding"
@@ -165,7 +166,7 @@ share that the map has in a wrong cell, and the shares that left:
 
 
 def _phases(drift: SeaDrift) -> str:
-    """Name the time of release in a periodic current, in a sentence."""
+    """Write a sentence on the time of release in a periodic current."""
     if drift.phases is None:
         return ""
     return (

@@ -1,7 +1,7 @@
 """The maps of a sea: land and sea without data, and places on the grid.
 
-Maps are drawn in the axes of the grid, in kilometres of its mean cell, so that a cell is a square
-of a picture whichever way the grid is turned; an arrow says where North is.
+Maps are drawn along the axes of the grid, in kilometres by its mean cell, so that each cell is a
+pixel of a picture, however the grid is turned; an arrow points to the North.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ LAND: Color = PLAIN
 GAP: Color = mix(PLAIN, OBSTACLE, 0.75)
 _GAP = "sea without data"
 DRIFTER: Color = (20, 20, 24)
-# The number of layers with a map, from the surface down.
+# The largest number of layers with a map, from the surface down.
 _MAX_MAPS = 6
 # Pictures of moving drifters per step of the chain, and the largest number of pictures.
 _FRAMES_PER_STEP, _MAX_FRAMES = 4, 240
@@ -50,11 +50,11 @@ class Clock:
     unit: str
     "`day`, `hour`, `minute` or `second`."
     frame: int
-    "Units from picture to picture."
+    "Units between two pictures."
     frames: int
     "Number of pictures after the first."
     start: np.datetime64 | None = None
-    "The date of time 0, if time goes forward from a date."
+    "The date of time 0; `None` without dates, or if drifters go backward in time."
 
     @classmethod
     def of(cls, drift: SeaLayers) -> "Clock":
@@ -73,7 +73,7 @@ class Clock:
 
     @property
     def timeline(self) -> str | Dated:
-        """The timeline of marks: dates if they are known."""
+        """The timeline of marks, of dates if they are known."""
         return self.unit if self.start is None else Dated(self.unit, self.start, self.seconds)
 
     @property
@@ -88,7 +88,7 @@ class Clock:
 
     @property
     def speed(self) -> float:
-        """Units per second of playback, so that all plays in about half a minute."""
+        """Units per second of playback, for a playback of about half a minute in all."""
         return max(1.0, self.last / 30)
 
 
@@ -140,11 +140,11 @@ class SeaMap:
 
     @property
     def mark(self) -> float:
-        """The radius of a mark that fills most of a cell, but is visible on a large map."""
+        """The radius of a mark: most of a cell, but enough to be visible on a large map."""
         return max(0.4 * float(self.side.min()), 0.004 * self.extent)
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Find the place for the label of some cells: of the deepest cells, the middle one."""
+        """Find the place for a label of some cells: the middle one of their innermost cells."""
         row, column = self.water.row[cells], self.water.column[cells]
         among = np.zeros(np.add(self.water.number.shape, 2), bool)
         among[row + 1, column + 1] = True
@@ -157,18 +157,18 @@ class SeaMap:
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]
     ) -> Float[np.ndarray, "*points 2"]:
-        """Convert places of the grid to kilometres."""
+        """Convert places in cells of the grid to kilometres."""
         return np.stack([column + 0.5, row + 0.5], axis=-1) * self.side
 
     def xy(self, cells: Int[np.ndarray, "some"] | None = None) -> Float[np.ndarray, "some 2"]:
-        """Return the centres of cells, by default of all, in kilometres."""
+        """Return the centres of cells, by default of all cells, in kilometres."""
         chosen = np.arange(self.water.cells) if cells is None else cells
         return self.on_grid(
             self.water.column[chosen].astype(float), self.water.row[chosen].astype(float)
         )
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select cells on a coarser grid, at most about `most`."""
+        """Select at most about `most` cells, on a coarser grid."""
         stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
         first = stride // 2
         row, column = self.water.row % stride, self.water.column % stride
@@ -182,9 +182,9 @@ class SeaMap:
         order: float = -10.0,
         times: Int[np.ndarray, "times"] | None = None,
     ) -> str:
-        """Log the class of each cell as a picture, or as a picture per time; land has class 0.
+        """Log a picture of the class of each cell, or a picture per time; class 0 is land.
 
-        Sea without data has a class of its own after the others.
+        Sea without data gets an additional class after the others.
 
         **Returns:** the name of the entity, for [`SeaMap.view`][].
         """
@@ -200,7 +200,7 @@ class SeaMap:
     def numbers(
         self, name: str, title: str, scale: Scale, values: Float[np.ndarray, "cells"]
     ) -> rrb.Spatial2DView:
-        """Log the numbers of the cells by the colours of a scale, and return a view of them."""
+        """Log a number per cell in the colours of a scale, and return a view of the picture."""
         return self.view(title, [self.picture(name, scale.classes, scale.levels(values))])
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
@@ -214,7 +214,7 @@ class SeaMap:
     def tab(
         self, path: str, name: str, views: Sequence[rrb.View], text: str, legend: Legend
     ) -> rrb.Container:
-        """Log the text and the legend of a tab with maps side by side."""
+        """Log the text and the legend of a tab, and return the tab with its views side by side."""
         legend = [*legend, (self.dry, LAND), *([(_GAP, GAP)] if self.gaps.any() else [])]
         return log_tab(self.stream, path, name, views, text, legend)
 
@@ -232,7 +232,7 @@ class CurrentMap(SeaMap):
 
     @functools.cached_property
     def arrow(self) -> float:
-        """The length of an arrow in cells per speed in cells per second: 0.9 at the mean speed."""
+        """The length of arrows in cells per cell per second: 0.9 cells at the mean speed."""
         speeds = []
         for layer in self.drift.layers:
             rate = np.asarray(layer.flow.rate)[:, :, layer.water.number >= 0]
@@ -240,7 +240,7 @@ class CurrentMap(SeaMap):
         return 0.9 / float(np.concatenate([one[one > 0] for one in speeds]).mean())
 
     def log_key(self, spacing: float) -> None:
-        """Log an arrow below the map with its speed; `spacing` is that of the arrows, in cells."""
+        """Log an arrow with its speed below the map; `spacing` of arrows on the map is in cells."""
         # An arrow of one cell per second, in kilometres per m/s.
         length = self.arrow * spacing / 1000
         margin, width = 0.04 * self.extent, float(self.size[0])
@@ -256,7 +256,7 @@ class CurrentMap(SeaMap):
 
 
 def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
-    """Point y upward under `map`, and log the water and the frame of every map."""
+    """Make the maps of the layers, with y upward, and log their water and the frame."""
     clock = Clock.of(drift)
     count = min(len(drift.layers), _MAX_MAPS)
     maps = [kind(stream, drift, clock, number) for number in range(count)]

@@ -1,4 +1,4 @@
-"""The recording of observed drifters: their ends, with sampling errors, and their tracks."""
+"""The recording of observed drifters: where they end, with sampling errors, and their tracks."""
 
 import dataclasses
 
@@ -21,7 +21,7 @@ from .groups import GROUPS_SEEN, log_groups
 from .map import DRIFTER, SeaMap, log_maps
 
 
-# So that the file stays small, and cells can be seen.
+# Limits that keep the file small and the cells visible.
 _MAX_TRACKS, _MAX_PLACES = 40, 100_000
 
 
@@ -34,7 +34,7 @@ class ObservedMap(SeaMap):
 
 
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
-    """Log the ends of observed drifters.
+    """Log where observed drifters end.
 
     Static tabs show the persistent groups, nearly closed sets, times to the end, sampling errors,
     and observations. Over days, or shorter units, a tab shows the distribution of drifters that
@@ -56,7 +56,7 @@ def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> 
 
 
 def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log the distribution of drifters step by step, and in the end."""
+    """Log the distribution of drifters after each step, and at the time of the answer."""
     found = map.drift
     kind = levels(_of_cells(map, found.distribution))
     then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
@@ -91,7 +91,7 @@ with all of its moves. The *error* is the standard deviation of an answer over t
 
 
 def _most(values: Float[np.ndarray, "cells"]) -> float:
-    """Return the end of a scale that a few large numbers do not stretch."""
+    """Return the upper end of a scale, which a few large numbers may exceed."""
     known = values[np.isfinite(values)]
     return float(np.quantile(known, 0.95)) if known.size else 1.0
 

@@ -1,4 +1,4 @@
-"""The tab of the reach of a drifter that is dropped at the start."""
+"""The tab of reach: the cells that a drifter from the start may reach."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ _CLASSES = [
 
 
 def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
-    """Log the cells that may be reached in each layer."""
+    """Log the cells of each layer that a drifter from the start may reach."""
     drift, first = maps[0].drift, maps[0]
     assert drift.reachable is not None
     assert drift.start is not None
@@ -45,7 +45,7 @@ def _text(drift: SeaDrift, start: int) -> str:
 A drifter is dropped at **{place_name(*drift.place(start)[:2])}** (the dark blue dot).
 
 - **Pale blue**: it dives to a depth at once, and stays there.
-- **Yellow**: it only gets there if it also goes up and down on its way.
+- **Yellow**: it only gets there if it also goes up and down later.
 
 {described(drift, "depth", "reached_cells", "reached_cells_at_any_depth")}
 """

@@ -18,14 +18,13 @@ from .voyage import log_voyage
 
 
 def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
-    """Log the ends of drifters in a sea.
+    """Log where drifters end in a sea.
 
     Over a timeline of dates from the first record, tabs show the current of each layer as arrows,
-    drifters in it, their distribution by the map of cells, and drifters that follow the policy to a
-    goal. Static tabs show persistent groups, nearly closed sets, absorption times, the deployment,
-    the distance from drifters, the exchange between regions, beaches, the reach of the start, and
-    in three dimensions the value function and the policy. The simulated drifters have the `seed` of
-    `spec`.
+    drifters in the current, their distribution by the map of cells, and drifters that follow the
+    policy to a goal. Static tabs show persistent groups, nearly closed sets, absorption times, the
+    deployment, the distance from simulated drifters, the exchange between regions, beaches, the
+    reach of the start, and in three dimensions the value function and the policy.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)

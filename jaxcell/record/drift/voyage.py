@@ -20,7 +20,7 @@ from .frame import place_name
 from .map import DRIFTER, LAND, CurrentMap
 
 
-# The numbers of squares and arrows of a layer.
+# The largest numbers of squares and arrows of a layer.
 _MAX_SQUARES, _MAX_ARROWS = 20_000, 1500
 _DRIFTERS = 60
 _MAX_STEPS = 240
@@ -32,7 +32,7 @@ _SIDE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 @dataclasses.dataclass(frozen=True)
 class _Space:
-    """The positions of the cells of all layers in space, with stretched depths."""
+    """The positions of the cells of all layers in space; layers are far apart, not to scale."""
 
     surface: CurrentMap
 
@@ -51,7 +51,7 @@ class _Space:
         return float(self.surface.size[1]) * min(0.75, 2.5 / max(1, layers - 1))
 
     def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
-        """Return the centres of cells, by their numbers among those of all layers."""
+        """Return the centres of cells, by their numbers among the cells of all layers."""
         layer, row, column = (one[cells] for one in self.surface.drift.sea.squares)
         flat = self.surface.on_grid(column.astype(float), row.astype(float))
         return np.concatenate([flat, -layer[:, None] * self.gap], axis=1)
@@ -74,7 +74,7 @@ class _Space:
 
 
 def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
-    """Log the value function, the policy, and drifters that follow it."""
+    """Log the value function, the policy, and drifters that follow the policy."""
     stream, drift, space = surface.stream, surface.drift, _Space(surface)
     assert drift.voyage is not None
     policy = drift.voyage.policy
@@ -106,7 +106,7 @@ def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
 
 
 def _log_land(space: _Space) -> None:
-    """Log the land of each layer, and its depth."""
+    """Log the land and the depth of each layer."""
     stream = space.surface.stream
     for layer, water in enumerate(space.surface.drift.waters):
         row, column = np.nonzero(water.land)
@@ -114,7 +114,7 @@ def _log_land(space: _Space) -> None:
         some = (row % stride == stride // 2) & (column % stride == stride // 2)
         at = np.stack([column[some], row[some]], axis=1).astype(float)
         if some.any():
-            # A little lower, so that land does not flicker through the water.
+            # Land is a little lower, so that it does not flicker through the water.
             z = -(layer + 0.01) * space.gap
             color = np.tile(np.array(LAND[:3], np.uint8), (len(at), 1))
             _log_squares(space, f"space/land/{layer}", at, z, stride, color)
@@ -136,7 +136,7 @@ def _log_squares(
     stride: int,
     color: UInt8[np.ndarray, "squares 3"],
 ) -> None:
-    """Log squares around places of the grid at one height."""
+    """Log squares around places of the grid, all at the height `z`."""
     corners = (at[:, None] + stride * _SIDE + 0.5) * space.surface.side
     height = np.full((*corners.shape[:2], 1), z)
     first = 4 * np.arange(len(at))[:, None, None]
@@ -152,7 +152,7 @@ def _log_value(space: _Space, policy: Voyage) -> Scale:
     """Log the water and the value function as squares."""
     drift, value = space.surface.drift, np.asarray(policy.value).copy()
     outside = ~np.asarray(policy.goal)
-    # The value in the goal is 0; it is shown with the largest value.
+    # The value in the goal is 0; the goal is shown with the largest value of other cells.
     value[~outside] = value[outside].max()
     scale = Scale.over(value, "a value of {}".format, levels=255)
     colors = np.array(scale.colors, np.uint8)
@@ -188,7 +188,7 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
         along *= np.minimum(1, 1.5 * spacing * side.max() / np.maximum(length, 1e-12))
         up = -0.09 * space.gap * action[:, None].astype(float)
         vector = np.concatenate([np.where(drifts, along, 0), up], axis=1)
-        # Above the water, which would cut the arrows in half.
+        # Arrows are above the water, which would cut them in half.
         height = (0.02 + 0.09 * (action > 0) - map.number) * space.gap
         foot = np.column_stack([map.xy(cells), height])
         foot[:, :2] -= vector[:, :2] / 2
@@ -206,7 +206,7 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
 
 
 def _log_tracks(space: _Space, policy: Voyage, seed: int) -> int:
-    """Log drifters that follow the policy along the chain, and return the number of steps."""
+    """Log drifters that follow the policy on the chain, and return the number of steps."""
     drift, clock, stream = space.surface.drift, space.surface.clock, space.surface.stream
     begin = np.ones(drift.cells, bool) if drift.start is None else drift.start
     steps = min(_MAX_STEPS, max(1, int(clock.last * clock.seconds / drift.step)))
@@ -242,8 +242,8 @@ def _text(drift: SeaDrift, voyage: SeaVoyage, steps: int) -> str:
 A drifter goes up, down, or drifts, in steps of {voyage.hours:.3g} hours, to the **green** goal at
 {place_name(lon, lat)}, {depth:g} m deep.
 
-- **Left**: the *value* of each cell, yellow if near in time, and sure.
-- **Right**: what to do; grey never arrives.
+- **Left**: the *value* of each cell, yellow if the arrival is soon and likely.
+- **Right**: the action in each cell; from grey cells no drifter arrives.
 - **Black dots** follow this policy for {steps:,} steps, released {released}.
 
 {described([*policies.values()], *columns, first={"policy": [*policies]})}

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
-# Number of nearly closed sets by default, and of the cells at all phases up to which it takes
-# seconds.
+# The default number of nearly closed sets; the largest number of cells at all phases for a search
+# of seconds.
 _USUAL_SETS, _MAX_FOR_SETS = 3, 30_000
 _PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Drift(SeaStudy):
-    """Find where an ocean current carries drifters, where to drop them, and their way to a goal."""
+    """Find where a current carries drifters, where to drop them, and how they reach a goal."""
 
     name: ClassVar[str] = "drift"
     command: ClassVar[str] = "drift"
@@ -35,12 +35,12 @@ class Drift(SeaStudy):
     task: ClassVar[str] = "drift"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Currents: NetCDF files that together hold the records or the velocities, a pattern such as
+    """Currents: NetCDF files of consecutive records or of separate velocities, a pattern such as
     "2016_*.nc", a Zarr store, an OPeNDAP address, or @gyres."""
     grid: Path | None = None
-    """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack it."""
+    """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack the grid."""
     time: int | str | None = None
-    """One record, by its number from 0 or its time (2016-02-02T12:00); by default all records."""
+    """Number, from 0, or time (2016-02-02T12:00) of the only record to read; by default all."""
     current: Literal["changing", "mean"] | None = None
     """Current that carries drifters: the records in turn, repeated at their end (changing), or the
     mean of the records (mean). By default changing, and mean with --method source."""
@@ -51,44 +51,44 @@ class Drift(SeaStudy):
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, if the file does not identify them."""
     windage: Share = 0.0
-    """Share of the wind's speed to add to drifters at the surface; the file must have wind."""
+    """Share of the wind speed to add to the current at the surface; the file must have wind."""
     stokes: bool = False
-    """Add the Stokes drift of waves at the surface; the file must have it."""
+    """Add the Stokes drift of waves at the surface; the file must have the Stokes drift."""
     duration: Duration | None = None
     """Duration of a step in seconds. By default the duration at which the map agrees best with
     simulated drifters; with --method source the time in which drifters of the slowest layer move by
     one cell on average."""
     method: Literal["drifters", "source"] = "drifters"
-    """Map of the cells: by sample points in each cell, which drift and may leave the map
-    (drifters); or by the rules of the dissertation, with turned disturbances and a closed edge
+    """Rules of the map of cells: sample points of each cell drift, and may leave the map
+    (drifters); or the rules of the dissertation, with turned disturbances and a closed edge
     (source)."""
     rho: Annotated[Share, Only(spread=("turned", "all")), Only(method="source", spread=False)] = 0.8
-    """Probability that a step follows the current without a disturbance."""
+    """Probability that a drifter follows the current in a step, without a disturbance."""
     spread: Literal["turned", "all", "sampled"] | None = None
     """Ends of a step: along the current, or along the current turned by 45 degrees to either side
     (turned); the cell at the end and all cells around it (all); or the cells to which sample points
     of the cell drift (sampled). By default turned with --method source, and else sampled."""
     edge: Literal["uniform", "exit"] | None = None
-    """Rule for drifters at a coast or at the edge of the map: they move to any neighbouring cell,
-    as in the dissertation (uniform), or drift like all others and may leave the map (exit). By
-    default uniform with --method source, and else exit."""
+    """Rule for drifters at a coast or at the edge of the map: they move to a random neighbouring
+    cell, as in the dissertation (uniform), or drift like all others and may leave the map (exit).
+    By default uniform with --method source, and else exit."""
     coast: Literal["hold", "slip", "strand"] = "hold"
     """Rule for drifters that run ashore: they are held at the coast until the current carries them
-    off (hold); or the same, but water flows along coasts without friction (slip); or they have
-    stranded, and leave the map (strand)."""
+    off (hold); or the same, but water flows along coasts without friction (slip); or they strand,
+    and so leave the map (strand)."""
     land: Path | None = None
     """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
     Natural Earth."""
     gaps: Literal["open", "land"] = "open"
-    """Squares without data that are not land by the mask or the coastline: an open edge (open), or
-    land too (land)."""
+    """Treatment of squares without data that are not land by the mask or the coastline: as an open
+    edge (open), or as land (land)."""
     diffusivity: Annotated[float, Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
-    """Days that the answer is about; by default the median time until drifters are in a group or
-    off the map, in whole days up to 30."""
+    """Time of interest in days; by default the median time until drifters are in a group or off the
+    map, in whole days up to 30."""
     backward: bool = False
-    """Follow drifters back in time from the last record, to find where they come from."""
+    """Follow drifters backward in time from the last record, to find where they come from."""
     start: str | None = None
     """Place where a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
@@ -96,25 +96,25 @@ class Drift(SeaStudy):
     regions: Path | None = None
     """GeoJSON file of polygons between which drifters at the surface are followed."""
     drifters: Annotated[AtLeastOne, Only(regions=True)] = 10_000
-    """Number of drifters that are simulated from each region, for confidence intervals."""
+    """Number of drifters to simulate from each region, for confidence intervals."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
     """Seconds after which drifters are counted in the regions and on beaches."""
     beaching: Annotated[Duration | None, Only(coast=("hold", "slip"))] = None
-    """Half-life in seconds of drifters afloat in a cell at a coast, at the surface."""
+    """Seconds in which half of the drifters in a cell at a coast strand, at the surface."""
     resuspension: Annotated[Duration | None, Only(beaching=True)] = None
-    """Half-life in seconds of drifters on a beach; by default they stay there."""
+    """Seconds in which half of the drifters on a beach float again; by default they never do."""
     range: Length | None = None
-    """Distance in metres within which a drifter sees the sea bed: find views of all of it."""
+    """Distance in metres within which a drifter sees the sea bed; finds views of the whole bed."""
     search: Annotated[Duration | None, Only(range=True)] = None
     """Seconds to search for the fewest views; by default views are chosen greedily."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find in each layer: parts of the water that drifters hardly
-    leave in a day. They depend less on the duration of a step than persistent groups. By default 3,
-    and none in large maps."""
+    leave in a day. They depend less on the duration of a step than persistent groups do. By default
+    3, and none in large maps."""
     discount: Annotated[float, Limit(gt=0, lt=1), Only(goal=True)] = 0.99
     """Discount factor per step."""
     seed: int = 0
-    """Seed of the drifters that are recorded."""
+    """Seed of the simulated drifters."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -186,7 +186,7 @@ class Drift(SeaStudy):
         count = self.nearly_closed
         if count is not None or states <= _MAX_FOR_SETS:
             say("finding nearly closed sets")
-            # Sets that were not requested are left out if their solve stalls.
+            # If the solve stalls, sets are left out unless they were requested.
             with contextlib.suppress(*([] if count else [RuntimeError])):
                 wanted = count or min(_USUAL_SETS, fewest)
                 result = result.with_closed_sets(wanted, listed=count is not None)
@@ -213,7 +213,7 @@ class Drift(SeaStudy):
 
     @property
     def _step(self) -> "DriftStep":
-        """The step by the method, with the choices that differ from it."""
+        """The step of the method, with the options that were given."""
         from ...drift import METHODS
 
         chosen: dict[str, Any] = {"spread": self.spread, "edge": self.edge}

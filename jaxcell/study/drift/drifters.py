@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
 
 _DAY = 86_400.0
-# Longer times are the long run, which is the default.
+# Longer times are refused; the long run is the default.
 _MAX_MOVES = 10_000
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Drifters(SeaStudy):
-    """Find where observed drifters end up, and how sure that is, from their trajectories."""
+    """Find where observed drifters end up, with sampling errors, from their trajectories."""
 
     name: ClassVar[str] = "drifters"
     command: ClassVar[str] = "drifters"
@@ -28,28 +28,28 @@ class Drifters(SeaStudy):
     task: ClassVar[str] = "drifters"
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Trajectories of the Global Drifter Program, OpenDrift, Parcels or any CF file of them, a
-    pattern, a Zarr store, an address of OPeNDAP, or @drifters."""
+    """Trajectories: files of the Global Drifter Program, OpenDrift, Parcels or in the CF
+    convention, a pattern, a Zarr store, an OPeNDAP address, or @drifters."""
     lag: Annotated[Days, Limit(gt=0)] = 5.0
     """Duration of a move in days."""
     cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0
     """Side of a cell in degrees of longitude and latitude."""
     bounds: tuple[float, float, float, float] | None = None
-    """West, south, east and north of the part to cut into cells, in degrees; it may contain the
-    date line."""
+    """West, south, east and north of the part to cut into cells, in degrees; the part may contain
+    the date line."""
     least: AtLeastOne = 1
     """Least number of observed moves from a cell; cells with fewer are left out of the map."""
     drogue: Literal["kept", "lost"] | None = None
-    """Drifters that still have their drogue (kept), or have lost it (lost) and go with the wind
-    too; by default all."""
+    """Select drifters that still have their drogue (kept), or have lost it (lost) and so go with
+    the wind too; by default all drifters."""
     after: Days | None = None
-    """Days after which the places of drifters are computed; by default in the long run."""
+    """Days after which the distribution of drifters is computed; by default the long run."""
     nearly_closed: AtLeastOne | None = None
     """Number of nearly closed sets to find: parts of the water that drifters hardly leave."""
     samples: Annotated[int, Limit(ge=2)] = 100
-    """Number of bootstrap samples, which estimate the errors: drifters drawn with replacement."""
+    """Number of bootstrap samples of drifters, drawn with replacement, to estimate the errors."""
     seed: WholeNumber = 0
-    """Seed of the samples."""
+    """Seed of the bootstrap samples."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

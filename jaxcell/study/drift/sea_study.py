@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SeaStudy(Study):
-    """A question about drifters, whose data are in files."""
+    """A study of drifters whose data are in files."""
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Files of the sea or of drifters."""
+    """Files of currents or of trajectories."""
 
     def spec(self, result: Any) -> dict[str, Any]:
         asked = super().spec(result)

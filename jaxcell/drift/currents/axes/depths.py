@@ -20,13 +20,13 @@ class Layers:
     places: Int[np.ndarray, " levels"] | None
     "The numbers of the levels to read; `None` if the file has one level."
     s_levels: SLevels | None
-    "The levels, if they follow the sea bed and each depth is interpolated."
+    "The levels, if they follow the sea bed so that depths are interpolated; else `None`."
     asked: bool
     "True if the caller chose the depths."
     top: int | None = None
-    "The number of the highest level, if it is not read."
+    "The number of the highest level, if it is not among `places`; else `None`."
     note: str = ""
-    "The origin of the depths, in words; may be empty."
+    "An explanation of the depths; may be empty."
 
 
 def choose_layers(
@@ -37,8 +37,8 @@ def choose_layers(
 ) -> Layers:
     """Choose the layers for `depths` of [`jaxcell.drift.open_currents`][].
 
-    A velocity without a dimension `dim` of depth has a single level, whose depth is in a coordinate
-    of one value, or else the surface.
+    A velocity without a dimension `dim` of depth has a single level. Its depth is the value of a
+    scalar coordinate, or else the level is at the surface.
     """
     wanted = None if depths is None else _depths(file, depths)
     if dim is None:
@@ -58,7 +58,7 @@ def choose_layers(
         places = np.argsort(levels)
         return Layers(levels[places], places, None, False, note=note)
     places = np.abs(levels - wanted[:, None]).argmin(axis=1)
-    # To the centimetre, because levels such as 0.494025 m are known by their rounded values.
+    # To the centimetre, because users name levels such as 0.494025 m by rounded values.
     wrong = np.abs(levels[places] - wanted) > 0.01
     if wrong.any():
         known = ", ".join(f"{value:g}" for value in np.sort(levels))
@@ -68,7 +68,7 @@ def choose_layers(
 
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
-    """Find the depth of a velocity without a dimension of depth, and its origin in words."""
+    """Find the depth of a velocity without a dimension of depth, and explain it in words."""
     for name in file.coordinates(velocity):
         if name not in file.dataset.variables or file.dataset[name].size != 1:
             continue

@@ -22,7 +22,7 @@ class Axes:
     time: str | None
     depth: str | None
     y: str
-    "The dimension of the grid, on its staggered points where `staggered`."
+    "The dimension of y, of staggered points if `staggered`."
     x: str
     lon: str
     "The variable with the longitudes of the cell centres."
@@ -35,9 +35,9 @@ class Axes:
 
     @property
     def between(self) -> int | None:
-        """The axis along which the velocity is between centres, -2 for y and -1 for x, or `None`.
+        """The axis, -2 for y or -1 for x, along which the velocity is between centres; or `None`.
 
-        The dimensions eta_u and xi_v are level with the centres.
+        Along the dimensions eta_u and xi_v the velocity is at the coordinates of centres.
         """
         return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
 
@@ -98,7 +98,7 @@ def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
 
 
 def _check_structured(file: OceanFile, velocity: str) -> None:
-    """Refuse unstructured grids, whose longitudes and latitudes are along one dimension."""
+    """Raise for an unstructured grid, whose longitudes and latitudes share one dimension."""
     variables = file.dataset.variables
     for dim in map(str, file.dataset[velocity].dims):
         along = [str(name) for name, variable in variables.items() if variable.dims == (dim,)]
@@ -112,17 +112,18 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
 
 
 def on_nodes(dims: Iterable[Hashable]) -> bool:
-    """Return whether a dimension is that of the nodes or elements of SCHISM."""
+    """Return whether a dimension has the name of nodes or elements of SCHISM."""
     return any(str(dim).lower().startswith("nschism_hgrid") for dim in dims)
 
 
 def _check_lengths(file: OceanFile, axes: Axes) -> None:
-    """Refuse a velocity whose lengths along y and x do not fit those of the cells."""
+    """Raise if the lengths of a velocity along y and x do not fit the numbers of cells."""
     sizes = file.dataset.sizes
     for axis, dim, rho in zip((-2, -1), (axes.y, axes.x), axes.rho, strict=True):
         if sizes[rho] == 1:
             raise file.error(rho, "expected 2 cells or more along it, got 1")
-        # Files that were cut with equal index ranges have one more side than lies between centres.
+        # Sides between centres are one fewer than the cells, but files that were cut with equal
+        # index ranges have as many sides as cells.
         least = sizes[rho] - (axis == axes.between)
         if not least <= sizes[dim] <= sizes[rho]:
             raise file.error(
@@ -132,7 +133,7 @@ def _check_lengths(file: OceanFile, axes: Axes) -> None:
 
 
 def unstructured(file: OceanFile, field: str) -> ValueError:
-    """Return the error for the grids of FVCOM, SCHISM and others."""
+    """Make the error for unstructured grids, such as those of FVCOM and SCHISM."""
     dims = ", ".join(map(str, file.dataset[field].dims)) or "a mesh"
     return file.error(
         field,
@@ -146,7 +147,7 @@ def unstructured(file: OceanFile, field: str) -> ValueError:
 def _position(
     file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
 ) -> str:
-    """Find the variable of longitudes or latitudes of cells with the dimensions `(y, x)`."""
+    """Find the variable of longitudes or latitudes of the cells on the dimensions `(y, x)`."""
     along = dims[0] if which == "lat" else dims[1]
     candidates = (
         str(name)

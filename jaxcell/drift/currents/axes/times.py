@@ -37,19 +37,19 @@ class RecordTimes:
     values: Shaped[np.ndarray, " records"]
     "The time of each record, in order."
     start: cftime.datetime | None = None
-    """For a calendar other than the standard one, the beginning of the year of the first record,
-    from which the days of the records are counted; else `None`."""
+    """The beginning of the year of the first record, from which days are counted if the calendar is
+    not the standard one; else `None`."""
     dated: bool = True
     "True if the times have a date; otherwise they are counted from 1970-01-01."
     note: str = ""
-    "Peculiarities, in words; may be empty."
+    "A note on how the times were read; may be empty."
 
 
 def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
     """Read the time of each record along a dimension, or the time of a single record.
 
-    In a calendar with years of 360 or 365 days, the days between records are kept: they are counted
-    from the beginning of the year of the first record.
+    In a calendar with years of 360 or 365 days, days are counted from the beginning of the year of
+    the first record, so that the numbers of days between records do not change.
     """
     name = time_variable(file, dim)
     if name is None:
@@ -74,7 +74,7 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
 
 def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
     """Read the times of a variable: as datetime64; as cftime dates if the calendar is not the
-    standard one; and in seconds if they have no date.
+    standard one; or in seconds if the times have no date.
     """
     variable = file.dataset[name]
     if variable.dtype.kind in "MO":
@@ -95,7 +95,7 @@ def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
 
 
 def _counted(file: OceanFile, name: str) -> RecordTimes:
-    """Read the times of a variable as datetime64, with the notes on them."""
+    """Read the times of a variable as datetime64, with a note on how they were read."""
     times = read_times(file, name)
     if times.dtype.kind == "M":
         return RecordTimes(_in_nanoseconds(times))
@@ -117,7 +117,7 @@ def _counted(file: OceanFile, name: str) -> RecordTimes:
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
-    """Convert a date of another calendar by the days since the beginning of a year."""
+    """Convert a date of a calendar that is not standard, by its days since the `start`."""
     return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
 
 
@@ -132,8 +132,8 @@ def _in_nanoseconds(dates: Any) -> Any:
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
     """Return the numbers of the records for `time` of [`jaxcell.drift.open_currents`][].
 
-    A moment is the nearest record, within half the median time between records; of two equally near
-    records the later, so that a date alone stands for the mean over its day.
+    A moment selects the nearest record, within half the median time between records. Of two equally
+    near records it selects the later one, so that a date selects the daily mean at its noon.
     """
     records = np.arange(len(times.values))
     if when is None:
@@ -207,7 +207,7 @@ def _is_index(value: Any) -> bool:
 
 
 def time_variable(file: OceanFile, dim: str | None) -> str | None:
-    """Find the coordinate variable of a dimension of time, or another with times on it."""
+    """Find the variable with the times along a dimension, or a single time if `dim` is `None`."""
     variables = file.dataset.variables
     names = next(table("time")).names
     if dim is None:

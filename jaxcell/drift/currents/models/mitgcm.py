@@ -8,18 +8,18 @@ import xarray as xr
 from ..netcdf import OceanFile
 
 
-# The dimensions of sides and of the centres beside them, by diagnostics, by ECCO, and by mnc.
+# The dimensions of sides, and of the centres beside them, as named by diagnostics, ECCO and mnc.
 _CENTRES = {"XG": "XC", "YG": "YC", "i_g": "i", "j_g": "j", "Xp1": "X", "Yp1": "Y"}
 _POSITIONS = {"lon_rho": ("XC", "X"), "lat_rho": ("YC", "Y")}
-# Masks, or the open share of a cell or side.
+# The last letter of the names of masks, or of open shares of cells or sides.
 _MASKS = {"mask_rho": "C", "mask_u": "W", "mask_v": "S"}
 _FACES = ("tile", "face")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Name the dimensions of a file of MITgcm as those of ROMS, with the sides in their order.
+    """Rename the dimensions of a file of MITgcm as in ROMS, and order its sides as in ROMS.
 
-    In a file of MITgcm the first side lies before the first centre, and in one of ROMS after it.
+    In a file of MITgcm the first side lies before the first centre, in a file of ROMS after it.
     Other files are returned unchanged.
     """
     dataset = file.dataset

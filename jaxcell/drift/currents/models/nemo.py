@@ -1,7 +1,7 @@
 """Files of NEMO, whose dimensions do not name the points of the grid.
 
-`u` is on the eastern sides of the cells and `v` on the northern ones, along the axes of a curved
-grid, with one name for the dimensions of all points. The centres are in another file, the mesh.
+`u` is on the eastern sides of the cells and `v` on the northern sides, along the axes of a curved
+grid. The dimensions of all points have the same names. Centres are in another file, the mesh.
 """
 
 import dataclasses
@@ -18,12 +18,12 @@ from ..sphere import wrapped
 # The dimensions of centres and sides, as those of ROMS: in the order y, x.
 _DIMS = {"t": ("y_rho", "x_rho"), "u": ("y_rho", "x_u"), "v": ("y_v", "x_rho")}
 _OF_THE_MESH = {name: row.point for row in CONVENTIONS if row.point for name in row.names}
-# The depths of its levels.
+# The names of the depths of levels in the mesh.
 _LEVELS = ("gdept_1d", "gdept_0", "nav_lev")
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
-    """Rename the dimensions of a file of NEMO, with its mesh, after their points.
+    """Rename the dimensions of a file of NEMO, joined with its mesh, after the points of the grid.
 
     Other files are returned unchanged.
     """
@@ -56,8 +56,8 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
 def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
     """Return whether a velocity is on the sides of the cells of NEMO's grid.
 
-    The names of its depths, dimensions or positions may tell it; else it is on the sides if its
-    positions are nearer to those of the sides than to the centres of the mesh.
+    The names of its depths, dimensions or positions decide; else the velocity is on the sides if
+    its positions are nearer to the sides of the mesh than to the centres.
     """
     dataset = file.dataset
     if dims & set(dataset.variables):
@@ -77,7 +77,7 @@ def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
 
 
 def _levelled(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None) -> xr.DataArray:
-    """Select the levels of the velocity in a variable of the mesh; without levels, the highest."""
+    """Select the levels of the velocity, or the highest level, from a variable of the mesh."""
     if depth is None:
         return array.isel({dim: 0}, drop=True)
     if array.sizes[dim] == file.dataset.sizes[depth]:

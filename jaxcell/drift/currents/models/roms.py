@@ -1,6 +1,6 @@
 """ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
 
-`u` is on the western and eastern sides of a cell and `v` on the southern and northern ones, along
+`u` is on the western and eastern sides of a cell and `v` on the southern and northern sides, along
 the axes of the grid, which may be turned against East and North. The levels divide the water column
 by a coordinate `s` from -1 at the sea bed to 0 at the surface.
 """
@@ -14,7 +14,7 @@ from ..netcdf import OceanFile
 
 
 ALONE = 0.1
-"""The distance in s within which a single level is that of the surface or the sea bed."""
+"""The distance in s within which a single level counts as the surface or the sea bed."""
 
 
 def to_centres(
@@ -22,8 +22,8 @@ def to_centres(
 ) -> Float[np.ndarray, "..."]:
     """Average the velocity on the sides of cells to their centres, along an axis.
 
-    Nothing flows through a coast, so a side that is not open counts as 0, as in the model. At both
-    ends the outer side is not in the file, and the inner one counts alone.
+    No water flows through a coast, so a side that is not open counts as 0, as in the model. At both
+    ends the file lacks the outer side, and the centre has the velocity of the inner side.
     """
     flow = np.where(open_sides, sides, 0.0)
     before = np.concatenate([flow.take([0], axis), flow], axis)
@@ -36,7 +36,7 @@ def turned(
     y: Float[np.ndarray, "*levels y x"],
     angle: Float[np.ndarray, "y x"],
 ) -> tuple[Float[np.ndarray, "*levels y x"], Float[np.ndarray, "*levels y x"]]:
-    """Turn vectors by the angle from East to the x axis of a grid, to East and North."""
+    """Turn vectors along the axes of a grid to East and North, by the angle of the x axis."""
     cos, sin = np.cos(angle), np.sin(angle)
     return x * cos - y * sin, x * sin + y * cos
 
@@ -61,9 +61,9 @@ class SLevels:
     ) -> Float[np.ndarray, "levels y x"]:
         """Compute the height of each level over the mean sea surface in metres.
 
-        It is NaN where the formula divides by 0, as where land is as high as `critical_depth`. The
-        `depth` is that of the sea bed under the mean surface, positive, and `surface` the height of
-        the surface (zeta).
+        The height is NaN if the formula divides by 0, as on land that is as high as
+        `critical_depth`. `depth` is the depth of the sea bed under the mean surface, positive, and
+        `surface` the height of the surface (zeta).
         """
         s, stretching = self.s[:, None, None], self.stretching[:, None, None]
         with np.errstate(all="ignore"):  # on land the depth is arbitrary
@@ -79,10 +79,10 @@ class SLevels:
     def beyond(
         self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "y x"]
     ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
-        """Compute the distance of wanted heights above the highest level or below the lowest.
+        """Compute the distance of heights above the highest level or below the lowest level.
 
-        Levels are the middles of layers. So the levels of a whole file cover all heights from the
-        sea bed to the surface.
+        Levels are the middles of layers, so the levels of a complete file cover all heights from
+        the sea bed to the surface.
 
         **Returns:** the distance in metres, 0 or less for a height between the levels; and the
         thickness of the nearest layer, 0 if there is only one level.
@@ -91,7 +91,7 @@ class SLevels:
         if len(self.s) == 1:
             steps, layers = np.array([ALONE]), np.zeros((1, *wanted.shape))
         up, down = wanted - heights[-1], heights[0] - wanted
-        # Packed files hold s only to their precision.
+        # In packed files s is rounded.
         if -self.s[-1] <= 1.01 * steps[-1]:
             up = np.zeros_like(up)
         if self.s[0] + 1 <= 1.01 * steps[0]:
@@ -100,9 +100,9 @@ class SLevels:
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
-    """Read the levels of a file, and the origin of Vtransform in words, which is never guessed.
+    """Read the levels of a file, and describe the source of Vtransform, which is never guessed.
 
-    The parameters are variables or global attributes.
+    Parameters may be variables or global attributes.
     """
     transform, why = _transform(file, dim)
     s = _levels(file, dim, (dim, "s_rho", "sc_r"))
@@ -122,7 +122,7 @@ def at_height(
 ) -> Float[np.ndarray, "y x"]:
     """Interpolate values at a height linearly between the levels of each cell.
 
-    Beyond the highest and the lowest level, the value of that level is taken.
+    Above the highest and below the lowest level, the value of this level is taken.
     """
     levels = len(heights)
     if levels == 1:
@@ -143,7 +143,7 @@ def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarr
             names[0], f"expected {file.dataset.sizes[dim]} levels ({dim}), got {len(values)}"
         )
     steps = np.diff(values)
-    # Packed files hold -1 and 0 only to their precision.
+    # In packed files -1 and 0 are rounded.
     ordered = (steps > 0).all() or (steps < 0).all()
     if not (ordered and values.min() >= -1.001 and values.max() <= 0.001):
         raise file.error(names[0], f"expected levels in order between -1 and 0, got {values}")
@@ -164,7 +164,7 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
 
 
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
-    """Read Vtransform, or derive it from the names of CF or CROCO, with the origin in words."""
+    """Read Vtransform, or derive it from names of CF or CROCO, and describe its source in words."""
     variables, attributes = file.dataset.variables, file.dataset.attrs
     if "Vtransform" in variables or "Vtransform" in attributes:
         value = _read(file, ("Vtransform",))
