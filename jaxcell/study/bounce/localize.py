@@ -29,8 +29,8 @@ class Localize(AnywhereStudy):
     bounce: Annotated[Degrees | None, Only(bounces=False)] = None
     """Bouncing angle in degrees, counter-clockwise."""
     bounces: Annotated[tuple[Degrees, ...], Only(bounce=False)] = ()
-    """Bouncing angles among which the robot chooses at each bump. A robot that slips chooses the
-    angle that minimizes the expected entropy of its belief at the next bump."""
+    """Bouncing angles among which the robot chooses at each bump. A robot that slips takes the
+    angle after which the expected entropy of its belief at the next bump is least."""
     goal: Annotated[Literal["cell", "position", "class"], _CHOICE] = "cell"
     """Knowledge to reach: the cell, the position at any heading, or the class of cells that these
     angles cannot tell apart."""
