@@ -1,1 +1,1 @@
-"""Modules that every package may use."""
+"""Basic modules, which all other packages may import."""

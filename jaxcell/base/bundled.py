@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 
-# The folders, and the suffixes of the files that have names.
+# The suffixes of the files with names, by folder.
 _KINDS = {
     "maps": (".json", ".txt", ".yaml"),
     "graphs": (".json",),
@@ -17,14 +17,14 @@ _KINDS = {
 
 
 def bundled(name: str) -> Path:
-    """Find a file of the bundled data by its name, or by its path in their folder.
+    """Find a file of the bundled data by its name, or by its path in the folder of the data.
 
-    The folder is `data` in a checkout, and is inside an installed package. On the command line and
-    in the specification of a sweep the name is `@lab_a`.
+    The folder is `data` in a checkout, or inside an installed package. On the command line and in
+    specifications of sweeps, names begin with `@`.
 
     **Arguments:**
 
-    - `name`: such as `lab_a`, `@lab_a` or `maps/lab_a.json`. `jaxcell maps` lists the names.
+    - `name`: a name such as `lab_a`, `@lab_a` or `maps/lab_a.json`; `jaxcell maps` lists the names.
 
     **Raises:** `FileNotFoundError` if there is no such file.
 
@@ -44,7 +44,7 @@ def bundled(name: str) -> Path:
 
 @functools.cache
 def bundled_names() -> Mapping[str, Path]:
-    """The files of the bundled data, by name."""
+    """Find all files of the bundled data, by name."""
     return MappingProxyType(
         {
             path.stem: path
@@ -56,7 +56,7 @@ def bundled_names() -> Mapping[str, Path]:
 
 
 def found(name: str) -> str:
-    """Replace a name that begins with @ by the path of the bundled file; leave a path as it is."""
+    """Return the path of a bundled file for a name with `@`; return other texts unchanged."""
     return str(bundled(name)) if name.startswith("@") else name
 
 

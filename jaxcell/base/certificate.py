@@ -1,4 +1,4 @@
-"""Certificates: checks of the answers of solvers."""
+"""Certificates: checks of solutions by solvers."""
 
 import dataclasses
 import enum
@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 
 class Outcome(enum.Enum):
-    """The end of a solve; the value is a sentence about it."""
+    """The outcome of a solve; the value describes the outcome in words."""
 
     CONVERGED = "the residual is within the tolerance"
     STALLED = "the residual stayed above the tolerance; the value is the best that was found"
@@ -15,22 +15,22 @@ class Outcome(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """A check of an answer that does not depend on the method of the solve."""
+    """A check of a solution, which does not depend on the method of the solver."""
 
     iterations: int
-    "Number of products with the matrix, or of changes of the active set."
+    "Number of matrix products, or of changes of the active set."
     residual: float
-    "Distance of the answer from a solution, in the measure that the function names."
+    "Error of the solution; the docstring of each solver defines this error."
     tolerance: float
-    "The residual that counts as converged."
+    "The largest residual that counts as converged."
 
     @property
     def outcome(self) -> Outcome:
-        """Converged if the residual is within the tolerance; a residual of NaN is not."""
+        """`CONVERGED` if the residual is at most the tolerance; `STALLED` otherwise, or for NaN."""
         return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:
-        """Raise an error if `throw` is true and the answer did not converge."""
+        """Raise `RuntimeError` if `throw` is true and the solver did not converge."""
         if throw and self.outcome is not Outcome.CONVERGED:
             raise RuntimeError(
                 f"{what}: {self.outcome.value} (residual {self.residual:.3g}, tolerance "
@@ -40,10 +40,10 @@ class Certificate:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Solution:
-    """A number for every cell, or pair of cells, with a certificate."""
+    """The solution of a linear problem: a value per cell or pair of cells, with a certificate."""
 
     value: Float[Array, "*cells"]
     certificate: Certificate
     moved: Float[Array, "*cells"] | None = None
-    """The change of each value with half of the samples of the chain, `inf` if only one of both is
-    infinite; `None` for a chain that is not made from samples."""
+    """The change of each value if the chain is made from half of its samples, `inf` if one of the
+    two values is infinite; `None` for a chain that is not made from samples."""

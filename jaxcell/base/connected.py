@@ -11,16 +11,16 @@ _MAX_LISTED = 8
 def vertices_apart(
     vertices: int, edges: Int[np.ndarray, "edges 2"]
 ) -> tuple[Int[np.ndarray, "some"], int] | None:
-    """Find vertices that are not connected to the other vertices.
+    """Find the smallest connected component of a graph that is not connected.
 
-    **Returns:** the vertices of the smallest part, and the first vertex of the others; `None` if
-    the graph is connected.
+    **Returns:** the vertices of this component, and the first vertex outside; `None` if the graph
+    is connected.
     """
     matrix = scipy.sparse.csr_array((np.ones(len(edges)), edges.T), (vertices, vertices))
     parts, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)
     if parts < 2:
         return None
-    # Of equally small parts the last is taken, which does not hold vertex 0.
+    # Among equally small components choose the last, which does not contain vertex 0.
     smallest = parts - 1 - int(np.argmin(np.bincount(part)[::-1]))
     return np.flatnonzero(part == smallest), int(np.flatnonzero(part != smallest)[0])
 
@@ -30,12 +30,12 @@ def check_connected(
     edges: Int[np.ndarray, "edges 2"],
     expected: str = "graph: expected all vertices connected, but",
 ) -> None:
-    """Refuse a graph that is not connected.
+    """Raise `ValueError` for a graph that is not connected.
 
     **Arguments:**
 
-    - `vertices`, `edges`: as for [`vertices_apart`][].
-    - `expected`: how the error begins.
+    - `vertices`, `edges`: the number of vertices, and the pairs of vertices with an edge.
+    - `expected`: the beginning of the error.
     """
     parts = vertices_apart(vertices, edges)
     if parts is None:

@@ -1,6 +1,6 @@
-"""Documents: text files whose fields have types.
+"""Read documents: text files with fields of known types.
 
-Errors are `ValueError`s of one line: the field, what was expected, and the value.
+Errors are `ValueError`s of one line with the field, the expectation, and the value.
 """
 
 import contextlib
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 MAX_NUMBER = 1e9
-"""Largest number accepted by default: lengths are metres, of robots and their surroundings."""
+"""Largest number accepted by default; most numbers are lengths in metres."""
 
 
 def check_file(path: Path, kind: str) -> None:
-    """Check that a path is a file."""
+    """Check that a path is a file; `kind` describes the file in errors."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():
@@ -39,7 +39,7 @@ def read_text(path: Path) -> str:
 
 
 def decode_json(text: str, kind: str) -> Any:
-    """Decode JSON, and refuse objects with a repeated key."""
+    """Decode JSON; raise `ValueError` for invalid JSON, or objects with a repeated key."""
     try:
         return json.loads(text, object_pairs_hook=_without_repeats)
     except RecursionError:
@@ -70,7 +70,7 @@ def checked_list(field: str, value: Any) -> list[Any]:
 
 
 def checked_pair(field: str, value: Any) -> list[Any]:
-    """Check that a value is a list of two."""
+    """Check that a value is a list with two elements."""
     if not isinstance(value, list) or len(value) != 2:
         raise refused(field, "a pair [x, y]", value)
     return value
@@ -92,7 +92,7 @@ def checked_number(
     - `expected`: a description of the accepted values, for the error.
     - `least`: the least number that is accepted.
     - `most`: the largest magnitude that is accepted.
-    - `text`: whether the number may be written as text.
+    - `text`: if true, accept strings with a number too.
     """
     number = math.nan
     if type(value) in ((int, float, str) if text else (int, float)):
@@ -109,7 +109,7 @@ class Fields:
 
     values: Mapping[str, Any]
     where: str = ""
-    "The beginning of errors: a file, or a place in a file such as `robots[1].`."
+    "The beginning of error messages: a file, or a place in a file such as `robots[1].`."
 
     def get(self, name: str) -> Any:
         """Get a field; `None` if it is missing."""
@@ -135,7 +135,7 @@ class Fields:
 
     def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> "np.ndarray":
         """Get an array of finite numbers; -1 in `shape` stands for any length."""
-        # Help needs no NumPy.
+        # Imported here because pages of help do not need NumPy.
         import numpy as np
 
         try:
@@ -154,7 +154,7 @@ class Fields:
         return array.astype(np.int32 if whole else float)
 
     def parts(self, name: str) -> "list[Fields]":
-        """Get the fields of each object of a list."""
+        """Get the fields of each object in a list."""
         parts = []
         for i, part in enumerate(checked_list(self.where + name, self.get(name))):
             place = f"{self.where}{name}[{i}]"

@@ -1,4 +1,4 @@
-"""Values of quantities as text for people."""
+"""Format values of quantities as text for people."""
 
 import math
 from typing import Any
@@ -7,20 +7,20 @@ from .quantities import Quantity
 
 
 _MAX_TEXT = 60
-# Hours from which a time is given in days.
+# Times of at least this number of hours are written in days.
 _DAYS = 72
-# Hours from which it is given in years.
+# Times of at least this number of hours are written in years.
 _YEARS = 10 * 24 * 365.25
 _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}
 
 
 def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
     """Format a value with its unit; format the index of a cell with the pose of the cell."""
-    # Help needs no NumPy.
+    # Imported here because pages of help do not need NumPy.
     import numpy as np
 
     if isinstance(value, np.ndarray | list | tuple):
-        # Rows of indices that are shorter than others are filled up with -1.
+        # Short rows of indices are padded with -1.
         row = [one for one in np.asarray(value).tolist() if about.kind != "index" or one != -1]
         every = [format_value(one, about, cells) for one in row]
         lengths = np.cumsum([len(one) + 2 for one in every])
@@ -55,7 +55,7 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
 
 
 def in_time(hours: float) -> str:
-    """Write a time in hours, from three days on in days, and from ten years on in years.
+    """Format a time: below three days in hours, below ten years in days, otherwise in years.
 
     >>> from jaxcell.base.formatting import in_time
     >>> in_time(16.9), in_time(720.0), in_time(200_000.0)

@@ -1,8 +1,8 @@
-"""Explain in errors that a function runs on the host and cannot be traced by JAX.
+"""Raise clear errors if JAX traces a function that must run on the host.
 
 Most public functions read the values of their arrays. Under `jit`, `vmap` and `grad` arrays have no
-values, and the error of JAX names NumPy or `bool`. The packages wrap their functions so that the
-error names the function and a remedy.
+values, and the error of JAX mentions only NumPy or `bool`. The packages wrap their functions so
+that the error names the function and a remedy.
 """
 
 import functools
@@ -17,9 +17,9 @@ import lazy_loader  # type: ignore[import-untyped]
 def attach(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Import the names in the stub of a package when they are first used.
+    """Make a package import the names of its stub when they are first used.
 
-    **Returns:** its `__getattr__`, `__dir__` and `__all__`.
+    **Returns:** the `__getattr__`, `__dir__` and `__all__` of the package.
     """
     get, names, every = lazy_loader.attach_stub(package, file)
 
@@ -32,7 +32,7 @@ def attach(
 def hosted(package: str, name: str, value: Any) -> Any:
     """Wrap a public function so that its error for traced arrays says that it runs on the host.
 
-    The function is replaced in its own module too, because `pickle` finds it there.
+    The wrapper also replaces the function in its own module, where `pickle` looks it up.
     """
     if isinstance(value, FunctionType) and not hasattr(value, "_hosted"):
         value = hosted_function(value, f"{package}.{name}")
@@ -42,14 +42,14 @@ def hosted(package: str, name: str, value: Any) -> Any:
 
 
 def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., Any]:
-    """Wrap a function, and call it `name` in the error."""
+    """Wrap a function; `name` is the name of the function in the error."""
 
     @functools.wraps(function)
     def call(*args: Any, **options: Any) -> Any:
         try:
             return function(*args, **options)
         except (TypeError, IndexError) as error:
-            # A function of the user that is traced inside may raise such an error too.
+            # A user's function that is traced inside may raise such an error too.
             if not (type(error).__module__ == "jax.errors" and _traced(args, options)):
                 raise
             raise TypeError(
@@ -62,6 +62,6 @@ def hosted_function(function: Callable[..., Any], name: str) -> Callable[..., An
 
 
 def _traced(*values: Any) -> bool:
-    # JAX has raised an error, so it is loaded. Some wrapped functions do not need it.
+    # JAX is not imported here: it is loaded if it has raised an error.
     jax: Any = sys.modules["jax"]
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))

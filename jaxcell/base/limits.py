@@ -1,13 +1,13 @@
-"""Sizes and choices that several packages share."""
+"""Limits of sizes, and choices of options, that several packages share."""
 
 from typing import Literal, TypeAlias
 
 
 MAX_VERTICES = 2_000
-"Vertices of a graph whose walks are optimised and measured."
+"Largest number of vertices of a graph for the optimisation and the measures of walks."
 
 MAX_CELLS = 5_000
-"Cells of a map whose patrols are optimised; above `MAX_VERTICES` by steps of first order."
+"Largest number of cells of a map for patrols; above `MAX_VERTICES` by first-order methods."
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
-"Names of the rules by which walls block a step; see `jaxcell.space.Motion`."
+"Name of a rule by which walls block a step; see `jaxcell.space.Motion`."

@@ -9,46 +9,46 @@ from pathlib import Path
 
 
 PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
-"""Folders in which Linux reports the memory, and the limits of control groups."""
-# Version 1 of control groups has a number near 2^63 for a group without a limit.
+"""Folders in which Linux reports memory, and limits of control groups."""
+# Limits above this mean no limit: control groups of version 1 then have a number near 2^63.
 _NO_LIMIT = 2**60
 LIBRARIES = 200_000_000
-"""Bytes of Python, JAX and other libraries when they are loaded."""
+"""Bytes that Python, JAX and other loaded libraries need."""
 NEGLIGIBLE = 20_000_000
-"""Bytes that are never refused, because filling them is faster than measuring the free memory."""
+"""Requests up to this number of bytes are never refused, so that they need no measurement."""
 LIMIT = "JAXCELL_MEMORY"
-"""Environment variable with the memory that a process may use, such as `8G`."""
+"""Environment variable with the memory limit of a process, such as `8G`."""
 
 
 def free() -> int | None:
-    """Measure the bytes that this process may still use; `None` if the system does not report it.
+    """Measure the bytes that this process may still use; return `None` if they are unknown.
 
-    This is the least of four numbers: the available memory of the machine, and the rest of the
-    limits of control groups (of containers and batch systems), of addresses (`ulimit -v`), and of
-    `JAXCELL_MEMORY`.
+    This is the least of four numbers: the available memory of the machine, and the unused parts of
+    the limits of control groups (of containers and batch systems), of addresses (`ulimit -v`), and
+    of `JAXCELL_MEMORY`.
     """
     known = [count for count, _ in _known()]
     return max(0, min(known)) if known else None
 
 
 def shortage(available: int) -> str:
-    """Describe the free memory, and the limit that causes it unless that is the machine's."""
+    """Describe the free memory, and the limit that causes it, if any."""
     left, limit = min(_known(), default=(0, ""))
-    # The rest of a limit may have changed a little since.
+    # The free memory may have changed a little since it was measured.
     named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""
     return f"{gigabytes(available)} are free{named}"
 
 
 def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) -> None:
-    """Refuse a computation that needs more memory than is free, before it begins.
+    """Raise `MemoryError` before a computation that needs more memory than is free.
 
-    Small requests are never refused, and none is if the free memory is unknown.
+    Small requests are never refused. If the free memory is unknown, no request is refused.
 
     **Arguments:**
 
     - `needed`: estimated bytes.
     - `doing`: the computation, for the error.
-    - `instead`: advice on using less memory, or a function that gives it for the free bytes.
+    - `instead`: advice to use less memory, or a function from the free bytes to this advice.
     """
     if needed <= NEGLIGIBLE:
         return
@@ -76,12 +76,12 @@ def read_size(text: str, name: str) -> int:
 
 
 def _known() -> list[tuple[int, str]]:
-    """The free bytes under each limit, and the limit in words."""
+    """Measure the free bytes under each limit; return them with the limit in words."""
     return [*_machine(), *_control_groups(), *_addresses(), *_wished()]
 
 
 def _wished() -> Iterator[tuple[int, str]]:
-    """The rest of the limit of the user when all libraries are loaded."""
+    """Yield the unused bytes of the user's limit, after all libraries are loaded."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
@@ -103,10 +103,10 @@ def _machine() -> Iterator[tuple[int, str]]:
 
 
 def _control_groups() -> Iterator[tuple[int, str]]:
-    """The rest of the limits of the control groups of this process, and of their parents."""
+    """Yield the unused bytes of the control groups of this process, and of their parents."""
     for folder, most, used, cache in _limits(PROC, GROUPS):
         stat = _lines(folder / "memory.stat")
-        # The system frees pages of files that are not in use.
+        # The system can free cached pages of files.
         spare = [int(line.split()[1]) for line in stat if line.startswith(cache + " ")]
         yield (
             most - (_number(folder / used) or 0) + sum(spare),
@@ -114,10 +114,10 @@ def _control_groups() -> Iterator[tuple[int, str]]:
         )
 
 
-# Reading the folders takes longer than computing the images of a small map.
+# Cached, because reading the folders takes longer than mapping the cells of a small map.
 @functools.cache
 def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
-    """The control groups with a limit: folder, limit, file of used bytes, field of cached bytes."""
+    """List control groups with limits: folder, limit, file of used bytes, field of cached bytes."""
     groups_with_limit = []
     for line in _lines(proc / "self" / "cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -128,7 +128,7 @@ def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
             limit, used = "memory.limit_in_bytes", "memory.usage_in_bytes"
         else:
             continue
-        # Inside a container the root is the group of the container.
+        # Inside a container the root folder is the control group of the container.
         here = root / path.strip("/")
         for folder in {root, *(one for one in (here, *here.parents) if root in one.parents)}:
             most = _number(folder / limit)

@@ -1,4 +1,4 @@
-"""Modules that an installation may lack: those of extras, and those that robots do not need."""
+"""Import optional modules: modules of extras, and modules that a robot's computer may lack."""
 
 import importlib
 import importlib.util
@@ -30,13 +30,13 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Make the error that names the feature that needs a module, and how to install it."""
+    """Make the error for a missing module: the feature that needs it, and how to install it."""
     why = "" if reason is None else f" ({reason})"
     return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 
 
 def import_module(name: str) -> ModuleType:
-    """Import an optional module."""
+    """Import an optional module; if it is missing, the error says how to install it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

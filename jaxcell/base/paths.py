@@ -1,4 +1,4 @@
-"""Paths of files: find them, replace them at once, and name them in results."""
+"""Find files, replace files atomically, and name files in results."""
 
 import contextlib
 import glob
@@ -13,14 +13,14 @@ from .bundled import bundled_names
 
 
 ADDRESS = re.compile("^(https?|dods):/+")
-"""The beginning of the address of an OPeNDAP server; a path has one slash of the two."""
+"""The beginning of the address of an OPeNDAP server; `Path` keeps only one of two slashes."""
 _WILD = re.compile(r"[*?\[]")
 
 
 def existing(path: str | os.PathLike[str]) -> list[str]:
-    """Find the file or folder of a path, or all that match a pattern, in the order of names.
+    """Find the file or folder of a path, or all files that match a pattern, sorted by name.
 
-    The address of a server is returned as it is.
+    The address of a server is returned unchanged.
     """
     name = os.fspath(path)
     if ADDRESS.match(name) or os.path.exists(name):
@@ -35,10 +35,10 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give the name of a new file beside `path`, which replaces it when the block ends.
+    """Yield the name of a temporary file, which replaces `path` when the block ends.
 
-    If the block raises, the new file is removed. So `path` never holds half a file. It may be a
-    folder too.
+    If the block raises an error, the temporary file is removed. So `path` is never incomplete. The
+    temporary file may also be a folder.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -47,7 +47,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         yield temporary
         if temporary.is_dir() and path.is_dir():
-            # A folder does not take the place of one that has something in it.
+            # A folder cannot replace a folder that is not empty.
             os.replace(path, temporary.with_suffix(".old"))
         os.replace(temporary, path)
     except BaseException:
@@ -59,10 +59,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:
-    """Name a file for results: by its path below the working directory, or by its own name.
+    """Return the name of a file in results: its path below the working directory, or its name.
 
-    Bundled data have names such as `@lab_a`. Other absolute paths are left out because results are
-    passed on, and a path may contain the name of a person.
+    Bundled data have names such as `@lab_a`. Other folders are left out because results may be
+    shared, and a path may contain the name of a person.
     """
     absolute, here = Path(os.path.abspath(path)), Path.cwd()
     if absolute.is_relative_to(here) and here not in Path(os.path.expanduser("~")).parents:

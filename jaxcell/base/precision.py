@@ -1,11 +1,11 @@
-"""64-bit numbers, which probabilities and solves need and JAX gives only on request."""
+"""Check for 64-bit numbers, which probabilities and solvers need. JAX uses 32 bits by default."""
 
 import jax
 import numpy as np
 
 
 def require_x64(what: str) -> None:
-    """Refuse to go on where JAX would silently compute with 32 bits."""
+    """Raise `RuntimeError` if JAX is set to 32-bit numbers."""
     if jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
         raise RuntimeError(
             f"{what} needs 64-bit numbers, and JAX is set to 32 bits: call "

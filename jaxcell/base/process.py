@@ -1,4 +1,4 @@
-"""The process: its display, its output, its signals, and its threads of linear algebra."""
+"""Control this process: display, output, signals, and threads of linear algebra."""
 
 import contextlib
 import functools
@@ -20,7 +20,7 @@ def has_display() -> bool:
 
 @contextlib.contextmanager
 def no_output() -> Iterator[None]:
-    """Discard everything that compiled code prints on standard output in the block."""
+    """Discard standard output in the block, also from compiled code."""
     sys.stdout.flush()
     kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 1)
@@ -33,9 +33,9 @@ def no_output() -> Iterator[None]:
 
 
 def end_by_signals() -> list[signal.Signals]:
-    """Let SIGTERM and SIGHUP raise `SystemExit`, so that `with` blocks end.
+    """Let SIGTERM and SIGHUP raise `SystemExit`, so that `with` blocks clean up.
 
-    **Returns:** the signals whose handlers were set; none outside of the main thread.
+    **Returns:** the signals with new handlers; none outside of the main thread.
     """
     handled = []
     if threading.current_thread() is threading.main_thread():
@@ -58,10 +58,10 @@ def _exit(number: int, _: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keep BLAS and LAPACK to one thread.
+    """Limit BLAS and LAPACK to one thread in the block.
 
-    Factorizations of some hundred rows gain nothing from a second thread. Threads of OpenBLAS wait
-    by spinning, so they take up to twenty times as long if JAX or another process runs too.
+    Factorizations of some hundred rows gain nothing from a second thread. Threads of OpenBLAS spin
+    while they wait, which makes them up to twenty times slower if JAX or another process runs too.
     """
     with _controller().limit(limits=1, user_api="blas"):
         yield
@@ -69,8 +69,8 @@ def one_blas_thread() -> Iterator[None]:
 
 @functools.cache
 def _controller() -> Any:
-    # The computer of a robot may lack these. The controller knows only libraries that were loaded
-    # before it was made.
+    # Imported here because the computer of a robot may lack these modules. The controller knows
+    # only libraries that were loaded before it was made.
     import numpy  # noqa: F401
     import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController

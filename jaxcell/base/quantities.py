@@ -1,8 +1,8 @@
-"""Quantities: descriptions of the numbers of a result, each written once, at its definition.
+"""Quantities describe the numbers of a result: meaning, units, dimensions and kind.
 
-A result is a dataclass whose fields are annotated with a [`quantity`][], or computed from others
-by a method under [`derived`][]. Its dataset, its JSON, its tables in the terminal, the variables of
-a sweep over it and the checks of its numbers all follow from these descriptions.
+A result is a dataclass. Its fields are annotated with a [`quantity`][]; methods under [`derived`][]
+compute more quantities. Datasets, JSON, tables in the terminal, variables of sweeps, and checks of
+numbers are all made from these descriptions.
 
 Two robots that share a corridor:
 
@@ -48,16 +48,16 @@ Kind: TypeAlias = Literal[
     "text",
     "time",
 ]
-"""Kind of a quantity, which decides its format and its checks.
+"""Kind of a quantity, which determines its format and its checks.
 
-- `share`: from 0 to 1. `distribution`: shares that sum to 1 over the last dimensions, those that
-    the attribute `over` names (by default the last one).
+- `share`: a number from 0 to 1. `distribution`: shares that sum to 1 over the dimensions in the
+    attribute `over` (by default the last dimension).
 - `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for none.
 - `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
-- `place`: a position that a summary gives with its place in metres.
-- `time`: not negative, or infinite. `flag`: true or false.
-- `residual`: error of a solve. `coordinate`: labels of a dimension. `text`: words, or an
-    enumeration. `number`: any other.
+- `place`: a position that is written as a point in metres.
+- `time`: not negative; may be infinite. `flag`: true or false.
+- `residual`: error of a solver. `coordinate`: labels of a dimension. `text`: words, or an
+    enumeration. `number`: any other number.
 """
 
 
@@ -66,20 +66,20 @@ class Quantity:
     """The description of one quantity of a result."""
 
     dims: tuple[str, ...]
-    "The dimensions of its array; none for a single number or text."
+    "The dimensions of the array; empty for a single number or text."
     meaning: str
     "A noun phrase: the `long_name` in datasets and the label in tables."
     units: str | None
     kind: Kind
     listed: bool
-    """If true, the summary lists a one-dimensional array under its own name, and a two-dimensional
-    array in the rows of the table of its first dimension, without the -1 that pad an index."""
+    """If true, the summary includes the array: of one dimension under its own name, of two
+    dimensions in the table of the first dimension, without the padding -1 of an index."""
     attributes: Mapping[str, Any]
-    "More attributes of its variable in datasets."
+    "Further attributes of the variable in datasets."
 
     @property
     def label(self) -> str:
-        """The units as a label for people; empty for a quantity without units."""
+        """The units as a label; empty for a quantity without units."""
         return "" if self.units in (None, "1") else str(self.units)
 
 
@@ -92,23 +92,23 @@ def quantity(
     listed: bool = False,
     **attributes: Any,
 ) -> Quantity:
-    """Describe a field of a result, in its annotation: `Annotated[float, quantity("", ...)]`.
+    """Describe a field of a result, in an annotation: `Annotated[float, quantity("", ...)]`.
 
     **Arguments:**
 
-    - `dims`: the names of its dimensions, with spaces between them.
+    - `dims`: the names of the dimensions, separated by spaces.
     - `meaning`: a noun phrase.
-    - `units`: units as in CF, such as `m`, `s`, `rad`; `None` without units.
+    - `units`: units as in the CF conventions, such as `m`, `s`, `rad`; `None` without units.
     - `kind`: a [`Kind`][].
-    - `listed`: whether a one-dimensional array is part of the summary by itself, or an array of
-        more dimensions part of the rows of a table.
-    - further keywords: attributes of its variable in datasets.
+    - `listed`: if true, the summary includes the array: of one dimension under its own name, of
+        more dimensions in the rows of a table.
+    - further keywords: attributes of the variable in datasets.
     """
     return Quantity(tuple(dims.split()), meaning, units, kind, listed, attributes)
 
 
 class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
-    """Describe a quantity that a method computes from the fields, at its first use.
+    """Describe a quantity that a method computes from the fields, at the first use.
 
     The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
     """
@@ -122,13 +122,13 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
 
 
 def from_part(path: str, *description: Any, **more: Any) -> Any:
-    """Describe a quantity that is an attribute of a part, such as `deployment.cells`.
+    """Describe a quantity that is an attribute of a part of a result, such as `deployment.cells`.
 
-    Without the part the result does not have the quantity.
+    If the part is `None`, the result does not have the quantity.
 
     **Arguments:**
 
-    - `path`: the names of the part and its attribute, with a dot between them.
+    - `path`: the names of the part and of the attribute, with a dot between them.
     - further arguments: those of [`quantity`][jaxcell.base.quantities.quantity].
     """
 
@@ -141,13 +141,13 @@ def from_part(path: str, *description: Any, **more: Any) -> Any:
 
 
 class Result:
-    """A base for the results of studies: dataclasses with described quantities.
+    """The base class of results of studies: dataclasses with described quantities.
 
-    A field may be a result. In the summary it stands below the name of the field, and in datasets
-    the names of its variables, except labels of dimensions, begin with the name of the field. A
-    field may be a tuple of results, such as `layers`: a list in the summary, and in datasets
-    variables `layer_...` along a dimension `layer`. A field `cells` gives the coordinates of
-    datasets.
+    A field may be a result too. The summary has it under the name of the field. In datasets, the
+    names of its variables begin with the name of the field, except labels of dimensions. A field
+    may also be a tuple of results, such as `layers`. It becomes a list in the summary, and
+    variables `layer_...` along a dimension `layer` in datasets. A field `cells` defines the
+    coordinates of datasets.
     """
 
     title: ClassVar[str] = ""
@@ -155,21 +155,21 @@ class Result:
     leading: ClassVar[tuple[str, ...]] = ()
     "Names of the quantities that answer the question; summaries begin with them."
     brief: ClassVar[tuple[str, ...]] = ()
-    """Names of the quantities, and dimensions of the tables, that are enough for a terminal; by
-    default all."""
+    """Names of the quantities, and dimensions of the tables, that a terminal shows; by default
+    all."""
     tables: ClassVar[Mapping[str, str]] = {}
-    """Dimensions whose quantities make a table, and the names of these tables in the summary: the
-    column of a quantity `deployment_lon` in a table `deployment` is `lon`."""
+    """Names of tables in the summary, by the dimension of the quantities in each table. In a table
+    `deployment` the column of a quantity `deployment_lon` is `lon`."""
     picture: ClassVar[str] = ""
-    "The quantity that `plot` draws by default, where it is not the first with a map."
+    "The quantity that `plot` draws by default; if empty, the first quantity on a map."
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        # A dataclass would otherwise print all its arrays.
+        # By default a dataclass prints all its arrays.
         cls.__repr__ = Result.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """List the numbers that are known without computing any, and the names of arrays."""
+        """List the numbers that are already computed, and the names of arrays."""
         from .formatting import format_value
 
         described = quantities(type(self))
@@ -195,22 +195,22 @@ class Result:
 
     @property
     def answered(self) -> bool:
-        """If false, the question has no answer; for example, no path was found."""
+        """False if the question has no answer; for example, if no path was found."""
         return True
 
     @property
     def quiet(self) -> tuple[str, ...]:
-        """Names of parts that a terminal does not show; files and JSON have them."""
+        """Names of parts that only files and JSON include; a terminal does not show them."""
         return ()
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Sentences that answer the question, for people; the most important first."""
+        """Sentences that answer the question; the most important sentence is first."""
         return ()
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences with limits of the answer, for people who rely on it."""
+        """Sentences about limits of the answer."""
         return ()
 
     @property
@@ -219,32 +219,32 @@ class Result:
         return {}
 
     def checks(self) -> "Checks":
-        """Checks of relations between quantities, in addition to the checks of their kinds."""
+        """Return checks of relations between quantities; checks of single kinds are automatic."""
         return {}
 
 
 def _figures(module: str) -> ModuleType:
-    """Import a module that draws results, which is on a higher floor, when it is needed."""
+    """Import a module of `jaxcell.record.figures` at its first use, to avoid a circular import."""
     return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 
-# Sums of 10^6 probabilities are accurate to 1e-10, and so are the solves that give them.
+# Tolerance for probabilities: sums of 10^6 of them, and solvers, are accurate to 1e-10.
 PROBABILITY = 1e-8
 
 Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
-"""Value and limit of each check, by name; the limit `inf` reports a value without a limit."""
+"""Value and limit of each check, by name; with the limit `inf` a value is only reported."""
 
 
 def quantities(result: type) -> dict[str, Quantity]:
     """Find the described quantities of a class of results.
 
-    Coordinates come first, then the leading quantities, then the others in their order.
+    Coordinates come first, then the leading quantities, then the others in order of definition.
 
     **Arguments:**
 
     - `result`: a dataclass.
 
-    **Returns:** the description of each, by name.
+    **Returns:** the description of each quantity, by name.
     """
     fields = {
         field.name: described
@@ -272,15 +272,15 @@ def quantities(result: type) -> dict[str, Quantity]:
 def values(
     result: Any, wanted: Callable[[Quantity], bool] = lambda _: True
 ) -> dict[str, tuple[Quantity, Any]]:
-    """Compute the quantities of a result; quantities of `None` are left out.
+    """Compute the quantities of a result; leave out quantities with the value `None`.
 
-    A member of an enumeration becomes its name in lower case. Zeros have no sign, because the sign
+    Members of enumerations become names in lower case. Zeros become positive, because their sign
     may depend on the processor.
 
     **Arguments:**
 
     - `result`: the result.
-    - `wanted`: selects quantities; the values of others are not computed.
+    - `wanted`: a function that selects quantities; other quantities are not computed.
     """
     named_values = {}
     for name, one in quantities(type(result)).items():
@@ -291,14 +291,14 @@ def values(
 
 
 def _stored(value: Any) -> Any:
-    """Replace a member of an enumeration by its name, and take the sign off zeros."""
+    """Replace a member of an enumeration by its name, and remove the sign of zeros."""
     return unsigned(value.name.lower() if isinstance(value, enum.Enum) else value)
 
 
 def unsigned(value: Any) -> Any:
-    """Remove the sign of zeros. Other values stay as they are.
+    """Remove the sign of zeros; leave other values unchanged.
 
-    The minimum of `0.0` and `-0.0` may be either, depending on the processor.
+    The sign may depend on the processor: the minimum of `0.0` and `-0.0` may be either of them.
     """
     if isinstance(value, float):
         return value + 0.0
@@ -306,12 +306,12 @@ def unsigned(value: Any) -> Any:
         return value
     import numpy as np
 
-    # Only an array that has such zeros is copied.
+    # Copy an array only if it has negative zeros.
     return value + 0.0 if (np.signbit(value) & (value == 0)).any() else value
 
 
 def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
-    """Compute the quantities of a summary: single, listed, or columns of a table."""
+    """Compute the quantities in a summary: single numbers, listed arrays, and table columns."""
     return values(
         result,
         lambda one: (
@@ -339,7 +339,7 @@ def is_single(about: Quantity) -> bool:
 def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
     """Compute the columns of the tables of a result, by the dimension of the table.
 
-    Labels in radians are left out: programs need them, and people have degrees beside them.
+    Labels in radians are left out because tables also have them in degrees.
     """
     tables: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
     for name, (about, value) in summarized(result).items():

@@ -1,4 +1,4 @@
-"""Find the revision of the source."""
+"""Find the Git revision of the source code."""
 
 import functools
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 @functools.cache
 def git_revision() -> str | None:
-    """Find the commit of the checkout of this file, with `-dirty` if files were changed."""
+    """Find the Git commit of this checkout, with `-dirty` if files were changed; `None` if none."""
 
     def git(*arguments: str) -> str:
         command = ["git", "--no-optional-locks", *arguments]
@@ -21,7 +21,7 @@ def git_revision() -> str | None:
         ).stdout.strip()
 
     try:
-        # An installed copy may lie inside another checkout, which does not track it.
+        # An installed copy may lie inside the checkout of another project.
         git("ls-files", "--error-unmatch", "__init__.py")
         return git("describe", "--always", "--abbrev=40", "--dirty", "--exclude=*")
     except (OSError, subprocess.SubprocessError):

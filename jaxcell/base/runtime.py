@@ -1,4 +1,4 @@
-"""Configure JAX for the programs of jaxcell; other programs decide for themselves."""
+"""Configure JAX for the commands of jaxcell; other programs choose their own configuration."""
 
 import os
 from pathlib import Path
@@ -9,8 +9,8 @@ import jax
 def configure_jax() -> None:
     """Turn on 64-bit numbers, and a compilation cache in a private directory of the user.
 
-    JAX runs the programs in the cache, so other users must not be able to write there. If no such
-    directory can be made, there is no cache.
+    JAX runs the programs in the cache, so other users must not be able to write there. Without such
+    a directory there is no cache.
     """
     jax.config.update("jax_enable_x64", True)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -21,7 +21,7 @@ def configure_jax() -> None:
     except (OSError, RuntimeError):
         return
     jax.config.update("jax_compilation_cache_dir", str(directory))
-    # Our kernels are small, and by default JAX does not keep small programs.
+    # By default JAX does not cache small programs, and most programs here are small.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
@@ -35,7 +35,7 @@ def compile_quickly(*flags: str) -> None:
 
     - `flags`: more flags of XLA; every version of JAX that jaxcell allows must know them.
     """
-    # XLA ends the process at an unknown flag.
+    # XLA ends the process for an unknown flag, so newer versions do not get this one.
     if jax.__version_info__ < (0, 11):
         flags += ("--xla_cpu_use_fusion_emitters=false",)
     os.environ.setdefault("XLA_FLAGS", " ".join(flags))

@@ -1,11 +1,11 @@
-"""The `jaxcell` command. JAX is imported only when a command runs, so help is fast."""
+"""The command `jaxcell`. JAX is imported only when a command runs, so help is fast."""
 
 import sys
 from collections.abc import Sequence
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status: 0 done, 1 no answer, 2 bad input."""
+    """Run a command, and return the exit status: 0 done, 1 no answer, 2 bad input."""
     try:
         from .app import run
 

@@ -32,7 +32,7 @@ from .sweep.view import SweepView
 from .view import View
 
 
-# The commands by the words after `jaxcell`, in the order of `jaxcell --help`.
+# The class of each command, by the words after `jaxcell`, in the order of `jaxcell --help`.
 COMMANDS: dict[str, Any] = dict(
     sorted(
         {
@@ -59,12 +59,12 @@ COMMANDS: dict[str, Any] = dict(
     )
 )
 
-# The most directions that an error recommends.
+# Largest number of directions that an error recommends.
 _MAX_DIRECTIONS = 3600
 
 
 def _line(error: ValueError | OSError | MemoryError) -> str:
-    """Write an error in one line, for scripts, without error numbers of the system."""
+    """Format an error in one line, for scripts, without error numbers of the system."""
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}"
@@ -86,7 +86,7 @@ def run(args: Sequence[str]) -> int:
             check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
         return int(command.run())
     except BrokenPipeError:
-        # The reader of the output, such as `head`, has closed it. Nothing is lost.
+        # The reader of the output, such as `head`, needs no more of it. This is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, OSError, MemoryError) as error:
@@ -102,7 +102,7 @@ def run(args: Sequence[str]) -> int:
 
 
 def _limited(args: Sequence[str]) -> list[str]:
-    """Remove the option --memory, and set its size as the limit of this process and its workers."""
+    """Remove the option --memory, and set the memory limit of this process and its workers."""
     words = list(args)
     for place, word in enumerate(words):
         option, equals, size = word.partition("=")
@@ -116,7 +116,7 @@ def _limited(args: Sequence[str]) -> list[str]:
 
 
 def read(args: Sequence[str]) -> tuple[str, Any]:
-    """Return the name of a command, and the command with its options."""
+    """Parse the words of a command line. Returns the name and the options of the command."""
     words = list(args)
     if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
         from ..study.loading import load_study
@@ -143,7 +143,7 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _of_options(message: str, command: Any) -> str:
-    """Write the parameters in a message as options: the first word, and names in backquotes."""
+    """Replace parameters by options in a message: the first word, and names in backquotes."""
     kind = type(command)
     message = as_options(kind, message)
     name = re.split("[: ]", message, maxsplit=1)[0]
@@ -156,7 +156,7 @@ def _of_options(message: str, command: Any) -> str:
 
 
 def _directions(command: Any) -> int | None:
-    """Find the least number of directions whose step divides all angles of a command."""
+    """Find the least number of directions for which all angles are multiples of the step."""
     values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
     angles = [
         angle

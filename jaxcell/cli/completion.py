@@ -1,4 +1,4 @@
-"""The script with which a shell completes commands, their options and their choices."""
+"""Shell completion of commands, options and choices."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from .help import displayed
 
 
 OPTION = "--tyro-print-completion"
-# If tyro has no proposal it proposes an empty word, which keeps Bash from proposing files.
+# Without a proposal, tyro proposes an empty word, which keeps Bash from proposing files.
 _FILES = """
 _jaxcell() {
   _tyro_jaxcell "$@"
@@ -21,7 +21,7 @@ complete -o default -F _jaxcell jaxcell
 
 
 def print_completion(commands: Mapping[str, type], words: Sequence[str]) -> NoReturn:
-    """Print the script of a shell, and exit."""
+    """Print the completion script for a shell, and exit."""
     try:
         tyro.cli(
             _tree(commands),
@@ -36,7 +36,7 @@ def print_completion(commands: Mapping[str, type], words: Sequence[str]) -> NoRe
 
 
 def _tree(commands: Mapping[str, type]) -> Any:
-    """Build all commands as one choice; the second words of a group are a choice within it."""
+    """Build a type with all commands as a choice; second words are a choice within a group."""
     top = {name: displayed(kind) for name, kind in commands.items() if " " not in name}
     for group in dict.fromkeys(name.split()[0] for name in commands if " " in name):
         within = _choice(

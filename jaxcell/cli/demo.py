@@ -20,14 +20,14 @@ class Demo:
     example: ClassVar[str] = ""
 
     out: Path = Path("runs/demo")
-    """Folder for the results, with a folder for each stop of the tour."""
+    """Folder for the results, with a subfolder for each stop of the tour."""
 
     def run(self) -> int:
         began, pages = time.perf_counter(), ["# What the tour shows"]
         with starting():
             from ..base.runtime import compile_quickly
 
-            # The tour runs each program once, so fast compilation pays.
+            # The tour runs each program only once, so compilation must be fast.
             compile_quickly()
             from .. import record  # noqa: F401
         for number, stop in enumerate(STOPS, start=1):
@@ -56,7 +56,7 @@ class Stop:
     study: type[Study]
     options: str
     sentences: Callable[[Any], Sequence[str]]
-    "Writes what the result shows."
+    "A function that describes the result in sentences."
 
     @property
     def words(self) -> list[str]:

@@ -9,13 +9,13 @@ from .terminal import say
 
 
 BUILT = Path(__file__).parents[2] / "docs" / "site" / "index.html"
-"""The first page of the documentation in a clone of the repository."""
+"""The first page of the documentation that `make docs` builds in a checkout."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Docs:
-    """Open the documentation in a browser: that of `make docs` in a checkout, or of the installed
-    version."""
+    """Open the documentation in a browser: the pages that `make docs` built in a checkout, or the
+    website."""
 
     example: ClassVar[str] = ""
 
@@ -28,7 +28,7 @@ class Docs:
 
 
 def _address() -> str:
-    """Return the address of the documentation."""
+    """Return the address of the first page of the documentation."""
     if BUILT.exists():
         return BUILT.as_uri()
     named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []

@@ -1,4 +1,4 @@
-"""Write characters that the encoding of an output lacks in ASCII."""
+"""Replace characters by ASCII if the encoding of an output does not have them."""
 
 import codecs
 import io
@@ -11,14 +11,14 @@ _ASCII = str.maketrans({"°": " deg", "▀": "'", "▄": ".", "█": "#"})
 
 
 def allow_any_encoding() -> None:
-    """Let no output fail because of its characters."""
+    """Replace characters that standard output or standard error cannot encode."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors != _HANDLER:
             stream.reconfigure(errors=_HANDLER)
 
 
 def encodable(text: str, encoding: str) -> str:
-    """Return a text as it is written in an encoding; it may be longer.
+    """Replace characters that an encoding does not have. The new text may be longer.
 
     >>> from jaxcell.cli.encoding import encodable
     >>> encodable("45° in 2 m²", "ascii")

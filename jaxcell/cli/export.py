@@ -17,22 +17,22 @@ class Export:
     example: ClassVar[str] = "runs/lab/filter.jxf filter.h"
 
     filter: tyro.conf.Positional[Path]
-    """Filter or policy (only as .h) of `jaxcell localize --out`."""
+    """Filter or policy from `jaxcell localize --out`; a policy can only be written as .h."""
     file: tyro.conf.Positional[Path]
-    """File to write; its suffix chooses the format."""
+    """File to write; the suffix determines the format."""
     minimal: bool = False
-    """Merge states that no observation distinguishes by colour."""
+    """Merge states with the same colours after all sequences of observations."""
     smallest: Annotated[bool, Only(minimal=False)] = False
-    """Write the least machine with the same outputs on all observations that can occur, as .dot,
-    .json or .h; a header reads runs between bumps if its tables are then smaller."""
+    """Write the smallest machine with the same outputs for all observations that can occur, as
+    .dot, .json or .h. A header reads runs between bumps if this makes the tables smaller."""
     output: Annotated[
         Literal["color", "count", "cells", "localized", "action"] | None, Only(smallest=True)
     ] = None
-    """Output to keep: the knowledge cycle (color, the default), the number of possible cells, the
-    cells in the end, or whether the robot is localized; of a policy the action, or the cells too
-    (the default)."""
+    """Output of the machine. For a filter: the knowledge cycle (color, the default), the number of
+    possible cells (count), the final cells (cells), or whether the robot is localized (localized).
+    For a policy: the action, or the action and the final cells (cells, the default)."""
     seconds: Annotated[Seconds, Limit(ge=0), Only(smallest=True)] = 60.0
-    """Limit of time for the proof that a machine is least."""
+    """Time limit for the proof that no smaller machine exists."""
 
     def run(self) -> int:
         from ..automata.formats.storage import read_kind

@@ -1,4 +1,4 @@
-"""Pages of help: tyro's own, with an example, and with units and conditions from annotations."""
+"""Pages of help: the pages of tyro with an example, and with units and conditions of options."""
 
 import ast
 import difflib
@@ -25,9 +25,9 @@ currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. The o
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 _UNITS = {"d": "DAYS", "deg": "DEG", "m": "M", "s": "S"}
-# Defaults that a page of help does not show.
+# Default values that a page of help does not show.
 _EMPTY = {"None", "", "False"}
-# Options of all commands, which a page lists last.
+# Options of many commands, which a page of help lists last.
 _LAST = {"out", "json", "verify"}
 
 
@@ -36,7 +36,7 @@ def example(kind: Any, name: str) -> str:
 
 
 def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Read the options of a command."""
+    """Parse the options of a command from words of the command line."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
@@ -57,13 +57,13 @@ def option(kind: type, parameter: str) -> str:
 
 
 def as_options(kind: type, text: str) -> str:
-    """Write parameters as options, where they stand in backquotes."""
+    """Replace parameters in backquotes by options."""
     known = parameters(kind)
     return re.sub(r"`(\w+)`", lambda m: option(kind, m[1]) if m[1] in known else m[0], text)
 
 
 def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
-    """Print a page of commands, and exit."""
+    """Print a list of commands, and exit."""
     print(f"usage: jaxcell {group} COMMAND ...".replace("  ", " "))
     if not group:
         print(f"\n{_ABOUT}")
@@ -76,7 +76,7 @@ def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
 
 
 def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
-    """Report an unknown command with the most similar known one, and exit."""
+    """Report an unknown command with the most similar known command, and exit."""
     groups = {name.split()[0] for name in commands if " " in name}
     wanted = " ".join(words[:2]) if words[0] in groups else words[0]
     similar = difflib.get_close_matches(wanted, [*commands, *groups], 1, 0.5)
@@ -91,9 +91,9 @@ def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
 # Cached, because reading the source takes half of the time of a page.
 @functools.cache
 def displayed(kind: type) -> type:
-    """Return a class with the options of a command in the order and the words of its help.
+    """Make a class with the options of a command for its page of help.
 
-    Required options come first, then the command's own, then the options of all commands.
+    Required options come first, then the command's own options, then options of many commands.
     """
     hints, texts, noted = parameters(kind), _documentation(kind), conditions(kind)
     level = {
@@ -126,13 +126,13 @@ def displayed(kind: type) -> type:
 
 
 def _documentation(kind: type) -> dict[str, str]:
-    """Read the text below each field in the source, without its line breaks."""
+    """Read the docstring below each field in the source, without line breaks."""
     texts = {}
     for base in reversed(kind.__mro__):
         try:
             source = textwrap.dedent(inspect.getsource(base))
         except (OSError, TypeError):
-            # The class is in no file.
+            # The source of the class is not in a file.
             continue
         for field, text in itertools.pairwise(ast.parse(source).body[0].body):  # type: ignore[attr-defined]
             match field, text:
@@ -152,7 +152,7 @@ def _when(kind: type, alternatives: Sequence[Only]) -> str:
 
 
 def _metavar(name: str, hint: Any) -> str | None:
-    """Return the placeholder of a value: its unit, or `None` for tyro's own, the type."""
+    """Return the placeholder of a value: its unit, or `None` for the placeholder of tyro."""
     if _is_positional(hint):
         return name.upper()
     several: list[tuple[Any, ...]]

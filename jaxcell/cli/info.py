@@ -14,7 +14,7 @@ from .terminal import say, table
 
 
 _STATES = {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"}
-# Files for other programs: what each is, a pattern that all of them have, and patterns of numbers.
+# Files for other programs, by suffix: a name, a pattern that identifies them, patterns to count.
 _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
     ".dot": (
         "a filter, for Graphviz",
@@ -51,7 +51,7 @@ class Info(Printing):
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """Describe a file: its kind, as `what`, and its content."""
+    """Describe a file: its kind, under the key `what`, and its content."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     if path.is_dir():

@@ -10,15 +10,15 @@ from .output import Printing
 from .terminal import say, table
 
 
-# The size of a picture in characters; a character is twice as high as wide.
+# Size of a picture in characters; a character is twice as high as wide.
 _WIDTH, _HEIGHT = 24, 6
 _HALVES = " ▄▀█"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Maps(Printing):
-    """List the maps, graphs, currents and sweeps that come with jaxcell. Their names begin with @,
-    and replace a file in any command."""
+    """List the maps, graphs, currents and sweeps that come with jaxcell. Any command accepts their
+    names, which begin with @, as files."""
 
     example: ClassVar[str] = ""
 

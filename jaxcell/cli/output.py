@@ -1,4 +1,4 @@
-"""The output of commands: JSON, and files that appear whole or not at all."""
+"""Output of commands: JSON, and files that are written atomically."""
 
 import dataclasses
 import os
@@ -14,14 +14,14 @@ from ..base.paths import replacing
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Printing:
-    """The option of commands that print a result."""
+    """Base class of commands that print a result, with the option `--json`."""
 
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
-    """Refuse a place where results cannot be written, before they are computed."""
+    """Check that results can be written to a file or folder, before they are computed."""
     wanted = out.absolute()
     if not folder:
         if wanted.is_dir():
@@ -39,14 +39,14 @@ def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, which appears whole or not at all."""
+    """Write a text file atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def option_words(options: Any, names: Collection[str]) -> list[str]:
-    """Write the named options of a command, other than their defaults, as words of its line."""
+    """Convert named options, except defaults, to words of a command line."""
     words = []
     for field in dataclasses.fields(options):
         value, option = getattr(options, field.name), f"--{field.name.replace('_', '-')}"

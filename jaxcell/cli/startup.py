@@ -19,9 +19,9 @@ def starting() -> Iterator[None]:
 
 
 def prepare_tasks() -> None:
-    """Find tasks in the working folder, and let them compute with 64 bits as commands do.
+    """Make modules in the working folder importable as tasks, and set JAX to 64 bits.
 
-    This does not import JAX, because tasks may not need it.
+    JAX is not imported, because tasks may not need it.
     """
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     sys.path.append(os.getcwd())

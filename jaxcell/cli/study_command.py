@@ -1,4 +1,4 @@
-"""The command of a study: its parameters are the options, its result is the output."""
+"""Commands of studies: the parameters are the options, and the result is the output."""
 
 import dataclasses
 import json
@@ -28,7 +28,7 @@ from .terminal import (
 
 
 MUCH = 1e9
-"""Bytes of memory above which the estimate is printed."""
+"""Estimates of memory above this number of bytes are printed."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class Run:
     example: ClassVar[str] = "my_study.py:MyStudy --help"
 
     study: tyro.conf.Positional[str]
-    """The class, FILE.py:CLASS or MODULE:CLASS, which derives from jaxcell.study.Study."""
+    """Class that derives from jaxcell.study.Study: FILE.py:CLASS or MODULE:CLASS."""
 
     def run(self) -> int:
         raise ValueError(f"{self.study}: expected FILE.py:CLASS or MODULE:CLASS")
@@ -46,7 +46,7 @@ class Run:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StudyCommand(Printing):
-    """The options that the commands of all studies have, and the run of such a command."""
+    """Base class of the commands of studies, with their common options."""
 
     study: ClassVar[type[Study]]
     command: ClassVar[str]
@@ -54,7 +54,7 @@ class StudyCommand(Printing):
     out: Path | None = None
     """Folder for the results: NetCDF, a Rerun recording, summary.json."""
     verify: bool = False
-    """Compute small parts of the result again by another method; exit with 1 if they differ."""
+    """Compare small parts of the result with another method; exit with 1 if they differ."""
 
     @property
     def question(self) -> Study:
@@ -63,7 +63,7 @@ class StudyCommand(Printing):
         )
 
     def answer(self, say: Say = silent) -> tuple[Result, dict[str, Any]]:
-        """Return the result, and the object that `--json` prints."""
+        """Run the study. Returns the result, and the JSON object that `--json` prints."""
         from .. import record
 
         question, began = self.question, time.perf_counter()
@@ -132,10 +132,10 @@ class StudyCommand(Printing):
 
 
 def command_of(study: type[Study], words: str = "") -> Any:
-    """Make the command of a study."""
+    """Make the class of the command of a study."""
     own = {
         "__doc__": study.__doc__,
-        # The study checks its parameters itself, after all options have been read.
+        # The study itself checks the parameters, after all options have been read.
         "__post_init__": lambda _: None,
         "study": study,
         "command": words or study.command,
@@ -150,7 +150,7 @@ def _write_summary(summary: dict[str, Any], out: Path) -> None:
 
 
 def _verified(question: Study, result: Result) -> dict[str, Any]:
-    """Compute parts of a result again, and return the comparisons as JSON."""
+    """Compare parts of a result with another method; return the comparisons as JSON."""
     began = time.perf_counter()
     with status("computing parts again by another method"):
         comparisons = question.verify(result)

@@ -21,7 +21,7 @@ from .encoding import encodable
 
 
 FIRST_LINE, LINES = 1.5, 60.0
-"""Seconds until the first line of progress, and between lines, if the output is no terminal."""
+"""Seconds before the first line of progress, and between lines, if there is no terminal."""
 
 
 @contextlib.contextmanager
@@ -90,7 +90,7 @@ def _in_lines(line: Callable[[], str], clock: Callable[[], float]) -> Iterator[N
 
 
 def duration(seconds: float) -> str:
-    """Write a time as hours, minutes and seconds."""
+    """Format a time as hours, minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}"
@@ -103,14 +103,14 @@ def note_results(results: Path) -> None:
 
 
 def own_command(name: str) -> str:
-    """Return the name or the path that calls a command of this Python environment."""
-    # If a virtual environment is not active, its commands are beside its Python.
+    """Return the name or the path of a command of this Python environment."""
+    # The commands of a virtual environment that is not active are in the folder of its Python.
     beside = Path(sys.executable).with_name(name)
     return name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
 
 
 def say(text: str) -> None:
-    """Print a line on standard output, in order with notes when both go to one file."""
+    """Print a line on standard output, in the right order with notes if both go to one file."""
     print(text, flush=True)
 
 
@@ -139,7 +139,7 @@ def noting_warnings() -> Iterator[list[str]]:
 
 
 def show(result: Result, heading: str, seconds: float | None = None) -> None:
-    """Print the answer, and the tables of a result under a heading with the seconds it took."""
+    """Print the answer and the tables of a result, under a heading with the elapsed seconds."""
     from ..record.data.tables import tables
 
     for line in result.answer:
@@ -184,7 +184,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
 
 def _fits(console: Console, rows: Sequence[Sequence[str]]) -> bool:
-    # Each column has a space on both sides, and a line.
+    # Each column has a space on both sides, and a separating line.
     return sum(_longest_word(cells) + 3 for cells in zip(*rows, strict=True)) < console.width
 
 
@@ -194,7 +194,7 @@ def _longest_word(cells: Iterable[str]) -> int:
 
 @contextlib.contextmanager
 def stdout_on_stderr() -> Iterator[None]:
-    """Send everything that solvers, tasks and their processes print to standard error."""
+    """Redirect the output of solvers, tasks and their processes to standard error."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)
@@ -202,7 +202,7 @@ def stdout_on_stderr() -> Iterator[None]:
         with contextlib.redirect_stdout(sys.stderr):
             yield
     finally:
-        # The buffer of C would be written later.
+        # Flush the output buffer of C, which would otherwise be written later.
         with contextlib.suppress(TypeError, OSError):
             ctypes.CDLL(None).fflush(None)
         os.dup2(kept, 1)

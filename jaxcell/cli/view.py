@@ -19,11 +19,11 @@ from ..base.process import end_by_signals, has_display, leave_signals
 from .terminal import note, own_command
 
 
-# The viewer's own default is three quarters of all memory.
+# Memory limit of the viewer; its default is three quarters of all memory.
 _MEMORY = "2GB"
 _HERE = "127.0.0.1"
 PAGE_PORT, DATA_PORT = 9090, 9876
-"""The default ports of Rerun: of its page, and of the recordings."""
+"""The default ports of Rerun for its web page, and for recordings."""
 _MAX_WAIT = 60.0
 
 
@@ -34,7 +34,7 @@ class View:
     example: ClassVar[str] = "runs/lab"
 
     results: tyro.conf.Positional[Path]
-    """A folder that a command wrote with --out, or one recording (.rrd)."""
+    """Folder that a command wrote with --out, or a recording (.rrd)."""
     web: bool = False
     """Show the recordings in a browser on this machine, until Ctrl-C."""
 
@@ -60,7 +60,7 @@ class View:
 def shown_live(viewer: str) -> Iterator[str]:
     """Open a viewer for a recording that is being made.
 
-    Without a display, `here` is a page for a browser, which is open until Ctrl-C.
+    Without a display, `here` is a web page, which is served until Ctrl-C.
     """
     if not has_module("rerun"):
         raise missing_module("rerun")
@@ -81,16 +81,16 @@ def _viewer() -> list[str]:
 
 @contextlib.contextmanager
 def _served(recordings: Sequence[str]) -> Iterator[tuple["subprocess.Popen[bytes]", str]]:
-    """Serve recordings to a browser, which is opened if there is a display.
+    """Serve recordings to a browser, and open the browser if there is a display.
 
-    **Yields:** the process of the server, and the address that takes more recordings.
+    **Yields:** the process of the server, and the address for further recordings.
     """
     page, data = _free_port(PAGE_PORT), _free_port(DATA_PORT)
     ports = ["--web-viewer-port", str(page), "--port", str(data)]
     served = f"rerun+http://{_HERE}:{data}/proxy"
     address = f"http://{_HERE}:{page}?url={urllib.parse.quote(served, safe='')}"
     command = [*_viewer(), "--bind", _HERE, *ports, "--serve-web", *recordings]
-    # Its log has two more addresses, which would mislead a user.
+    # Hide the log of the server, because it has two addresses that would mislead a user.
     handled = end_by_signals()
     log = {"RUST_LOG": "error", **os.environ}
     # The server is a child process, which ends with this process.
@@ -128,7 +128,7 @@ def _answers(port: int) -> bool:
 
 
 def recordings_in(results: Path) -> list[Path]:
-    """Return the recordings in a folder and its subfolders, or the named recording."""
+    """Return the recordings in a folder and its subfolders, or the path if it is a recording."""
     if not results.exists():
         raise FileNotFoundError(f"{results}: there is no such file or directory")
     recordings = sorted(results.rglob("*.rrd")) if results.is_dir() else [results]

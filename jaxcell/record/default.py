@@ -1,4 +1,4 @@
-"""The default recording of a result, from the descriptions of its quantities."""
+"""Make the default recording of a result, from the descriptions of its quantities."""
 
 import math
 from typing import Any

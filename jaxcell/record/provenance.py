@@ -1,4 +1,4 @@
-"""Coordinates of cells, and attributes of provenance, which all datasets share."""
+"""Coordinates of cells and attributes of provenance, for all datasets."""
 
 import datetime
 import json
@@ -38,7 +38,7 @@ def place_coordinates(cells: CellSpace, some: slice) -> dict[str, tuple[Any, ...
 def provenance(
     title: str, cells: CellSpace | None, spec: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Return the attributes of a dataset: title, parameters, and the versions that made it."""
+    """Return the attributes of a dataset: title, parameters, and versions of the software."""
     try:
         parameters = json.dumps(dict(spec or {}), allow_nan=False)
     except (TypeError, ValueError) as error:

@@ -9,7 +9,7 @@ from ..base.optional_modules import has_module, import_module
 from ..base.quantities import Result
 
 
-# Modules and functions by the class of the result, as names, so that only one is imported.
+# Module and function for each class of results, as names, so that only one module is imported.
 _FAMILIES = {
     "AdaptivelyLocalized": "bounce.policy:log_localization_policy",
     "Anywhere": "bounce.anywhere:log_anywhere",
@@ -35,14 +35,14 @@ def save_recording(
 ) -> None:
     """Write a Rerun recording of a result.
 
-    A result without a recording of its own has a map per quantity over positions, a curve per
-    quantity over steps, and a text with its numbers.
+    The default recording, for results without a special one, has a map per quantity over positions,
+    a curve per quantity over steps, and a text with the numbers.
 
     **Arguments:**
 
     - `result`: the result of a study.
     - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: its parameters, shown in the text.
+    - `spec`: the parameters of the study, which the text shows.
 
     **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if the file cannot be
     written; `ModuleNotFoundError` without Rerun, which `jaxcell[view]` installs.
@@ -72,12 +72,12 @@ def save_recording(
 
 
 def show(result: Result, *, spec: Mapping[str, Any] | None = None) -> Any:
-    """Show a result in a notebook: its recording in the viewer of Rerun, or its plot.
+    """Show the recording of a result in a notebook, or a plot without the viewer of Rerun.
 
     **Arguments:**
 
     - `result`: the result of a study.
-    - `spec`: its parameters, shown in the text.
+    - `spec`: the parameters of the study, which the text of the recording shows.
 
     **Returns:** a viewer if `rerun-sdk[notebook]` is installed, otherwise the axes of the plot.
 

@@ -1,4 +1,4 @@
-"""A Rerun viewer that shows a recording while it grows."""
+"""Connect to a Rerun viewer that shows a recording while it grows."""
 
 import socket
 import sys
@@ -49,7 +49,7 @@ def _start() -> None:
             "viewer here: there is no display; start `rerun` on a computer that has one, and give "
             "the address that it prints"
         )
-    # The commands of a virtual environment are beside its Python, also if it is not activated.
+    # The commands of a virtual environment, also of an inactive one, are beside its Python.
     beside = Path(sys.executable).with_name("rerun")
     try:
         rr.spawn(

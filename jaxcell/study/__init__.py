@@ -1,7 +1,7 @@
-"""Studies: one question a file, whose fields are its parameters and whose `run` gives the answer.
+"""Studies: classes that each answer one question. The fields are the parameters of the question.
 
-A study is the options of its command, the parameters of its task in a sweep, the `spec` of its
-datasets and recordings, and what a program calls:
+The method `run` returns the answer. The fields are also the options of a command, the parameters of
+a task in sweeps, and the `spec` in datasets and recordings. A program calls a study like this:
 
     >>> import jax
     >>> jax.config.update("jax_enable_x64", True)
@@ -12,11 +12,11 @@ datasets and recordings, and what a program calls:
     >>> result.mixture.shape, round(result.total_variation, 3)
     ((19,), 0.355)
 
-`STUDIES` lists the studies of jaxcell: a study in it has its command, its page of help, its task in
-sweeps and its tests. A class of your own that derives from [`Study`][jaxcell.study.Study] is served
-like these by `jaxcell run FILE.py:CLASS` and as the task of a sweep.
+`STUDIES` lists the studies of jaxcell. Each of them has a command, a page of help, a task in sweeps
+and tests. Your own class that derives from [`Study`][jaxcell.study.Study] also runs as
+`jaxcell run FILE.py:CLASS`, and as the task of a sweep.
 
-Studies know nothing of terminals, files and engines. Importing this imports no JAX.
+Studies do not depend on terminals or engines. Importing this package does not import JAX.
 """
 
 from .bounce.cover import Cover as Cover

@@ -12,11 +12,11 @@ from .parameters import WholeNumber
 from .study import Say, Study, silent
 
 
-# Memory per cell during the computation and of its result, and memory of a chunk being mapped.
+# Bytes per cell during the computation, per cell of a result, and of a chunk being mapped.
 _BYTES_PER_CELL = 24
 _KEPT_PER_CELL = 18
 _CHUNK_BYTES = 150e6
-# Largest number of cells in files of which a dataset and a recording are made.
+# Largest number of stored cells for which a dataset and a recording are made.
 _MAX_AT_ONCE = 1 << 25
 
 
@@ -28,13 +28,13 @@ class SystemStudy(Study):
     """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
     lorenz84 and thomas."""
     params: tuple[str, ...] = ()
-    """Values of the system's parameters in place of its own, such as T=0.5."""
+    """Values that replace default parameters of the system, such as T=0.5."""
     cells: tuple[int, ...] = ()
     """Number of cells along each axis, or one number for all axes; by default the system's."""
 
     @functools.cached_property
     def chosen(self) -> "dynamics.System":
-        """The system with the parameter `cells` in place of its own."""
+        """The system, with the number of cells from `cells`, if any."""
         system = load_system(self.system)
         if not self.cells:
             return system
@@ -49,7 +49,7 @@ class SystemStudy(Study):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Dynamics(SystemStudy):
-    """Find the attractors of any dynamics and their basins, by cells of a box."""
+    """Find the attractors of a dynamical system and their basins, on the cells of a box."""
 
     name: ClassVar[str] = "dynamics"
     command: ClassVar[str] = "dynamics"
@@ -57,20 +57,20 @@ class Dynamics(SystemStudy):
     task: ClassVar[str] = "dynamics"
 
     params: tuple[str, ...] = ()
-    """Values of the system's parameters in place of its own, such as T=0.5; T=0.1:0.9:17 follows
-    the attractors along 17 values."""
+    """Values that replace default parameters of the system, such as T=0.5; T=0.1:0.9:17 follows the
+    attractors along 17 values."""
     follow: WholeNumber = 0
-    """Number of times that a point outside the box is mapped again before it counts as lost."""
+    """Number of further steps of a point outside the box before the point counts as lost."""
     by: Literal["cells", "orbits"] = "cells"
     """Method that assigns a cell to an attractor: the map of the cells (cells), or the orbit of the
-    cell's centre (orbits), which takes longer and is right even if cells are too coarse."""
+    cell's centre (orbits), which is slower but does not need small cells."""
     edges: bool = False
     """Find the edge states, the saddles on the boundaries of basins."""
     folder: str = ""
-    """Folder for the arrays over cells, which then need not fit in memory; the same command
-    continues an interrupted one."""
+    """Folder for the arrays over cells, which then need not fit in memory; to continue an
+    interrupted run, repeat the command."""
     seed: WholeNumber = 0
-    """Seed of the points from which attractors are sought."""
+    """Seed of the random starting points of the search for attractors."""
 
     def memory(self, written: bool = False) -> float | int:
         if self.folder:
@@ -115,7 +115,7 @@ class Dynamics(SystemStudy):
 
 
 def load_system(reference: str) -> "dynamics.System":
-    """Load a system from a file, or a system of jaxcell by its name."""
+    """Load a system from `FILE.py:NAME`, or a system of jaxcell by its name."""
     module, colon, name = reference.rpartition(":")
     try:
         found = getattr(load_module(module), name) if colon else None
@@ -138,7 +138,7 @@ def load_system(reference: str) -> "dynamics.System":
 
 
 def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
-    """Replace parameters by the values in texts, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`."""
+    """Replace parameters by values from texts: `NAME=NUMBER`, or `NAME=FIRST:LAST:COUNT`."""
     params = dict(known)
     for text in given:
         name, equals, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""Load the studies and tasks of a user from a file or a module."""
+"""Load studies and tasks of users from files or modules."""
 
 import importlib
 import importlib.util
@@ -18,14 +18,14 @@ def load_module(name: str) -> ModuleType:
     if spec is None or spec.loader is None or not path.is_file():
         raise ImportError(f"there is no file {name}")
     module = importlib.util.module_from_spec(spec)
-    # Registered before it runs, because its dataclasses look up their module.
+    # The module is registered before it runs, because its dataclasses look it up.
     sys.modules[path.stem] = module
     spec.loader.exec_module(module)
     return module
 
 
 def load_study(reference: str) -> type[Study]:
-    """Load the class of a user's study."""
+    """Load the class of a user's study from a reference: `FILE.py:CLASS` or `MODULE:CLASS`."""
     module, colon, name = reference.rpartition(":")
     try:
         if not colon:

@@ -13,9 +13,9 @@ from .parameters import AtLeastOne, Length, Limit, Metres
 from .study import Study, about, numbers
 
 
-# A map, the side of a cell, the directions, and the radius of the robot.
+# A map, the side of a cell, the number of directions, and the radius of the robot.
 _Cut: TypeAlias = tuple[Path, float | None, int | None, float | None]
-# The rounding that a heading in degrees may have.
+# Tolerance of a heading, in degrees.
 _DIRECTION_DEG = 0.01
 
 
@@ -24,21 +24,21 @@ class CellStudy(Study):
     """A question about the cells of a map."""
 
     map: tyro.conf.Positional[Path]
-    """Map: our .json, a ROS map_server .yaml, an ASCII grid .txt, or a name such as @lab_a."""
+    """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
     cell: Length | None = None
     """Side of a cell in metres; by default the side that the map suggests."""
 
     def needed(self, extent: "space.Extent") -> float | int:
-        """Estimate the bytes that the answer takes on the cells of a map."""
+        """Estimate the bytes of memory that the answer needs on the cells of a map."""
         return space.estimates.cutting(extent)
 
     def written(self, extent: "space.Extent") -> float | int:
-        """Estimate the bytes of the answer and of writing its files."""
+        """Estimate the bytes of memory that the answer needs if its files are written too."""
         return self.needed(extent)
 
     @property
     def smaller(self) -> str:
-        """An alternative that takes less memory, as the beginning of `A, or larger cells`."""
+        """Advice for less memory, which an error puts before "larger cells"; or empty."""
         return ""
 
     def memory(self, written: bool = False) -> float | int:
@@ -60,7 +60,7 @@ class CellStudy(Study):
     def cells(self) -> "space.CellSpace":
         """Read the map and cut it into cells.
 
-        **Raises:** `MemoryError` if the answer needs more than is free.
+        **Raises:** `MemoryError` if the answer needs more memory than is free.
         """
         self.memory()
         return _cells(self._cut)
@@ -85,7 +85,7 @@ class MapStudy(CellStudy):
     directions: AtLeastOne | None = None
     """Number of directions; by default the number that the map suggests, or 8."""
     robot_radius: Annotated[Metres, Limit(ge=0)] | None = None
-    """Radius of a disc robot in metres; by default the radius that the map names, or 0."""
+    """Radius of a disc robot in metres; by default the radius in the map, or 0."""
     step: Length | None = None
     """Length of a step in metres; by default one cell."""
     collision: Collision = "swept"
@@ -145,7 +145,7 @@ def _chosen(cut: _Cut) -> "tuple[space.Workspace, float, int]":
     return suggested(*cut)
 
 
-# Cached for the members of a sweep: the cells of a map keep results of earlier computations.
+# The cache serves the members of a sweep, because cell spaces keep computed results.
 @functools.lru_cache(maxsize=8)
 def _cells(cut: _Cut) -> "space.CellSpace":
     return space.CellSpace.of(*_chosen(cut))

@@ -9,7 +9,7 @@ from .study import Say, silent
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Morse(SystemStudy):
-    """Find the recurrent sets of any dynamics and their order, with proof, by bisected boxes."""
+    """Find the recurrent sets of a dynamical system and their order, with proof, by bisection."""
 
     name: ClassVar[str] = "morse"
     command: ClassVar[str] = "morse"
@@ -20,14 +20,14 @@ class Morse(SystemStudy):
     """Number of cells along each axis at the start, or one number for all axes; by default the
     system's."""
     depth: WholeNumber = 0
-    """Number of bisections of boxes, along each axis in turn; boxes that do not recur are dropped
-    after each."""
+    """Number of bisections of boxes, along each axis in turn; after each bisection, boxes that are
+    not recurrent are removed."""
     check: WholeNumber = 0
-    """Number of further bisections that test sets: sets that do not recur after them are left
-    out."""
+    """Number of further bisections that test the sets; sets that are then not recurrent are
+    removed."""
     images: Literal["intervals", "mean-value", "corners"] = "mean-value"
-    """Images of boxes: interval arithmetic (intervals), with the mean value theorem (mean-value),
-    or boxes around the images of corners (corners), which prove nothing."""
+    """Method for images of boxes: interval arithmetic (intervals), also with the mean value theorem
+    (mean-value), or boxes around the images of corners (corners), which prove nothing."""
 
     def run(self, say: Say = silent) -> "dynamics.MorseSets":
         system = self.chosen

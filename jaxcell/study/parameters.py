@@ -1,6 +1,6 @@
-"""The parameters of a study: what their annotations say, and the checks that follow from it.
+"""Annotations of the parameters of a study, and the checks by these annotations.
 
-A parameter names its unit, its limits, and the other parameters without which it has no effect:
+An annotation gives the unit and the limits of a parameter, and conditions on other parameters:
 
     >>> import dataclasses
     >>> from typing import Annotated
@@ -31,16 +31,16 @@ Kind = TypeVar("Kind")
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """The unit of a parameter; its name in a specification ends in the suffix."""
+    """The unit of a parameter. In specifications, the name of the parameter ends in `suffix`."""
 
     suffix: str
     word: str
-    "The unit as errors write it."
+    "The unit in error messages."
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Limit:
-    """The bounds of a parameter. Numbers beyond them, and numbers that are not finite, are refused.
+    """The bounds of a parameter: at least `ge`, more than `gt`, at most `le`, less than `lt`.
 
     >>> from jaxcell.study import Limit
     >>> str(Limit(ge=1)), str(Limit(gt=0, le=1)), str(Limit(ge=2, le=1000))
@@ -60,13 +60,13 @@ class Limit:
         return " and ".join(f"{name} {_number(at)}" for name, at in words.items() if at is not None)
 
     def check(self, parameter: str, value: int | float | None, after: str = "") -> None:
-        """Refuse a number that is beyond the bounds.
+        """Raise `ValueError` for a number that is beyond the bounds, or not finite.
 
         **Arguments:**
 
-        - `parameter`: its name, with which the error begins.
-        - `value`: the number, or `None`, which is never refused.
-        - `after`: words that the error has after the bounds, such as a unit.
+        - `parameter`: the name of the parameter; the error begins with this name.
+        - `value`: the number, or `None`, which is accepted.
+        - `after`: text after the bounds in the error, such as a unit.
         """
         if value is None:
             return
@@ -84,18 +84,18 @@ def _number(value: int | float) -> str:
 
 
 class Only:
-    """A condition on other parameters without which a parameter has no effect, and is refused.
+    """A condition on other parameters. If it is not met, a value of the parameter is refused.
 
-    `Only(strategy="capture", base=False)` holds with that strategy and without a base. `True`
-    stands for any value but the default, `False` for the default, and a tuple for several values.
-    Several conditions on one parameter are alternatives.
+    `Only(strategy="capture", base=False)` is met with that strategy and without a base. `True`
+    stands for any value except the default, `False` for the default, and a tuple for alternatives.
+    A parameter with several conditions needs one of them.
     """
 
     def __init__(self, **values: Any) -> None:
         self.values = values
 
     def holds(self, options: Any) -> bool:
-        """Return whether the parameters of a study, or the options of a command, meet this."""
+        """Check that the parameters of a study, or the options of a command, meet the condition."""
         default = {field.name: field.default for field in dataclasses.fields(options)}
         return all(
             (getattr(options, name) != default[name]) is wanted
@@ -117,7 +117,7 @@ class Only:
 
 
 class Needed(Only):
-    """An `Only` for a parameter that is needed where the condition holds."""
+    """An `Only` for a parameter that must have a value if the condition is met."""
 
 
 def listed(values: Any) -> str:
@@ -144,21 +144,21 @@ def parameters(options: type) -> dict[str, Any]:
 
 
 def inside(annotation: Any) -> Iterator[Any]:
-    """Yield a type and the types that it is made of."""
+    """Yield a type and all types among its arguments, recursively."""
     yield annotation
     for part in getattr(annotation, "__args__", ()):
         yield from inside(part)
 
 
 def within(annotation: Any, kind: type[Kind]) -> Kind | None:
-    """Return the first note of a kind in an annotation, also inside tuples and unions."""
+    """Return the first metadata of a type in an annotation, also inside tuples and unions."""
     notes = (note for part in inside(annotation) for note in getattr(part, "__metadata__", ()))
     return next((note for note in notes if isinstance(note, kind)), None)
 
 
 @functools.cache
 def conditions(options: Any) -> dict[str, list[Only]]:
-    """Return the parameters that have an effect only under a condition, with the alternatives."""
+    """Return the parameters with conditions, and the alternative conditions of each of them."""
     notes = {
         name: [note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Only)]
         for name, hint in parameters(options).items()
@@ -167,7 +167,7 @@ def conditions(options: Any) -> dict[str, list[Only]]:
 
 
 def without_effect(options: Any) -> list[str]:
-    """Return the parameters that have no effect, because of the values of other ones."""
+    """Return the parameters without effect: those that meet none of their conditions."""
     kind: Any = type(options)
     return [
         name
@@ -187,7 +187,7 @@ def _limits(options: Any) -> dict[str, tuple[Limit, str]]:
 
 
 def check(options: Any) -> None:
-    """Refuse parameters beyond their limits, without an effect, or missing."""
+    """Raise if a parameter is beyond its limits, has no effect, or is missing."""
     kind: Any = type(options)
     for name, (limit, unit) in _limits(kind).items():
         value = getattr(options, name)

@@ -14,38 +14,38 @@ from .parameters import Unit, check, inside, parameters, within, without_effect
 
 
 Say: TypeAlias = Callable[..., None]
-"""Called with the work that begins, and with its progress: `say("mapping", 3, 10)`."""
+"""A function that reports work and its progress, such as `say("mapping", 3, 10)` for 3 of 10."""
 
 
 def silent(doing: str, done: int = 0, total: int = 0) -> None:
-    """Say nothing."""
+    """Ignore a report of progress."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Study:
-    """One question: the fields are the parameters, each with its type, default and a line of doc.
+    """A question. Its fields are the parameters, each with a type, a default and a docstring.
 
-    A subclass states its question in the first line of its docstring, and answers it in `run` with
-    a [`Result`][jaxcell.base.quantities.Result]. The annotation of a parameter bounds it
-    ([`Limit`][jaxcell.study.Limit]) and names the parameters that it depends on
-    ([`Only`][jaxcell.study.Only], [`Needed`][jaxcell.study.Needed]). A subclass checks everything
-    else in `__post_init__`, by `ValueError`s that begin with the name of a parameter. A parameter
-    of several values, such as `tuple[float, ...]`, accepts a single one.
+    A subclass states the question in the first line of its docstring. Its `run` returns the answer
+    as a [`Result`][jaxcell.base.quantities.Result]. The annotation of a parameter gives its bounds
+    ([`Limit`][jaxcell.study.Limit]) and the parameters that it depends on
+    ([`Only`][jaxcell.study.Only], [`Needed`][jaxcell.study.Needed]). A subclass makes other checks
+    in `__post_init__`, with `ValueError`s that begin with the name of a parameter. A parameter with
+    several values, such as `tuple[float, ...]`, also accepts a single value.
     """
 
     name: ClassVar[str] = "result"
-    "Name of the files of its results."
+    "Name of the files with results of the study."
     command: ClassVar[str] = ""
-    "Words of its command after `jaxcell`; empty for a study that has no command of its own."
+    "Words of the command after `jaxcell`; empty for a study without a command."
     example: ClassVar[str] = ""
-    "Options of its command that make a good first example, for the page of help."
+    "Options of the command in the example of its page of help."
     task: ClassVar[str] = ""
-    "Name of its task in the specification of a sweep; empty for a study that is no built-in task."
+    "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
     one_of: ClassVar[tuple[str, ...]] = ()
-    "Parameters of which one is needed."
+    "Parameters of which at least one is needed."
     batch: ClassVar[str | None] = None
-    """A parameter that takes several values, along which the result has a dimension of that name: a
-    sweep runs members that differ in it alone as one study."""
+    """A parameter with several values, which is also a dimension of the result. If members of a
+    sweep differ only in this parameter, they run as one study."""
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
@@ -60,15 +60,15 @@ class Study:
     def run(self, say: Say = silent) -> Result:
         """Answer the question.
 
-        **Raises:** `ValueError` that begins with the name of a parameter, if no answer can be
-        sought; `RuntimeError` if there is none.
+        **Raises:** `ValueError` that begins with the name of a parameter, if the parameters are
+        wrong; `RuntimeError` if there is no answer.
         """
         raise NotImplementedError
 
     def check_files(self) -> None:
-        """Refuse parameters that name files which do not exist, before anything slow is imported.
+        """Check that all files among the parameters exist, before slow imports.
 
-        **Raises:** `FileNotFoundError` that names the file.
+        **Raises:** `FileNotFoundError` that names a missing file.
         """
         for name in parameters(type(self)):
             value = getattr(self, name)
@@ -81,17 +81,17 @@ class Study:
 
         **Arguments:**
 
-        - `written`: whether the result is written to files, which hold all of it.
+        - `written`: if true, include the memory to write the result to files.
 
-        **Raises:** `MemoryError` that says what would fit, if less memory is free.
+        **Raises:** `MemoryError` with advice, if less memory is free.
         """
         return 0
 
     def spec(self, result: Result) -> dict[str, Any]:
-        """Describe how a result came about: the parameters that have an effect, by name.
+        """Return the parameters with an effect on a result, by name, to repeat the computation.
 
-        Defaults that depend on the map are filled in. Names of parameters with a unit end in the
-        unit, as `cell_m`.
+        Defaults that depend on the map are replaced by their values. The name of a parameter with a
+        unit ends in the unit, such as `cell_m`.
         """
         idle = without_effect(self)
         return {
@@ -118,16 +118,16 @@ class Study:
         return True
 
     def write(self, result: Any, out: Path) -> None:
-        """Write the files that a result has beside its dataset and its recording."""
+        """Write the files of a result other than its dataset and its recording."""
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
-        """Compute parts of a result again with other libraries, and compare."""
+        """Compute parts of a result independently with other libraries, and compare them."""
         return []
 
 
 @functools.cache
 def _kinds(study: Any) -> dict[str, list[Any]]:
-    """The types that the annotation of each parameter is made of."""
+    """Return the types inside the annotation of each parameter."""
     return {name: [*inside(annotation)] for name, annotation in parameters(study).items()}
 
 
@@ -141,7 +141,7 @@ def about(parameter: str) -> Iterator[None]:
 
 
 def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:
-    """Read the finite numbers of a text, which commas separate."""
+    """Read `count` finite numbers, separated by commas, from a text."""
     with contextlib.suppress(ValueError):
         read = [float(part) for part in text.split(",")]
         if len(read) == count and all(map(math.isfinite, read)):

@@ -1,4 +1,4 @@
-"""Sweeps: one task for many parameters, on one or many machines, in a store that survives kills.
+"""Sweeps run one task for many parameters, on one or many machines. A kill loses no result.
 
 A *specification*, a TOML file read by `Spec.load`, names a *task* and the parameters of its
 *members*:
@@ -28,13 +28,13 @@ its place in the batch or on other members.
 `run_sweep` computes the chunks by an engine (`engine_named`: this process, several processes, or
 Dask, at the `scheduler_address` of a cluster). `open_sweep` returns the result: one Dataset with a
 dimension for each parameter, and a `status` that is 1 for members that are done. `sweep_status`
-returns the progress of a sweep, also while it runs. One run at a time writes to a store. The jobs
-of an array write to a store each (`Shard`), and `merge_sweep` merges these. `sobol_indices`
-estimates the shares of the variance that come from the parameters of the design `saltelli`.
-`verify_sweep` finds what is damaged, and computes it again.
+returns the progress of a sweep, also while it runs. Only one run at a time writes to a store. Each
+job of a job array writes its own store (`Shard`), and `merge_sweep` merges the stores.
+`sobol_indices` estimates the share of the variance that each parameter causes, for the design
+`saltelli`. `verify_sweep` finds damaged data, and computes them again.
 
-The page on sweeps of the documentation has their guarantees: for kills, damage, full disks, members
-that fail, and other versions.
+The page "Sweeps" of the documentation describes the behaviour after kills, damage, full disks,
+failures of members, and changes of versions.
 
 This package does not import JAX; the tasks do.
 """

@@ -13,10 +13,10 @@ import numpy as np
 LIST_DIMENSION = "member"
 RANDOM_DIMENSION = "sample"
 
-# Every result has a variable `status`, which a parameter of that name would replace.
+# A parameter `status` would replace the variable `status` of results.
 _RESERVED = (LIST_DIMENSION, RANDOM_DIMENSION, "status")
 _MAX_VALUES = 10_000_000
-# The difference of two such numbers is finite.
+# Largest accepted number. The difference of two such numbers is finite.
 _LARGEST = 1e300
 # A range ends before its stop, even if rounding left the last value slightly below the stop.
 _STEP_TOLERANCE = 1e-9
@@ -37,9 +37,9 @@ class Parameter:
 
     name: str
     dimension: str
-    "The name of the parameter in a grid; `member` in a list, `sample` for random samples."
+    "The dimension: the name in a grid, `member` in a list, and `sample` for random samples."
     values: np.ndarray
-    "One-dimensional: 64-bit integers or floats, booleans, or strings."
+    "A one-dimensional array of 64-bit integers or floats, booleans, or strings."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,8 +57,8 @@ def read_parameters(
 ) -> tuple[Parameter, ...]:
     """Read the parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
 
-    The page on sweeps of the documentation has their forms. Without a design each parameter has its
-    own stream of random numbers, which does not depend on the other parameters.
+    The page "Sweeps" of the documentation describes the tables. Without a design each parameter has
+    its own stream of random numbers, which does not depend on the other parameters.
     """
     if listed and random:
         raise ValueError("[list] and [random]: expected only one of them, with or without a [grid]")
@@ -126,7 +126,7 @@ def _values(count: int) -> str:
 
 
 def _listed(values: Sequence[Any]) -> str:
-    """List values, the first and the last ones if there are many."""
+    """List values; of many values, list only the first ones and the last."""
     texts = [
         text if len(text) <= _MAX_LETTERS else text[:_MAX_LETTERS] + "..."
         for text in map(str, values)
@@ -161,9 +161,9 @@ def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
 
 
 def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
-    """Make the points of a design between 0 and 1, of shape `(members, parameters)`.
+    """Make the points of a design, of shape `(members, parameters)`, with values from 0 to 1.
 
-    A larger number of samples of `sobol` and `saltelli` begins with the same members.
+    With more samples, `sobol` and `saltelli` begin with the same members.
     """
     if design not in _DESIGNS:
         raise ValueError(
@@ -201,7 +201,7 @@ def _named(field: str, read: Callable[[Any], Any], given: Any) -> Any:
 
 def _grid_values(given: Any) -> np.ndarray:
     values = _range_values(given) if isinstance(given, Mapping) else _list_values(given)
-    # A value identifies its place along the dimension, for example in `sel`.
+    # Values must differ, because they are labels of the dimension, for example in `sel`.
     ordered = np.sort(values)
     if (ordered[1:] == ordered[:-1]).any():
         raise ValueError(f"expected different values, got {reprlib.repr(values.tolist())}")

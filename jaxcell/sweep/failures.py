@@ -1,4 +1,4 @@
-"""Members that failed."""
+"""Failures of members of a sweep."""
 
 import dataclasses
 import json
@@ -11,7 +11,7 @@ from ..base.paths import replacing
 
 @dataclasses.dataclass(frozen=True)
 class Failure:
-    """A member that failed."""
+    """The failure of a member."""
 
     chunk: int
     "The number of the chunk of the member."
@@ -24,7 +24,7 @@ class Failure:
 
 
 def write_failures(path: Path, failures: Sequence[Failure]) -> None:
-    """Write failures with their tracebacks to a file; without failures the file is removed."""
+    """Write failures with their tracebacks to a file; without failures, remove the file."""
     if not failures:
         path.unlink(missing_ok=True)
         return

@@ -26,17 +26,17 @@ class SweepStatus:
     members: int
     chunks: int
     done: int
-    "Number of chunks whose members are all done."
+    "Number of chunks in which all members are done."
     failures: tuple[Failure, ...]
     "Members that failed."
     damaged: int
-    "Damaged records of the journal, and lost files of the result; [`verify_sweep`][] finds more."
+    "Number of damaged records and lost files; [`verify_sweep`][] also finds damage inside files."
     running: str | None
     "The process that runs the sweep, or `None`."
     rate: float | None
     "Members computed per second; `None` if unknown."
     left: float | None
-    "Seconds until the end at this rate."
+    "Estimated seconds until the end; `None` if unknown."
 
     @property
     def complete(self) -> bool:
@@ -87,8 +87,8 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """Open the result of a sweep, complete or not. Arrays are read when they are used.
 
-    The result of a sweep that runs, or was killed, is first made in memory. Where `status` is not
-    1, floats are NaN, integers -1 (unsigned ones their greatest), and booleans `False`.
+    If the sweep runs or was killed, the result is first made in memory. Where `status` is not 1,
+    floats are NaN, integers -1 (unsigned integers their maximum), and booleans `False`.
 
     **Arguments:**
 
@@ -124,7 +124,7 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
         with reading(folder):
             source: Any = store.zarr
             if store.contents.exported is None:
-                # A run is at work, or was killed.
+                # The sweep runs or was killed.
                 from zarr.storage import MemoryStore
 
                 from .storage.export import write_result

@@ -37,29 +37,29 @@ def run_sweep(
 ) -> SweepStatus:
     """Run a sweep.
 
-    Each chunk that ends is appended to the journal of the store. A run may end at any moment, also
-    by a kill, and another run computes the rest. The result is made when a run ends; its bytes do
-    not depend on the engine, the order of chunks, or interruptions.
+    The results of each chunk are appended to the journal of the store. A run may end at any moment,
+    also by a kill, and another run computes the rest. The final result is made when a run ends; its
+    bytes do not depend on the engine, the order of chunks, or interruptions.
 
     **Arguments:**
 
     - `spec`: the specification.
     - `out`: the folder of the store, which one run at a time may write.
-    - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine itself; see
+    - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine made by
         [`engine_named`][].
     - `workers`: the number of processes of the engines `processes` and `dask`.
-    - `resume`: whether the folder may have a sweep, which is continued: members that failed are
-        tried again. If `spec` has all members of that sweep and others, the sweep grows.
+    - `resume`: if true, continue an existing sweep in the folder, and try failed members again. The
+        sweep grows if `spec` has all its members and more.
     - `anyway`: resume although versions, the task, or files that members read have changed; the
         attribute `resumed_anyway` of the result lists the changes.
-    - `chunks`: the numbers of the chunks to compute, for a part of a sweep, whose result is not
-        made; by default all chunks that are not done.
-    - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
-    - `max_failures`: the run ends when more members have failed.
+    - `chunks`: the numbers of the chunks to compute, without making the final result; by default
+        all chunks that are not done, and the final result.
+    - `timeout`: seconds after which a chunk is stopped and counts as failed; not for `local`.
+    - `max_failures`: the run ends when more than this number of members have failed.
     - `progress`: called when the work begins, and with each chunk that ends.
 
-    **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and
-    these in halves, so that only members that fail alone have failed. They do not stop others.
+    **Returns:** the progress of the sweep. A chunk that fails is split into halves repeatedly, so
+    that only members that fail alone count as failed. Failures do not stop other members.
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
     not have, or if the sweep in the folder has another specification, or was made with other
@@ -121,7 +121,7 @@ def run_sweep(
 def _ended(
     store: SweepStore, work: Halving, outcomes: Outcomes, max_failures: int | None
 ) -> Iterator[Parts]:
-    """Give the chunks of a run as they end; after too many failures also unfinished chunks."""
+    """Yield the chunks of a run as they end; after too many failures also unfinished chunks."""
     for job, outcome in outcomes:
         if isinstance(outcome, Computed):
             try:
@@ -140,7 +140,7 @@ def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
     """Make the job of the members of a chunk that are not done."""
     chunk = spec.chunk(number)
     job, missing = Job.of(spec, chunk, wide), (store.read(number)[0] != DONE).ravel()
-    # The job of a whole chunk has the padding too, so that all such jobs have one length.
+    # The job of a whole chunk includes the padding, so that all such jobs have the same length.
     return job if missing.all() else job.part(spec.places(chunk)[missing])
 
 

@@ -1,4 +1,4 @@
-"""Sobol indices: the shares of the variance of a variable that come from parameters."""
+"""Sobol indices: the shares of the variance of a variable that each parameter causes."""
 
 import dataclasses
 import itertools
@@ -25,35 +25,35 @@ _CONFIDENCE = 0.95
 
 @dataclasses.dataclass(frozen=True)
 class SobolIndex:
-    """The share of the variance of a variable that comes from one parameter."""
+    """The share of the variance of a variable that one parameter causes."""
 
     variable: str
     parameter: str
     at: Mapping[str, Any]
-    "The values of the parameters of a grid; empty without a grid."
+    "The values of the grid parameters for which the index is estimated; empty without a grid."
     first_order: float
-    "The share of the variance from the parameter alone."
+    "The share of the variance that the parameter alone causes."
     first_order_interval: tuple[float, float]
     "Confidence interval of 95 %, by a bootstrap over the samples."
     total: float
-    "The share of the variance from the parameter alone and from its interactions."
+    "The share of the variance that the parameter and its interactions cause."
     total_interval: tuple[float, float]
 
 
 def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
     """Estimate the first-order and total Sobol indices of each variable of a sweep.
 
-    The estimators are those of Saltelli et al. (2010), by `scipy.stats.sobol_indices`. The indices
-    of a constant variable are 0.
+    `scipy.stats.sobol_indices` has the estimators of Saltelli et al. (2010). The indices of a
+    constant variable are 0.
 
     **Arguments:**
 
     - `out`: the folder of a complete sweep with the design `saltelli`.
 
-    **Returns:** a [`SobolIndex`][] for each variable with a finite number per member, at each place
-    of a grid, and each parameter of the table `[random]`.
+    **Returns:** a [`SobolIndex`][] for each combination of a variable with one finite number per
+    member, a place of the grid, and a parameter of the table `[random]`.
 
-    **Raises:** `ValueError` for another design, if a member is not done, or there is no sweep.
+    **Raises:** `ValueError` for another design, if a member is not done, or without a sweep.
 
     The periodic groups of one map at three angles:
 
@@ -119,7 +119,7 @@ def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterato
 def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate first-order and total indices, and their intervals, each of shape `(2, parameters)`.
 
-    Each of the `rows` has the values of a sample: of A, of B, and of A with one parameter of B.
+    A row has the values at A, at B, and, for each parameter, at A with that parameter from B.
     """
     from scipy import stats
 

@@ -28,7 +28,7 @@ _MAX_LISTED = 3
 
 @dataclasses.dataclass(frozen=True)
 class Shard:
-    """A part of a sweep: every `count`-th chunk.
+    """A part of a sweep: every `count`-th chunk, from chunk `number - 1` on.
 
     The second of three shards of a sweep in ten chunks:
 
@@ -39,7 +39,7 @@ class Shard:
     """
 
     number: int
-    "Numbers begin with 1."
+    "The number of the shard, from 1 to `count`."
     count: int
 
     @classmethod
@@ -67,19 +67,19 @@ def merge_sweep(
 ) -> SweepStatus:
     """Merge the shards of a sweep into its store, once all of them are done.
 
-    The result has the same bytes as a run without shards. The shards stay; they may be removed. An
-    interrupted merge continues when the function is called again.
+    The result has the same bytes as a run without shards. The shards are kept; you may remove them.
+    An interrupted merge continues when the function is called again.
 
     **Arguments:**
 
     - `out`: the folder of the sweep, with the folders of its shards.
     - `progress`: as for [`run_sweep`][].
 
-    **Returns:** the progress of the sweep. Members that failed in a shard have failed.
+    **Returns:** the progress of the sweep. Members that failed in a shard count as failed.
 
-    **Raises:** `ValueError` if a shard is missing, damaged, not done, of another specification, or
-    made with other files, another task or other versions; `BlockingIOError` if a run writes to a
-    shard; and as [`run_sweep`][].
+    **Raises:** `ValueError` if a shard is missing, damaged, or not done, or if shards differ in
+    their specification, task, versions, or input files; `BlockingIOError` if a run writes to a
+    shard; and the errors of [`run_sweep`][].
 
     Two shards of two angles:
 

@@ -29,14 +29,14 @@ _MAX_LETTERS = 500
 
 @dataclasses.dataclass(frozen=True)
 class Chunk:
-    """Members that are computed together: a box of places along the dimensions."""
+    """Members that are computed together: a box of indices along the dimensions."""
 
     number: int
-    "The number of the chunk, from 0; the last dimension is fastest."
+    "The number of the chunk, from 0; the index along the last dimension changes fastest."
     index: tuple[int, ...]
-    "The place of the chunk among all chunks, along each dimension."
+    "The index of the chunk among the chunks along each dimension."
     region: tuple[slice, ...]
-    "The places of the members along each dimension."
+    "The indices of the members along each dimension."
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -48,8 +48,8 @@ class Spec:
     """The specification of a sweep.
 
     The *members* of a sweep are all combinations of its parameters. Each parameter of a grid is a
-    *dimension*, and a list or random samples are one dimension, `member` or `sample`. A *chunk* is
-    a box of members that one call of the task computes.
+    *dimension*. A list is one dimension, `member`; random samples are one dimension, `sample`. A
+    *chunk* is a box of members that one call of the task computes.
 
     Two angles on one map:
 
@@ -66,9 +66,9 @@ class Spec:
     """
 
     path: Path
-    "The file."
+    "The file of the specification."
     folder: Path
-    "The folder of the file, or of its original; relative paths in the specification start here."
+    "The folder of the original file, where relative paths in the specification start."
     text: bytes
     "The content of the file."
     document: Mapping[str, Any]
@@ -153,11 +153,11 @@ class Spec:
 
     @property
     def folders(self) -> list[Path]:
-        """The folders where relative paths may start: that of the specification, the current."""
+        """Folders where relative paths may start: that of the specification, then the current."""
         return [*dict.fromkeys((self.folder.resolve(), Path.cwd()))]
 
     def find_file(self, name: str) -> Path | None:
-        """Find the file or folder of a path in the specification, or `None`."""
+        """Find the file or folder of a path in the specification; return `None` if missing."""
         if name.startswith("@"):
             return bundled_names().get(name[1:])
         paths = (folder / name for folder in self.folders)
@@ -187,7 +187,7 @@ class Spec:
         return math.prod(self.chunk_grid)
 
     def chunk(self, number: int) -> Chunk:
-        """Make the chunk of a number."""
+        """Make the chunk with a number."""
         index = tuple(int(place) for place in np.unravel_index(number, self.chunk_grid))
         region = tuple(
             slice(place * self.lengths[name], min((place + 1) * self.lengths[name], size))
@@ -196,10 +196,10 @@ class Spec:
         return Chunk(number, index, region)
 
     def batch(self, chunk: Chunk) -> dict[str, np.ndarray]:
-        """Make the parameters of the members of a chunk, the last dimension fastest.
+        """Make the parameters of the members of a chunk, in C order.
 
-        The batches of all chunks have one length, so that a task is compiled once. The batch of a
-        smaller chunk at an edge is padded by the last member along that dimension.
+        The batches of all chunks have the same length, so that JAX compiles a task once. The batch
+        of a smaller chunk at an edge is padded by the last member along that dimension.
         """
         places = np.meshgrid(
             *(
@@ -215,13 +215,13 @@ class Spec:
         }
 
     def places(self, chunk: Chunk) -> np.ndarray:
-        """Find the places of the members in the batch of a chunk; the other places are padding."""
+        """Find the indices of the members in the batch of a chunk; other entries are padding."""
         lengths = tuple(self.lengths.values())
         inside = tuple(slice(length) for length in chunk.shape)
         return np.arange(math.prod(lengths)).reshape(lengths)[inside].ravel()
 
     def index(self, chunk: Chunk, place: int) -> dict[str, int]:
-        """Find the place along each dimension of the member at a place in the batch of a chunk."""
+        """Convert an index in the batch of a chunk to the index along each dimension."""
         inside = np.unravel_index(place, tuple(self.lengths.values()))
         return {
             name: part.start + int(offset)
@@ -229,17 +229,17 @@ class Spec:
         }
 
     def member(self, index: Mapping[str, int]) -> dict[str, Any]:
-        """Get the parameters of the member at a place along each dimension."""
+        """Get the parameters of the member with an index along each dimension."""
         return {
             parameter.name: parameter.values[index[parameter.dimension]].item()
             for parameter in self.parameters
         }
 
     def differences(self, other: "Spec") -> list[str]:
-        """Describe the differences of another specification.
+        """Describe the differences between this specification (there) and another (here).
 
-        A field is described by both values, and a parameter by its numbers of values and by the
-        values that are new or missing in the other specification.
+        A field is described by both values. A parameter is described by its numbers of values, and
+        by the values that are new or missing in the other specification.
         """
         differences = []
         ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
@@ -261,10 +261,10 @@ class Spec:
         return differences
 
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
-        """Find the places of the members of this specification in a smaller one.
+        """Find the indices of the members of this specification in a smaller one.
 
-        **Returns:** for each dimension and each place along it the place in `old`, or -1; `None` if
-        a member of `old` is missing here, or if another field differs.
+        **Returns:** for each dimension an array of indices in `old`, or -1 for new members; `None`
+        if this specification lacks a member of `old`, or if another field differs.
         """
         names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
         if (
@@ -287,18 +287,18 @@ class Spec:
         return places
 
     def _rest(self) -> dict[str, Any]:
-        """The document without the parameters, with sorted fields."""
+        """Return the document without the parameters, with sorted fields."""
         rest = {name: self.document[name] for name in sorted(self.document)}
         return {name: value for name, value in rest.items() if name not in _PARAMETERS}
 
     def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
-        """The values at each place along a dimension, with parameters sorted by name."""
+        """Yield the values at each index along a dimension, with parameters sorted by name."""
         own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
         return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """All fields of a table and its tables, with values as text, because 1 differs from 1.0."""
+    """Yield all fields of nested tables, with values as text, because 1 differs from 1.0."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
@@ -327,7 +327,7 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
 def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
     """Choose box lengths, with at most `most` members, whose copies tile `sizes`."""
     lengths = {}
-    # The last dimensions are taken whole while they fit. Equal parts need the least padding.
+    # Boxes span the last dimensions while these fit. Equal parts need the least padding.
     for name, size in reversed([*sizes.items()]):
         parts = -(-size // min(most, size))
         lengths[name] = -(-size // parts)

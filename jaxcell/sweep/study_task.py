@@ -1,4 +1,4 @@
-"""Run a study as the task of a sweep. The parameters of the study are those of the members."""
+"""Run a study as the task of a sweep. Each member is one set of parameters of the study."""
 
 import dataclasses
 from collections.abc import Hashable, Mapping, Sequence
@@ -49,9 +49,9 @@ def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
 def study_task(
     study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> "xr.Dataset":
-    """Compute the single numbers of a study for each member of a batch.
+    """Compute the scalar quantities of a study for each member of a batch.
 
-    Members that differ only in the batched parameter of the study are computed together.
+    Members that differ only in the parameter `Study.batch` are computed together.
     """
     import xarray as xr
 
@@ -61,7 +61,7 @@ def study_task(
         for i, row in zip(together, _rows([members[i] for i in together]), strict=True):
             rows[i] = row
     dataset = xr.Dataset()
-    # A number that a member lacks is NaN.
+    # If a member does not have a number, NaN stands in its place.
     for name, about in {name: row[name][0] for row in rows for name in row}.items():
         attributes = {"long_name": about.meaning, "units": about.units or "1"}
         column = [row[name][1] if name in row else np.nan for row in rows]
@@ -72,7 +72,7 @@ def study_task(
 def studies(
     study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[Asked]:
-    """Make the study of each member of a batch. By default its seed is that of the sweep."""
+    """Make the study of each member of a batch, by default with the seed of the sweep."""
     names = {field.name for field in dataclasses.fields(study)}
     fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
     columns = [column.tolist() for column in batch.values()]

@@ -1,7 +1,7 @@
 """The built-in tasks of sweeps: the studies of jaxcell, for many parameters.
 
-A task takes its parameters by the names of the options of its command, in their units, from the
-batch or from the fixed values alike. Importing this imports no JAX.
+The parameters of a task have the names and units of the options of its command. They may be in the
+batch or in the fixed values. Importing this module does not import JAX.
 """
 
 from ..study import STUDIES

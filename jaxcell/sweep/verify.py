@@ -1,4 +1,4 @@
-"""Find what is damaged in the store of a sweep, and compute it again."""
+"""Find damaged parts of the store of a sweep, and compute them again."""
 
 import contextlib
 import dataclasses
@@ -37,9 +37,9 @@ class Verified:
     chunks: int
     "The number of chunks of the sweep."
     damaged: tuple[str, ...]
-    "A line for each damaged chunk, other record of the journal, or file."
+    "The names of the damaged chunks, other records of the journal, and files."
     recomputed: int
-    "The number of damaged chunks, records and files that are repaired."
+    "The number of damaged chunks, records and files that were repaired."
     status: SweepStatus
     "The progress of the sweep after the repair."
 
@@ -56,11 +56,11 @@ def verify_sweep(
     workers: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Verified:
-    """Check everything in the store of a sweep, and compute again what is damaged.
+    """Check everything in the store of a sweep, and compute damaged parts again.
 
-    Every record of the journal and every file of the result has a checksum. Chunks whose records
-    are damaged are computed again. If it cannot be read which chunk a damaged record belongs to,
-    all chunks that are not done are computed. Files are written again.
+    Every record of the journal and every file of the result has a checksum. Chunks with damaged
+    records are computed again. If the chunk of a damaged record is unknown, all chunks that are not
+    done are computed. Damaged files are written again.
 
     **Arguments:**
 
@@ -69,9 +69,9 @@ def verify_sweep(
 
     **Returns:** [`Verified`][].
 
-    **Raises:** `ValueError` if there is no sweep, its specification is lost, or chunks are damaged
-    and the versions, the task or the files that they were computed with have changed since;
-    `BlockingIOError` if a run is at work on it.
+    **Raises:** `ValueError` if there is no sweep, if its specification is lost, or if chunks are
+    damaged and the versions, the task or the input files have changed since they were computed;
+    `BlockingIOError` if a run writes to the sweep.
 
     A byte of a result is changed:
 
@@ -128,8 +128,8 @@ def verify_sweep(
 def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
     """Write a journal without its damaged records.
 
-    **Returns:** the damage in words, the numbers of the chunks to compute, and of those among them
-    that are known to have been done.
+    **Returns:** descriptions of the damage, the numbers of the chunks to compute, and the numbers
+    of the damaged chunks that had been done.
     """
     with contextlib.closing(Journal(folder / JOURNAL)) as journal:
         with reading(folder):
@@ -148,7 +148,7 @@ def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
         numbers = {record.number for record in damaged if record.kind == Kind.CHUNK}
         were_done = {record.number for record in damaged if record.state == DONE}
         if contents.frame is None and contents.chunks:
-            # The first chunk that is computed gives the variables.
+            # The variables are lost. Compute one chunk again to find them.
             states = {number: record.state for number, record in contents.chunks.items()}
             numbers.add(min(states, key=lambda number: (states[number] != DONE, number)))
         kept = {n: record for n, record in contents.chunks.items() if n not in numbers}
@@ -160,7 +160,7 @@ def _mend_journal(folder: Path) -> tuple[list[str], list[int], set[int]]:
                 f"{folder}: damaged ({'; '.join(damage[:3])}{'; ...' * (len(damage) > 3)}), and "
                 f"made with other versions or files: {'; '.join(changes)}; verify it with those"
             )
-        # The result has the attributes of the specification.
+        # With new attributes the result must be made again, so its record is left out.
         others = (Kind.FRAME,) if contents.begun is None else (Kind.FRAME, Kind.EXPORT)
         records = [record for record in contents.readable if record.kind in others]
         records = sorted([*kept.values(), *records], key=lambda record: record.start)

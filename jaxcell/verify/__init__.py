@@ -1,11 +1,11 @@
 """Comparisons of results with independent computations.
 
-Each function takes a result and its inputs, and computes a sample of it in the plainest way: one
-cell at a time, by exact geometry, dense algebra or a general-purpose solver, and by none of the
-functions that made the result. It returns [`jaxcell.verify.Comparison`][]s with the number of
-compared numbers, their largest difference, and the difference that rounding may explain.
+Each function takes a result and its inputs, and computes a sample of the result by a simple method:
+one cell at a time, with exact geometry, dense algebra or a general-purpose solver. It does not call
+the functions that made the result. It returns [`jaxcell.verify.Comparison`][]s with the number of
+compared numbers, their largest difference, and a limit for the effect of rounding.
 
-Samples have a fixed size and are the same each time.
+A sample has a fixed size, and is the same in each call.
 """
 
 from ..base.hosted import attach

@@ -12,7 +12,7 @@ from .comparison import Comparison, sample
 
 
 _IMAGES = 200
-# Distance in cells. A step that stays farther from a wall, or crosses it by more, is a clear case.
+# Distance in cells. A step is a clear case if it avoids or crosses walls by more than this.
 _NEAR = 1e-7
 
 
@@ -24,14 +24,14 @@ def compare_images(
     only: Int[np.ndarray, "some"] | None = None,
     motion: Motion = CELL_BY_CELL,
 ) -> Comparison:
-    """Compare the images of some cells with steps that shapely makes in the free space.
+    """Compare the images of some cells with steps computed by shapely in the free space.
 
     **Arguments:**
 
     - `cells`: the cells of a map.
-    - `simple_map`: the map to compare.
-    - `bounce`: its bouncing angle, in radians.
-    - `only`: the cells to compare; by default 200 of all.
+    - `simple_map`: the cell map to compare.
+    - `bounce`: the bouncing angle of `simple_map`, in radians.
+    - `only`: the cells to compare; by default a sample of 200 cells.
     - `motion`: how the robot moves.
     """
     z = sample(cells.size, _IMAGES) if only is None else only
@@ -54,8 +54,8 @@ def _targets(
 ) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
     """Find the position after a step from each cell, or its own position at a bump.
 
-    **Returns:** the positions, and a mask of the clear cases. In other cases the step touches walls
-    on both sides, or ends in a corner.
+    **Returns:** the positions, and a mask of the clear cases. In unclear cases the step touches
+    walls on both sides, or ends in a corner.
     """
     assert cells.workspace is not None
     near, space = _NEAR * cells.cell, cells.workspace.free_space
@@ -74,7 +74,7 @@ def _targets(
     def parts(aside: Float[np.ndarray, "cells 2"] | float = 0.0) -> np.ndarray:
         return motion.rule.part(np.stack([start + aside, end + aside], axis=1))
 
-    # A step that touches a wall on one side only is free a little to the other side.
+    # If a step touches a wall on one side only, it is free after a small shift to the other side.
     side = 10 * near * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
     beside = shapely.covers(grown, parts(side)) | shapely.covers(grown, parts(-side))
     touches = shapely.covers(grown, parts())
@@ -87,13 +87,13 @@ def _targets(
 def compare_straight(
     cells: CellSpace, only: Int[np.ndarray, "some"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
-    """Make the map of steps straight on, and compare it with steps that shapely makes."""
+    """Make the cell map of steps straight ahead, and compare it with steps by shapely."""
     straight = bouncing.bounce_map(cells, 0.0, motion=motion)
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 
 
 def compare_groups(groups: BounceGroups) -> list[Comparison]:
-    """Compare periodic groups with the components of the graph of images, by scipy."""
+    """Compare periodic groups with components of the graph from cells to images, by scipy."""
     compared = []
     for i, bounce in enumerate(groups.bounce.tolist()):
         mapped = bouncing.bounce_map(groups.cells, bounce, motion=groups.motion)
@@ -124,7 +124,7 @@ def compare_groups(groups: BounceGroups) -> list[Comparison]:
 def _components(
     image: Int[np.ndarray, "cells"],
 ) -> tuple[Int[np.ndarray, "cells"], Float[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """Find the group of each cell, the steps to it, and its period."""
+    """Find the group of each cell, the number of steps to the group, and its period."""
     size = image.size
     graph = scipy.sparse.csr_array((np.ones(size), image, np.arange(size + 1)), shape=(size, size))
     _, basin = csgraph.connected_components(graph, directed=False)

@@ -10,26 +10,26 @@ from jaxtyping import Float, Int
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """A comparison of a sample of a result with another computation."""
+    """A comparison of a sample of a result with an independent computation."""
 
     what: str
-    "The compared quantity and the other computation."
+    "The compared quantity, and the method of the independent computation."
     count: int
     "Number of compared numbers; 0 if a comparison was not possible."
     difference: float
-    "The largest difference, or the number of differences of exact numbers."
+    "The largest difference; for exact comparisons, the number of unequal numbers."
     limit: float
-    "The difference that rounding may explain."
+    "The largest difference that counts as rounding; 0 for exact comparisons."
     where: str = ""
     "The place of the largest difference, or the reason why nothing was compared."
 
     @property
     def agrees(self) -> bool:
-        """True if rounding may explain the difference; it never explains NaN."""
+        """True if the difference is at most the limit; false for NaN."""
         return self.difference <= self.limit
 
     def as_json(self) -> dict[str, Any]:
-        """Convert to JSON, with `None` for numbers that JSON does not have."""
+        """Convert the comparison for JSON, with `None` for infinity and NaN."""
         difference = self.difference if math.isfinite(self.difference) else None
         return {**dataclasses.asdict(self), "difference": difference, "agrees": self.agrees}
 
@@ -60,9 +60,9 @@ class Comparison:
         **Arguments:**
 
         - `what`: the compared quantity.
-        - `reported`, `again`: the result, and the numbers of the other computation.
+        - `reported`, `again`: the numbers of the result, and of the independent computation.
         - `limit`: the tolerance.
-        - `relative`: whether differences are divided by the numbers of `again`.
+        - `relative`: if true, divide differences by the absolute values of `again`.
         """
         reported, again = (np.asarray(values, float).ravel() for values in (reported, again))
         scale = np.abs(again) if relative else 1
@@ -78,7 +78,7 @@ class Comparison:
 
     @classmethod
     def omitted(cls, what: str, why: str) -> "Comparison":
-        """Report that a comparison of this result is not possible, and why."""
+        """Report that a comparison is not possible, and the reason `why`."""
         return cls(what, 0, 0.0, 0.0, why)
 
 
@@ -92,6 +92,6 @@ def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
 def solve_transient(
     P: scipy.sparse.csr_array, transient: Int[np.ndarray, "transient"], gained: np.ndarray
 ) -> Float[np.ndarray, "transient"]:
-    """Sum the gains on the way from each transient cell, by a sparse direct solve."""
+    """Compute the expected sum of gains from each transient cell, by a sparse direct solve."""
     system = scipy.sparse.eye_array(transient.size) - P[transient][:, transient]
     return np.atleast_1d(scipy.sparse.linalg.spsolve(system.tocsc(), gained))

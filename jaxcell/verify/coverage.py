@@ -11,7 +11,7 @@ from .bounce import compare_straight
 from .comparison import Comparison, solve_transient
 
 
-# Size of the system that is solved for the ends of a robot.
+# Largest number of cells for which the shares of groups are compared.
 _MAX_CELLS = 20_000
 _CLOSE = 1e-8
 
@@ -24,10 +24,10 @@ def compare_coverage(
     weights: Literal["basin", "size"] = "basin",
     motion: Motion = CELL_BY_CELL,
 ) -> list[Comparison]:
-    """Compare a mixture of bouncing policies with matrices built independently and with solvers.
+    """Compare a mixture of bouncing policies with independent matrices and solvers.
 
-    **Arguments:** the mixture, and others as for [`jaxcell.bounce.coverage_policy`][].
-    """
+    **Arguments:** `policy` is the mixture; the others are as for
+    [`jaxcell.bounce.coverage_policy`][]."""
     cells = policy.cells
     straight, images = compare_straight(cells, motion=motion)
     moved, ends, shares = [], [], []
@@ -53,7 +53,7 @@ def compare_coverage(
 def _matrix(
     cells: CellSpace, straight: SimpleMap, bounce: float, error: float, reliability: float
 ) -> scipy.sparse.csr_array:
-    """Build the chain: straight on, or at a wall by any of the turns."""
+    """Build the transition matrix: steps straight ahead, and random turns at walls."""
     image, bumped = np.asarray(straight.image), np.asarray(straight.bumped)
     spacing = 2 * np.pi / cells.directions
     turn, bins = round(bounce / spacing), round(error / spacing)
@@ -69,10 +69,10 @@ def _matrix(
 
 
 def _nearest(policy: CoveragePolicy) -> Comparison:
-    """Compare the distance of the best mixture, by non-negative least squares.
+    """Compare the distance from the mixture to the target with non-negative least squares.
 
-    With an additional row for the sum 1, the solution is the best mixture up to its scale, because
-    for every scale the same mixture is best.
+    An additional row asks for the sum 1. The solution is the best mixture up to a factor, because
+    the best mixture does not depend on the factor.
     """
     coverage, target = np.asarray(policy.coverage), np.asarray(policy.target)
     difference = (coverage - target).T

@@ -19,14 +19,14 @@ _MAX_PROGRAM = 5000
 
 
 def compare_drift(drift: SeaLayers) -> list[Comparison]:
-    """Compare groups by networkx, ends of drifters by solves, and voyages by linear programs."""
+    """Compare groups with networkx, ends of drifters with solves, voyages with linear programs."""
     compared = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):
         return compared
     surface = drift.layers[0].behaviour.chain.to_scipy()
     cells = drift.deployment.cells
     steps = csgraph.dijkstra(surface, indices=cells, unweighted=True, min_only=True)
-    # Over all phases of a current that repeats itself.
+    # The least number over all phases of a periodic current.
     steps = steps.reshape(-1, drift.layers[0].cells).min(axis=0)
     missed = [f"cell {z} is visited from none" for z in np.flatnonzero(np.isinf(steps))]
     what = "cells visited from the deployment, by scipy"
@@ -36,7 +36,7 @@ def compare_drift(drift: SeaLayers) -> list[Comparison]:
 
 def _compare_layer(layer: LayerEnds) -> list[Comparison]:
     behaviour, at = layer.behaviour, f" at {layer.depth:g} m"
-    # For a current that repeats itself, the cells at each phase.
+    # For a periodic current, the chain has the cells at each phase.
     P, group = behaviour.chain.to_scipy(), np.asarray(behaviour.groups.group)
     transient = np.flatnonzero(group < 0)
     compared = [_compare_groups(P, group, f"persistent groups{at}, by networkx")]
@@ -49,7 +49,7 @@ def _compare_layer(layer: LayerEnds) -> list[Comparison]:
         why = f"{transient.size:,} transient cells; it is done for 1 to {_MAX_TRANSIENT:,}"
         return [*compared, Comparison.omitted(when, why)]
     if behaviour.absorption.certificate.outcome is not Outcome.CONVERGED:
-        # Drifters stay almost forever in some cells, where a solve that subtracts is far off.
+        # If drifters stay almost forever in some cells, a direct solve is inaccurate.
         return [*compared, Comparison.omitted(when, "they are not certified")]
     times = solve_transient(P, transient, np.ones(transient.size))
     reported = np.asarray(behaviour.absorption.value)[transient]
@@ -76,7 +76,7 @@ def _compare_groups(P: scipy.sparse.csr_array, group: np.ndarray, what: str) -> 
 
 
 def _compare_voyage(voyage: SeaVoyage) -> Comparison:
-    """Compare the best probability of arriving: the least probability that no action raises."""
+    """Compare the best probability of arriving with the solution of a linear program."""
     what = "probability of arriving by the surest policy, by a linear program"
     sea, goal = voyage.sea, voyage.policy.goal
     if sea.drift.cells > _MAX_PROGRAM:

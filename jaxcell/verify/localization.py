@@ -14,8 +14,8 @@ _COIN, _LOST = 0.5, 1e-4
 
 
 def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
-    """Compare states of a filter with products of sparse matrices, and its knowledge cycles with
-    the closed strong components of its transitions.
+    """Compare states of a filter with products of sparse matrices, and knowledge cycles of the
+    filter with the closed strong components of its transition graph.
     """
     filter, image = result.filter, np.asarray(simple_map.image)
     states, size = len(filter.transition), image.size
@@ -38,7 +38,7 @@ def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Co
     what = "states of the filter, by products of sparse matrices"
     compared = [Comparison.exact(what, wrong, 2 * some.size)]
 
-    # Observations that cannot occur on the map lead into the trap.
+    # Leave out the trap, the state after observations that cannot occur on the map.
     known = states - filter.open_world
     source, target = np.repeat(np.arange(known), 2), filter.transition[:known].ravel()
     within = (target >= 0) & (target < known)
@@ -58,8 +58,8 @@ def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Co
 
 
 def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
-    """Compare a policy with a set of cells that is moved one step at a time, and the images that
-    move it with steps in the free space.
+    """Compare a policy with sets of possible cells that move step by step by the images of cells,
+    and compare these images with steps in the free space.
     """
     mapped = bounce_map(result.cells, result.bounces, motion=result.motion)
     images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)[0]
@@ -87,7 +87,7 @@ def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
 
 
 def compare_slip(result: Slipped) -> list[Comparison]:
-    """Compare the belief of a run with a belief that keeps joint probabilities."""
+    """Compare the belief of a run with joint probabilities that are normalised at the end."""
     hidden, cells = result.hidden, result.cells
     weight = np.append(hidden.start, 0.0)
     for event in result.events.tolist():

@@ -8,16 +8,16 @@ from .bounce import compare_straight
 from .comparison import Comparison
 
 
-# Cells times angles that Dijkstra's algorithm searches within a second.
+# Number of states (cells times angles) that Dijkstra's algorithm searches within a second.
 _MAX_STATES = 300_000
 _SEARCH = "cost of the plan, by Dijkstra's algorithm on cells and the angle in use"
 
 
 def compare_plan(plan: Plan, motion: Motion = CELL_BY_CELL) -> list[Comparison]:
-    """Compare a plan of method `"exact"` with its steps by geometry, and a search of all cells.
+    """Compare a plan of method `"exact"` with steps by geometry, and with a search of all cells.
 
-    The searched graph has a layer for each angle in use, and a last layer before the first bump.
-    The checks of the plan itself compare its actions with its cells and its cost.
+    The searched graph has a layer of cells for each current angle, and a last layer before the
+    first bump. The checks of the result already compare actions, cells and cost of the plan.
     """
     straight, images = compare_straight(plan.cells, np.unique(plan.visited), motion)
     directions, size = plan.cells.directions, plan.cells.size
@@ -26,7 +26,7 @@ def compare_plan(plan: Plan, motion: Motion = CELL_BY_CELL) -> list[Comparison]:
         return [images, Comparison.omitted(_SEARCH, f"more than {_MAX_STATES:,} states")]
     image, bumped = np.asarray(straight.image, np.int64), np.asarray(straight.bumped)
     graph = _graph(plan, image, bumped, turns)
-    # From any layer of the goal backwards.
+    # Search backwards from the goal in any layer.
     goals = np.arange(turns.size + 1) * size + plan.goal
     least = csgraph.dijkstra(graph.T.tocsr(), indices=goals, min_only=True)[turns.size * size :]
     cost = -1.0 if np.isinf(least[plan.start]) else float(least[plan.start])

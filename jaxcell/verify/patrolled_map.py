@@ -12,12 +12,12 @@ _TARGETS = 6
 _PAIRS = 150
 _CLOSE = 1e-8
 _TIME = 1e-6
-# Normal numbers exceed this number of standard deviations once in 10^14 draws.
+# Limit in standard deviations; a normal variable exceeds it about once in 10^15 draws.
 _DEVIATIONS = 8.0
 
 
 def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
-    """Compare the patrol of a map with polygons of shapely, products of scipy, and networkx."""
+    """Compare the patrol of a map with polygons of shapely, sparse matrices, and networkx."""
     attack, times = patrol.attack, patrol.attack.attack_time
     targets = sample(patrol.cells.positions, _TARGETS).tolist()
     caught = np.array([_caught(patrol, target) for target in targets])
@@ -47,7 +47,7 @@ def _compare_walks(patrol: PatrolledMap) -> Comparison:
 
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
-    """Compute the probability that a robot has been in view of a cell by each attack time."""
+    """Compute the probability that a robot sees a cell within each attack time."""
     view, times = patrol.visible[:, target], patrol.attack.attack_time
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
@@ -67,7 +67,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
 
 
 def _commute(patrol: PatrolledMap, policy: Policy) -> float:
-    """Compute the mean commute time: for weights that sum to 1, twice the mean resistance."""
+    """Compute the mean commute time: twice the mean resistance, as the weights sum to 1."""
     used = policy.weights > 0
     if not used.any():
         return 0.0
@@ -79,7 +79,7 @@ def _commute(patrol: PatrolledMap, policy: Policy) -> float:
 
 
 def _compare_sight(patrol: PatrolledMap) -> Comparison:
-    """Compare pairs of cells of which the second is a whole square, half of them visible."""
+    """Compare visibility for pairs of cells, half of them visible; the seen cell is a square."""
     assert patrol.cells.workspace is not None
     environment, side = patrol.cells.workspace.environment, patrol.cells.cell
     if patrol.sight == "centre":

@@ -19,15 +19,15 @@ _PLACES = 200
 def compare_team(
     team: TeamTrajectory, bounces: Float[np.ndarray, "angles"], motion: Motion = CELL_BY_CELL
 ) -> list[Comparison]:
-    """Compare steps of a joint trajectory with the rule of collisions, pair by pair.
+    """Compare steps of a joint trajectory with the rule of collisions for each pair of robots.
 
-    **Arguments:** the trajectory, and others as for [`jaxcell.bounce.team_trajectory`][].
-    """
+    **Arguments:** `team` is the trajectory; the others are as for
+    [`jaxcell.bounce.team_trajectory`][]."""
     cells, visited = team.cells, np.unique(team.cell)
     straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)
     angles = np.broadcast_to(bounces, team.starts.size)
     turns = np.rint(angles * cells.directions / (2 * np.pi)).astype(int)
-    # The step before a part begins is the turn of one robot.
+    # Leave out the step before each further part, in which one robot turns.
     steps = np.setdiff1d(np.arange(team.steps), team.part_begin[1:] - 1)
     wrong, chosen = [], steps[sample(steps.size, _STEPS)].tolist()
     for t in chosen:
@@ -55,7 +55,7 @@ def _joint_step(
     motion = squares[ahead % cells.positions] - here
     pairs = list(itertools.permutations(range(len(state)), 2))
     i, j = np.array(pairs, int).reshape(-1, 2).T
-    # Relative to robot j, which goes on or stands.
+    # Motion of robot i relative to robot j, if j moves, and if j stands.
     meet = _touches(here[i] - here[j], motion[i] - motion[j])
     runs_into = _touches(here[i] - here[j], motion[i])
     queue = nx.DiGraph([(b, a) for (a, b), one in zip(pairs, runs_into, strict=True) if one])
@@ -81,6 +81,6 @@ def _joint_step(
 def _touches(
     start: Int[np.ndarray, "pairs 2"], motion: Int[np.ndarray, "pairs 2"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Test whether steps meet the origin."""
+    """Test whether segments from `start` to `start + motion` contain the origin."""
     steps = shapely.linestrings(np.stack([start, start + motion], axis=1).astype(float))
     return shapely.intersects(steps, shapely.Point(0, 0))

@@ -14,14 +14,14 @@ from .comparison import Comparison, sample, solve_transient
 
 
 _TARGETS = 6
-# A conic program of this many pairs of a vertex and an edge takes some seconds.
+# A conic program with this number of pairs of a vertex and an edge takes some seconds.
 _MAX_NUMBERS = 5_000
 _TIME = 1e-6
 _CLOSE = 1e-8
 
 
 def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
-    """Compare a walk on a graph with sparse solves of scipy."""
+    """Compare hitting times, shares of time and entropy of a walk with results of scipy."""
     P, share, vertices = patrol.transition, patrol.stationary, len(patrol.names)
     visited, chain = np.flatnonzero(share > 0), scipy.sparse.csr_array(P)
     targets = visited[sample(visited.size, _TARGETS)]
@@ -46,7 +46,7 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
 def compare_commute(
     patrol: GraphPatrol, emphasis: Sequence[int], share: float, constraints: Sequence[Linear] = ()
 ) -> list[Comparison]:
-    """Compare the least commute time, under constraints too, with a cone program of cvxpy."""
+    """Compare the least commute time, possibly under constraints, with a conic program in cvxpy."""
     graph, what = patrol.graph, "least commute time, by cvxpy"
     vertices, edges = graph.vertices, len(graph.edges)
     if vertices * edges > _MAX_NUMBERS:
@@ -70,11 +70,11 @@ def compare_commute(
 
 
 def compare_game(game: StrategyGame) -> list[Comparison]:
-    """Compare a mixture of walks with a linear program for each vertex that may be attacked."""
+    """Compare the best mixture of walks with one linear program per attacked vertex."""
     paid, best = game.adversary_payoff, -math.inf
     strategies, vertices = paid.shape
     for vertex in range(vertices):
-        # No other vertex pays the adversary more.
+        # The constraints say that the adversary does not gain by attacking another vertex.
         gains, no_gain = (paid - paid[:, [vertex]]).T, np.zeros(vertices)
         shares = np.ones((1, strategies)), [1]
         cost = -game.patroller_payoff[:, vertex]

@@ -15,7 +15,7 @@ class RobotCalibrate(Printing):
     """Calibrate a robot: drive it 1 m, turn it by 360 degrees, and ask for the true values.
 
     Leave 1.5 m of free floor ahead of the robot, and mark the place and the heading of its front.
-    `jaxcell robot run` uses the calibration. An earlier calibration has no effect here."""
+    `jaxcell robot run` uses the calibration. Earlier calibrations do not affect the measurement."""
 
     example: ClassVar[str] = "--port /dev/ttyUSB0"
     one_of: ClassVar[tuple[str, ...]] = ("port", "log")
@@ -23,10 +23,10 @@ class RobotCalibrate(Printing):
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     log: Annotated[Path | None, Only(port=False)] = None
-    """Log run.jsonl of a run of an anywhere.json, from which to estimate the turn by a bump at 45
-    degrees for `jaxcell localize --bump-turn`."""
+    """Log run.jsonl of a run of an anywhere.json. From the log the turn by a bump at 45 degrees is
+    estimated, for `jaxcell localize --bump-turn`."""
     file: Annotated[Path | None, Only(log=True)] = None
-    """The anywhere.json of that run; by default the file that the log names."""
+    """The anywhere.json of that run; by default the file named in the log."""
     calibration: Path | None = None
     """File of the calibration; by default calibration.json in ~/.config/jaxcell."""
 
@@ -35,7 +35,7 @@ class RobotCalibrate(Printing):
         return self._estimate() if self.port is None else self._measure(self.port)
 
     def _estimate(self) -> int:
-        """Estimate from a log by how much a bump turns the robot."""
+        """Estimate the turn of the robot by a bump from a log."""
         from ...robot.bump_turn import estimate_bump_turn
         from ...robot.run_log import read_log
         from ...robot.tasks.anywhere_task import AnywhereTask
@@ -70,7 +70,7 @@ class RobotCalibrate(Printing):
                     note("jaxcell robot calibrate: it bumped; expected 1 m of free floor ahead")
                     return 1
                 distance = _asked("How far did the robot go, in metres? ") / went.distance
-                # The robot may have been lifted for the measurement, which disarms it.
+                # A robot that was lifted for the measurement is disarmed.
                 robot.arm()
                 turned = robot.turn(2 * math.pi, tolerance=math.radians(0.4)).angle
                 degrees = _asked("By how many degrees did the robot turn to the left? ")

@@ -16,7 +16,7 @@ class RobotCheck(Printing):
     port: str
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     firmware: bool = False
-    """Reboot the robot to read its firmware version, which takes ten seconds."""
+    """Reboot the robot to read its firmware version; the reboot takes ten seconds."""
     move: bool = False
     """Drive 10 cm forward and back."""
 

@@ -22,9 +22,9 @@ from .heading import direction_at
 from .run import RobotRun
 
 
-# A task whose radius differs by less than this is for the body.
+# Tolerance for the radius of the robot of a task, compared with the emulated body.
 _AS_WIDE = 0.01
-# Metres that a body may overlap with a wall.
+# Allowed overlap of a body and a wall, in metres.
 _TOUCH = 0.05
 
 
@@ -40,7 +40,7 @@ class Emulation:
     radius: float = 0.0
     "The radius of the body, in metres."
     touches: Sequence[tuple[float, float, float]] | None = None
-    "Time in seconds, x and y of each touch of a wall; known to the physics engine only."
+    "Time in seconds, x and y of each touch of a wall; `None` without the physics engine."
 
     @property
     def end(self) -> int | None:
@@ -64,7 +64,7 @@ class Emulation:
 
 
 def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
-    """Emulate a robot in a map, at the start of the options or of the task."""
+    """Emulate a robot in a map, at the start from the options, or else from the task."""
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
     if isinstance(task, AnywhereTask):
@@ -122,7 +122,7 @@ def _physical(
 
 
 def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> int:
-    """Return the cell where a task starts; for a filter draw a cell, at `heading` if not `None`."""
+    """Return the start cell of a task; for a filter draw a cell, with `heading` if not `None`."""
     match task:
         case PlanTask():
             return cell_at(cells, str(task.start), f"{task.path}: start")
@@ -145,7 +145,7 @@ def _start(cells: CellSpace, task: AnyTask, heading: float | None, rng: Any) -> 
 def seen_from(
     cells: CellSpace, task: PatrolTask, intruder: str
 ) -> Callable[[int], dict[str, float] | None]:
-    """Make the look of a robot on patrol, which reports an intruder in a cell that it sees."""
+    """Make the camera of an emulated patrol robot: a function that reports a visible intruder."""
     try:
         x, y = map(float, intruder.split(","))
         hidden = int(cells.index(x, y)) % cells.positions

@@ -6,7 +6,7 @@ from ...robot.tasks.task import Task
 
 
 def direction_at(heading: float, directions: int) -> int:
-    """Return the direction of the option `--heading`, which is in degrees."""
+    """Convert the option `--heading`, in degrees, to a direction."""
     turn = heading * directions / 360
     if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
         raise ValueError(
@@ -17,7 +17,7 @@ def direction_at(heading: float, directions: int) -> int:
 
 
 def check_heading(task: Task) -> None:
-    """Refuse a task whose robot needs its heading, if no heading is known."""
+    """Raise for a task in which the robot needs a heading, if the heading is unknown."""
     if task.needs_heading:
         raise ValueError(
             f"--heading: expected the heading of the robot at the start in degrees, because the "

@@ -42,7 +42,7 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
         end = "no cell" if truth["end"] is None else configuration(space, truth["end"])
         rows += [("started at", configuration(space, truth["start"])), ("is at", end)]
         if cells:
-            # A file of another map may end in a cell that the emulated map does not have.
+            # The task may be of another map, and end in a cell that the emulated map does not have.
             places = (
                 configuration(space, z) if z < space.size else f"{z}, of another map"
                 for z in cells[:8]
@@ -54,7 +54,7 @@ def show(title: str, summary: dict[str, Any], emulation: Emulation | None = None
 
 
 def replayed(run: LoggedRun, file: Path | None = None) -> RunOutcome:
-    """Return the outcome of a logged run so far; `file` is its task, if that has moved."""
+    """Compute the outcome of a logged run so far; `file` replaces the file of the task, if any."""
     return stopped(_replayed(run, file), run)
 
 

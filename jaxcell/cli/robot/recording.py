@@ -64,7 +64,7 @@ def _about(task: AnyTask) -> Mapping[str, Any]:
 
 
 def cells_of(task: AnyTask) -> CellSpace | None:
-    """Cut the map of a filter into cells, if the map is still in its place."""
+    """Cut the map of a filter into cells; return `None` if the file of the map is missing."""
     about = _about(task)
     with contextlib.suppress(OSError, ValueError, KeyError):
         workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)

@@ -11,16 +11,16 @@ from ..terminal import say
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotReplay(Printing):
-    """Run a task again on the observations in the log of a robot."""
+    """Repeat a task with the observations in the log of a robot."""
 
     example: ClassVar[str] = "runs/emulated/run.jsonl"
 
     log: tyro.conf.Positional[Path]
     """The run.jsonl of `jaxcell robot run --out`."""
     file: Path | None = None
-    """Task of the run, if its file has moved."""
+    """File of the task, if it was moved after the run."""
     out: Path | None = None
-    """Folder for a recording of the run, run.rrd, for instance if the robot had no Rerun."""
+    """Folder for a recording of the run, run.rrd; for example if the robot does not have Rerun."""
 
     def run(self) -> int:
         from ...robot import load_task, read_log

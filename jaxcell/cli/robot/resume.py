@@ -17,7 +17,7 @@ from .run import RobotRun
 
 
 Place: TypeAlias = tuple[float, float, float]
-"""The metres ahead and to the left of the start of a run, and the radians turned since."""
+"""A pose relative to the start of a run: metres ahead, metres to the left, and radians."""
 
 
 def run_before(log: Path, task: AnyTask) -> LoggedRun:
@@ -25,7 +25,7 @@ def run_before(log: Path, task: AnyTask) -> LoggedRun:
     run = read_log(log)
     for name, ours in json.loads(json.dumps(task.header)).items():
         theirs = run.header.get(name)
-        # A file may have moved.
+        # The files of a run may have been moved.
         if name == "file" or theirs == ours:
             continue
         if name == "sha256":
@@ -57,11 +57,11 @@ class Standing:
 
 
 class StandingStill(Exception):  # noqa: N818 (a signal as StopIteration, no error)
-    """A robot that cannot move was driven."""
+    """Raised if a program drives a robot that cannot move."""
 
 
 def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
-    """Write the command that resumes a stopped run in a folder of its own."""
+    """Write the command that resumes a stopped run in a new folder."""
     assert options.out is not None
     resumed = dataclasses.replace(
         options, heading=None, start=start, resume=log, out=_new_directory(options.out, log.name)
@@ -72,7 +72,7 @@ def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
 
 
 def _new_directory(out: Path, log: str) -> Path:
-    """Number a folder for the next run that holds no log yet."""
+    """Choose a folder without a log for the next run, by a number in its name."""
     stem, dash, number = out.name.rpartition("-")
     name = stem if dash and number.isdecimal() else out.name
     numbered = (out.with_name(f"{name}-{i}") for i in itertools.count(2))
@@ -80,18 +80,18 @@ def _new_directory(out: Path, log: str) -> Path:
 
 
 def start_after(pose: tuple[float, float, float], before: Place, after: Place) -> str:
-    """Write the pose of an emulated robot as an option: metres, metres, and degrees.
+    """Write the current pose of an emulated robot for `--start`: metres, metres, and degrees.
 
     **Arguments:**
 
-    - `pose`: at the start of the emulation, in metres and radians.
-    - `before`, `after`: the place in the run at that time, and now.
+    - `pose`: the pose at the start of the emulation, in metres and radians.
+    - `before`, `after`: the place in the run at the start of the emulation, and now.
     """
     x, y, heading = pose
     moved = complex(after[0] - before[0], after[1] - before[1])
     there = complex(x, y) + moved * cmath.rect(1.0, heading - before[2])
     degrees = round(math.degrees(heading + after[2] - before[2]), 6) % 360
-    # The sum removes the sign of a zero.
+    # Adding 0 removes the sign of a zero.
     return ",".join(f"{round(part, 6) + 0.0:.10g}" for part in (there.real, there.imag, degrees))
 
 

@@ -14,7 +14,7 @@ _EMULATED_WITHOUT_PHYSICS = Only(simulate=True, physics=False)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotRun(Printing):
-    """Run a filter, a plan, or a robot of a team or a patrol, on a robot or an emulated one.
+    """Run a filter, a plan, or a member of a team or patrol, on a real or an emulated robot.
 
     The robot stops, and the run ends, at Ctrl-C."""
 
@@ -27,14 +27,14 @@ class RobotRun(Printing):
     `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
     patrol map --out`."""
     robot: int | None = None
-    """Number of this robot in its team or patrol, by default 0. Each robot runs in a process of its
-    own."""
+    """Number of this robot in its team or patrol, by default 0. Each robot needs a separate
+    process."""
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     ros: Annotated[Literal["create3", "base"] | None, Only(port=False)] = None
-    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 by its actions, or any base by cmd_vel,
-    odom and bumper. The cells where the robot may be are published as candidates and
-    candidate_squares."""
+    """Drive a robot on ROS 2: a Create 3 or TurtleBot 4 by its actions (create3), or any robot by
+    the topics cmd_vel, odom and bumper (base). The possible cells of the robot are published on the
+    topics candidates and candidate_squares."""
     remap: Annotated[tuple[str, ...], Only(ros=True)] = ()
     """Rules that rename topics of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
     simulate: Annotated[Path | None, Only(port=False, ros=False)] = None
@@ -47,54 +47,54 @@ class RobotRun(Printing):
     patrol. A filter, a policy and a belief need it only if the steps of the task differ between
     directions, for instance because they are longer along a diagonal."""
     steps: Annotated[Literal["encoder", "clock"], Only(ros=False)] = "encoder"
-    """Source of distances: the encoders of the wheels, or the time at a known speed (clock)."""
+    """Source of distances: the encoders of the wheels (encoder), or time and speed (clock)."""
     tolerance: float | None = None
-    """Error at the end of a step in metres that needs no correction; by default 4 mm, or less for
-    steps below 1 m."""
+    """Largest error at the end of a step, in metres, that is not corrected; by default 4 mm, or
+    less for steps below 1 m."""
     turn_tolerance: float = 0.4
-    """Error at the end of a turn in degrees that needs no correction."""
+    """Largest error at the end of a turn, in degrees, that is not corrected."""
     give: Annotated[float | None, _EMULATED_WITHOUT_PHYSICS] = None
-    """Travel of the bumper of the emulated robot before it feels a wall, in metres; by default 0.02
-    times the square of the cell, at most 0.02 and at least 0.0005."""
+    """Distance that the bumper of the emulated robot moves before it detects a wall, in metres; by
+    default 0.02 times the squared side of a cell, from 0.0005 to 0.02."""
     noise: Annotated[float, _EMULATED_WITHOUT_PHYSICS] = 0.0
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
     veer in radians per metre."""
     physics: Annotated[bool, _EMULATED] = False
-    """Let a physics engine move the emulated robot, a Create 2 of its true size among the walls of
-    the map. A bump then turns the robot, and its wheels may slip."""
+    """Move the emulated robot by a physics engine, as a Create 2 of its true size. Bumps then turn
+    the robot, and its wheels may slip."""
     friction: Annotated[float | None, Limit(gt=0), Only(physics=True)] = None
     """Coefficient of friction between the wheels and the floor; by default 0.8."""
     speed: Annotated[float | None, Limit(gt=0, le=0.5), Only(ros=False, steps="encoder")] = None
     """Speed of the robot on straight runs in m/s, up to 0.5; by default 0.2."""
     speedup: Annotated[float, _EMULATED] = 10.0
-    """Largest speed of the emulation, in seconds of the robot per second."""
+    """Largest speed of the emulation, in emulated seconds per second."""
     seed: int = 0
-    """Seed of the random start, of the noise, and of the draws of a patrol."""
+    """Seed of the random start, of the noise, and of the random walk of a patrol."""
     limit: AtLeastOne = 10_000
     """Number of observations after which the run ends without an answer."""
     until: Literal["known", "cycle"] = "known"
-    """End of the run of a filter: one configuration is left or a knowledge cycle is reached
-    (known), or a knowledge cycle is reached (cycle)."""
+    """Condition that ends the run of a filter: a knowledge cycle is reached (cycle), or also only
+    one configuration is possible (known)."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20
-    """Number of bumps at free cells of the map after which a patrol ends without an answer."""
+    """Number of bumps, at cells that are free on the map, after which a patrol gives up."""
     intruder: Annotated[str | None, _EMULATED] = None
-    """Place of an intruder whom an emulated robot on patrol reports, "x,y" in metres."""
+    """Place of an intruder, "x,y" in metres, for an emulated robot on patrol to detect."""
     camera: Annotated[str | None, Only(intruder=False)] = None
-    """Camera with which a robot on patrol looks for the cross marker: its number, or a folder of
-    pictures."""
+    """Camera by which a robot on patrol finds the cross marker: the number of the camera, or a
+    folder of pictures."""
     calibration: Annotated[Path | None, Only(steps="encoder")] = None
     """File of `jaxcell robot calibrate`; by default, for a robot on a serial line, calibration.json
     in ~/.config/jaxcell if it exists."""
     resume: Path | None = None
-    """Log run.jsonl of a stopped run of this task, to continue it. The robot must stand where its
-    last step ended, in the heading of its next step; an emulated robot stands at --start."""
+    """Log run.jsonl of a stopped run of this task, to continue it. The robot must stand at the end
+    of its last step, with the heading of the next step; an emulated robot stands at --start."""
     out: Path | None = None
-    """Folder for the log, which must not exist yet, the recording and summary.json."""
+    """Folder for the log, the recording and summary.json; it must not contain a log yet."""
     live: str | None = None
-    """Viewer that shows the recording during the run: "here" (without a display a page for a
-    browser, until Ctrl-C), or the address of a viewer, such as rerun+http://laptop:9876/proxy."""
+    """Viewer that shows the recording during the run: "here" (without a display a web page, until
+    Ctrl-C), or the address of a viewer, such as rerun+http://laptop:9876/proxy."""
 
     def run(self) -> int:
         check(self)

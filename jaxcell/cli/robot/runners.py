@@ -77,9 +77,9 @@ def runner_of(
 
 
 def patrol_start(task: PatrolTask, start: str | None, emulation: Emulation | None = None) -> int:
-    """Return the cell where a patrol begins, on the map of the patrol.
+    """Return the start cell of a patrol, on the map of the patrol.
 
-    `start` is the option; an emulated robot starts where its emulation does.
+    `start` is the option `--start`. An emulated robot starts at the start of its emulation.
     """
     if emulation is not None:
         x, y, theta = emulation.cells.centre(emulation.start)

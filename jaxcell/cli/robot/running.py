@@ -1,4 +1,4 @@
-"""Run a task on a robot, as the options of `jaxcell robot run` say."""
+"""Run a task on a robot, with the options of `jaxcell robot run`."""
 
 import contextlib
 import dataclasses
@@ -80,7 +80,7 @@ class _Run:
     direction: int | None
 
     def start(self, before: LoggedRun | None, kept: contextlib.ExitStack) -> int:
-        """Run the task, after an earlier run if there is one; return the exit status."""
+        """Run the task, or continue an earlier run, if any; return the exit status."""
         options, task, emulation = self.options, self.task, self.emulation
         calibration = self._calibration()
         header, follow = runner_of(task, options, emulation, self.direction, before)
@@ -96,7 +96,7 @@ class _Run:
             note(f"The robot must stand {place_in_words(self._place(before))}")
             if options.simulate is None and not options.json and sys.stdin.isatty():
                 input("Press Enter when it stands there: ")
-        # Before the connection to the robot, because the imports take seconds.
+        # Import before the connection to the robot, because the imports take seconds.
         viewer = None if options.live is None else kept.enter_context(shown_live(options.live))
         place = options.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
         place.mkdir(parents=True, exist_ok=True)
@@ -167,7 +167,7 @@ class _Run:
             )
 
     def _place(self, run: LoggedRun | None) -> Place:
-        """Compute the place of the robot after a logged run; without a run it is the start."""
+        """Compute the place of the robot after a logged run; without a run return the start."""
         _, follow = runner_of(self.task, self.options, self.emulation, self.direction, run)
         walker = self._walker(Standing(), run)
         with contextlib.suppress(StandingStill):
@@ -175,7 +175,7 @@ class _Run:
         return walker.place
 
     def _calibration(self) -> Calibration | None:
-        """Read the calibration of the robot's encoders, if there is one."""
+        """Read the calibration of the encoders of the robot; return `None` if there is none."""
         if self.options.calibration is not None:
             return Calibration.load(self.options.calibration)
         path = calibration_file()
@@ -229,9 +229,9 @@ class _Run:
 def _direction(
     options: RobotRun, task: AnyTask, emulation: Emulation | None, before: LoggedRun | None
 ) -> int | None:
-    """Return the direction in which the robot starts, as far as it knows, or `None`.
+    """Return the start direction that the robot knows, or `None`.
 
-    It is the same on an emulated robot as on a real one.
+    An emulated robot does not know more than a real robot.
     """
     if isinstance(task, AnywhereTask):
         if options.heading is not None:

@@ -15,7 +15,7 @@ from ..terminal import note, progress
 class RobotSketch:
     """Write an Arduino program that runs a filter, or a bouncing policy, on a robot without a host.
 
-    The comment at its top describes the wiring."""
+    A comment at the top of the program describes the wiring."""
 
     example: ClassVar[str] = "runs/lab/filter.jxf --heading 0 --out localize.ino"
     one_of: ClassVar[tuple[str, ...]] = ("file", "bounce")
@@ -23,19 +23,19 @@ class RobotSketch:
     file: tyro.conf.Positional[Path | None] = None
     """Task to run: the filter.jxf or policy.jxf of `jaxcell localize --out`."""
     bounce: Annotated[Degrees | None, Only(file=False)] = None
-    """Angle in degrees to turn by at each bump, without a filter."""
+    """Bouncing angle in degrees, for a robot without a filter."""
     step: Annotated[Metres | None, Needed(bounce=True)] = None
     """Length of a step in metres."""
     heading: Annotated[Degrees | None, Only(file=True)] = None
     """Heading of the robot at the start in degrees. The filter needs it only if its steps differ
     between directions, for instance because they are longer along a diagonal."""
     minimal: Annotated[bool, Only(file=True)] = False
-    """Merge states of the filter that no observation distinguishes by colour."""
+    """Merge states of the filter with the same colours after all sequences of observations."""
     smallest: Annotated[bool, Only(file=True, minimal=False)] = False
-    """Run the least machine with the same outputs on all observations that can occur; it notices
-    few of the others."""
+    """Run the smallest machine with the same outputs for all observations that can occur; it
+    detects few impossible observations."""
     flash: Annotated[int | None, Only(file=True)] = None
-    """Bytes of flash of the board; by default the 32256 of an Uno."""
+    """Flash memory of the board in bytes; by default 32256, as on an Uno."""
     out: Path | None = None
     """File to write, which ends in .ino; by default the program is printed."""
 

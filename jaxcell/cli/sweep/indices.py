@@ -15,7 +15,7 @@ from ..terminal import status, table
 class SweepIndices(Printing):
     """Estimate the Sobol indices of a sweep: the share of each parameter in the variance.
 
-    Exit status: 0 done, 2 bad input: another design, or members that are not done."""
+    Exit status: 0 done, 2 bad input, such as another design, or members that are not done."""
 
     example: ClassVar[str] = "runs/samples"
 

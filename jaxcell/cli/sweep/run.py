@@ -38,19 +38,19 @@ class Sweep(Printing):
     """Engine that computes chunks: local (this process), processes, dask (a cluster on this
     machine), or dask://host:port."""
     scheduler_file: Annotated[Path | None, Only(engine="local")] = None
-    """File with the address of a Dask scheduler, in place of --engine."""
+    """File with the address of a Dask scheduler, instead of --engine."""
     workers: int | None = None
     """Number of processes of the engines processes and dask; by default the number of
     processors."""
     resume: bool = False
-    """Continue the sweep in the folder, if there is one; its parameters may have more values
-    now."""
+    """Continue the sweep in the folder, if there is one; parameters may have additional
+    values."""
     anyway: Annotated[bool, Only(resume=True)] = False
     """Continue although files, the task or versions have changed. The attribute resumed_anyway of
     the result lists the changes."""
     timeout: float | None = None
-    """Seconds after which a chunk is stopped and computed again in halves, until only members that
-    take longer alone have failed. Not for the engine local, which cannot stop a chunk."""
+    """Seconds after which a chunk is stopped, and computed again in halves. A single member that
+    takes longer has failed. Not for the engine local, which cannot stop a chunk."""
     shard: str | None = None
     """I/N, such as 3/100: compute one of N parts of the sweep, in its own folder inside the
     folder of the result; `jaxcell sweep merge` merges the parts."""
@@ -59,7 +59,7 @@ class Sweep(Printing):
     out: Path | None = None
     """Folder for the result; by default runs/ and the name of the specification."""
     netcdf: Annotated[bool, Only(shard=False)] = False
-    """Write the result to sweep.nc too, after the last chunk."""
+    """Also write the result to sweep.nc, after the last chunk."""
 
     def run(self) -> int:
         prepare_tasks()
@@ -76,7 +76,7 @@ class Sweep(Printing):
         began = time.perf_counter()
         try:
             with contextlib.ExitStack() as stack, stdout_on_stderr(), shown(doing) as show:
-                # SIGTERM does what Ctrl-C does.
+                # Treat SIGTERM like Ctrl-C.
                 handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
                 stack.callback(signal.signal, signal.SIGTERM, handler)
                 found = sweep.run_sweep(
@@ -121,7 +121,7 @@ class Sweep(Printing):
 class SweepState(Printing):
     """Show the progress of a sweep, also while it runs, and the members that failed.
 
-    Exit status: 0 all done, 1 not yet, or some members failed."""
+    Exit status: 0 all done, 1 not all done, or some members failed."""
 
     example: ClassVar[str] = "runs/rooms"
 

@@ -16,7 +16,7 @@ _MAX_LISTED = 10
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepVerify(Printing):
-    """Check all chunks of a sweep, and compute damaged ones again: flipped bits, missing files.
+    """Check a sweep for damage, such as flipped bits or missing files, and repair it.
 
     Exit status: 0 the sweep is whole, 1 some chunks could not be computed, 2 bad input."""
 

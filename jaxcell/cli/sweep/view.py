@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 _MAX_LISTED = 6
-# Relative error of a number that a user typed with fewer digits.
+# Relative tolerance for numbers that a user types with fewer digits.
 _TYPED = 1e-5
 
 
@@ -40,7 +40,7 @@ class SweepView:
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
     select: tuple[str, ...] = ()
-    """Member to compute again and show in detail: NAME=VALUE for each dimension of the sweep."""
+    """Member to compute again and show in detail, as NAME=VALUE for each dimension of the sweep."""
     out: Path | None = None
     """File of the recording; by default overview.rrd in the folder, or members/NAME=VALUE,....rrd
     there."""
@@ -89,7 +89,7 @@ class SweepView:
 
 
 def detailed_study(task: str) -> type[Study]:
-    """Return the study of a task, which must not be a function."""
+    """Return the study of a task; raise if the task is a function."""
     from ...sweep.workers.work import study_of
 
     if (study := study_of(task)) is None:
@@ -127,8 +127,8 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
     **Arguments:**
 
     - `spec`: the specification of the sweep.
-    - `given`: `NAME=VALUE` for each dimension with several values. The value of a parameter of a
-        grid, or the number of a sample or of a member of a list.
+    - `given`: `NAME=VALUE` for each dimension with several values. `VALUE` is the value of a grid
+        parameter, or the number of a sample or of a member of a list.
     """
     values = dict(_values(spec))
     listed = ", ".join(values)
@@ -150,7 +150,7 @@ def selected(spec: "sweep.Spec", given: Sequence[str]) -> dict[str, int]:
 
 
 def parameters(spec: "sweep.Spec", places: Mapping[str, int]) -> dict[str, Any]:
-    """Return the parameters of a member: its own, and the parameters that all members share."""
+    """Return all parameters of a member, including those that all members share."""
     own = {one.name: one.values[places[one.dimension]].item() for one in spec.parameters}
     return {**spec.fixed, **own}
 

@@ -15,7 +15,7 @@ from ..canvas.stream import pace, send_blueprint, send_changing
 
 
 _TIMELINE = "bump"
-# Runs that the trail of the robot keeps.
+# Number of runs in the trail of the robot.
 _RUNS = 5
 # Pixels along the larger side of the map, for the picture of the hull.
 _PIXELS = 400
@@ -32,8 +32,8 @@ _LEGEND: Legend = (
 def log_anywhere(stream: rr.RecordingStream, found: Anywhere, spec: Spec) -> None:
     """Log robots that start anywhere.
 
-    The timeline `bump` shows the first robot, the stretches of walls where it may be, and the hull
-    and the extent of the stretches; also the share of robots that are localized, or at the goal.
+    The timeline `bump` shows the first robot, the stretches of walls where this robot may be, and
+    their hull and extent. It also shows the share of robots that are localized, or at the goal.
     """
     map, last, legend = CellMap(stream, found.cells), found.bump.size, _LEGEND
     if isinstance(found, HomeFromAnywhere):
@@ -59,9 +59,9 @@ def stretches(found: Anywhere, bump: int) -> Float[np.ndarray, "stretches 2 2"]:
 
 
 def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the stretches after each bump; before the first a robot is not at a wall."""
+    """Log the stretches after each bump; before the first bump there are none."""
     strips = np.concatenate([np.empty((0, 2, 2)), *possible])
-    # A stretch that is hardly more than a point is drawn as a dash, so that it is seen.
+    # A very short stretch is drawn as a dash, so that it is visible.
     dash = 0.004 * map.extent * np.array([[-1.0, 0.0], [1.0, 0.0]])
     point = np.ptp(strips, axis=1).max(axis=1) < 0.004 * map.extent
     strips += point[:, None, None] * dash
@@ -72,7 +72,7 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
-    """Log the free space within the hull of the stretches, and at first all free space."""
+    """Log the free space within the hull of the stretches; at time 0, log all free space."""
     workspace, path = map.cells.workspace, "map/hull"
     if workspace is None:
         return
@@ -91,7 +91,7 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
 
 
 def _log_robot(map: CellMap, found: Anywhere, last: int) -> None:
-    """Log the first robot as an arrow whose tip is at the wall, and its last runs."""
+    """Log the last runs of the first robot, and the robot as an arrow with its tip at the wall."""
     place = np.concatenate([found.trial.start[:1], found.trial.place[0, :last]])
     theta = np.append(found.theta[0, 0], found.theta[0, :last])
     vectors = map.arrow * np.stack([np.cos(theta), np.sin(theta)], axis=1)
@@ -100,7 +100,7 @@ def _log_robot(map: CellMap, found: Anywhere, last: int) -> None:
     style = {"colors": palette.ROBOT, "radii": map.arrow / 8, "draw_order": 30.0}
     arrows = {"origins": origins, "vectors": vectors}
     send_changing(stream, "map/robot", rr.Arrows2D, times, None, _TIMELINE, style=style, **arrows)
-    # A strip of one point is none.
+    # A line needs two points, so the first one has its point twice.
     trail = [place[[0, 0]], *(place[max(0, time - _RUNS) : time + 1] for time in times[1:])]
     style = {"colors": palette.TRAIL, "radii": points(1.5), "draw_order": 20.0}
     send_changing(stream, "map/trail", line, times, None, _TIMELINE, style=style, strips=trail)

@@ -30,16 +30,16 @@ _CODEC = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
 def save_cells(
     result: BounceGroups, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
 ) -> None:
-    """Write the groups of all cells of a map of any size to a Zarr store, whole or not at all.
+    """Write the groups of all cells of a map of any size to a Zarr store, atomically.
 
-    The store has the variables of the dataset of the groups, and the image of each cell. It is
+    The store has the variables of the dataset of the groups, and the image of each cell. They are
     computed and written one direction at a time, so that only one direction is in memory.
 
     **Arguments:**
 
     - `result`: the groups.
     - `path`: the folder to write or replace, such as `groups.zarr`.
-    - `spec`: the parameters, kept as JSON in the attribute `spec`.
+    - `spec`: the parameters, for the attribute `spec` as JSON.
 
     **Raises:** `FileNotFoundError` if the parent folder does not exist; `RuntimeError` if the cells
     contradict the numbers of the groups.
@@ -72,16 +72,16 @@ def save_cells(
         for name, (dim, numbers, attributes) in direction_coordinates(cells).items():
             _array(store, name, (dim,), numbers.shape, numbers.dtype, attributes)[:] = numbers
         checks = check_attributes(result.title, _write_cells(store, result))
-        # xarray recognizes coordinates that are no dimensions by this attribute.
+        # By this attribute xarray recognizes coordinates other than dimensions.
         store.attrs.update(coordinates="bounce_deg theta theta_deg x y", **checks)
         with warnings.catch_warnings():
-            # xarray reads consolidated metadata although no standard has them yet.
+            # xarray reads consolidated metadata, although the standard does not have them yet.
             warnings.filterwarnings("ignore", message="Consolidated metadata")
             zarr.consolidate_metadata(temporary)
 
 
 def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int, int]]:
-    """Write the quantities of cells, and sum them by group. Returns the checks of the sums."""
+    """Write the quantities of cells, and sum them by group. Returns checks of the sums."""
     cells = result.cells
     shape = len(result.bounce), cells.directions, cells.positions
     arrays = {
@@ -102,7 +102,7 @@ def _write_cells(store: zarr.Group, result: BounceGroups) -> dict[str, tuple[int
             period += np.bincount(group[step == 0], minlength=period.size)
             basin += np.bincount(group, minlength=period.size)
             np.maximum.at(transient, group, step)
-            # Images in this direction only: a bump leads to another direction.
+            # Use only images in this direction, because a bump leads to another direction.
             image = leads.image - direction * cells.positions
             ahead = np.flatnonzero((image >= 0) & (image < cells.positions))
             same = group[image[ahead]] == group[ahead]

@@ -25,14 +25,14 @@ from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 
 
-# The largest number of angles with maps: those with the largest shares of time.
+# Number of angles with maps; these angles have the largest shares of time.
 _MAX_ANGLES = 6
 _MAX_ROWS = 24
 _MAX_ANGLE_LABELS = 12
-# Bounds double every second level, from this power of two.
+# Exponent of the lowest bound, a power of two. Bounds double every second level.
 _LOWEST = -4
 _NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
-# Between the colours of no time and of the first level; a darker one would look like a wall.
+# A colour between those of no time and of the first level; a darker colour would look like a wall.
 _PALE: Color = (149, 154, 184)
 
 
@@ -69,7 +69,7 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
 
 
 def heat_scale(most: float) -> Scale:
-    """Make the scale of time spent, in multiples of an even share; two levels make a doubling."""
+    """Make the scale of time, in multiples of an even share; bounds double every second level."""
     highest = max(1, math.ceil(math.log2(max(most, 1))))
     bounds = 2.0 ** (np.arange(2 * _LOWEST, 2 * highest + 1) / 2)
     special: dict[str, Color] = {_NONE: FREE, _LITTLE: _PALE}
@@ -82,7 +82,7 @@ def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.nda
 
 
 def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
-    """Return the legend: every fourth level, which begins at a power of four."""
+    """Return the legend: every fourth level, and the special colours."""
     begins = zip(scale.bounds[:-1:4].tolist(), scale.colors[::4], strict=True)
     levels = [Level(f"from {_shares(low)}", color) for low, color in begins]
     return [*levels[::-1], *reversed([*scale.special.items()])]
@@ -99,13 +99,13 @@ def _log_shares(
     degrees: Float[np.ndarray, "angles"],
     alpha: Float[np.ndarray, "angles"],
 ) -> rrb.View:
-    """Log the share of each angle as a bar; all bars, or one of several, have their angle below."""
+    """Log the share of each angle as a bar. If there are many bars, only some have labels."""
     count, high = alpha.size, 100 * float(alpha.max())
     every = -(-count // _MAX_ANGLE_LABELS)
     named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
     plot = Plot(stream, "alpha", float(count), high)
     plot.axes(named, ticks(high), "bouncing angle, degrees", "% of the time")
-    # A bar with a gap on both of its sides.
+    # Each bar has a gap on both sides.
     bars = np.kron(100 * alpha, [0, 1, 1, 1, 0])
     plot.bars("share", bars, float(count), BELIEF)
     return plot.view("Share of time by bouncing angle")
@@ -132,7 +132,7 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
 
 
 def _group_classes(count: int) -> list[PictureClass]:
-    """Return the classes: not free, transient, and the groups; pale beyond the colours."""
+    """Return the classes: not free, transient, and the groups; small groups have pale colours."""
     named = ["on the likeliest persistent group"]
     named += [f"on the persistent group of rank {rank}" for rank in range(2, len(CATEGORIES) + 1)]
     groups = list(map(PictureClass, named, CATEGORIES.values()))
@@ -146,7 +146,7 @@ def _group_classes(count: int) -> list[PictureClass]:
 def _group_kinds(
     group: Int[np.ndarray, "directions positions"], weights: Float[np.ndarray, "groups"]
 ) -> UInt8[np.ndarray, "directions positions"]:
-    """Return the class of each cell; groups have ranks by their weights."""
+    """Return the class of each cell; groups are ranked by their weights."""
     colors = len(CATEGORIES)
     rank = ranks(weights)
     place = np.where(rank < colors, rank, colors + rank % colors)

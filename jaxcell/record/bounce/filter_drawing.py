@@ -7,28 +7,28 @@ from jaxtyping import Float, Int, Integer
 from ...automata import Filter
 
 
-# The most states of a graph that is drawn whole.
+# Largest number of states of a filter that is drawn completely.
 _MAX_STATES = 300
-# A larger graph has the last states of a run, and cycles up to this number of states.
+# Otherwise the last states of a run are drawn, and cycles with this number of states in total.
 _LAST_VISITED = 120
 _MAX_ON_CYCLES = 300
 _SPACING = 30.0
 _GAP = 1.5
-# The most states of a ring; longer cycles are folded.
+# Largest number of states of a ring; longer cycles are folded.
 _MAX_RING = 40
 _PATH_COLUMNS = 24
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Drawing:
-    """States of a filter in the plane, with y down."""
+    """A drawing of states of a filter in the plane, with y down."""
 
     state: Int[np.ndarray, "drawn"]
     "The states that are drawn."
     position: Float[np.ndarray, "drawn 2"]
-    "The place of each state that is drawn."
+    "The place of each drawn state."
     edge: Int[np.ndarray, "edges 2"]
-    "The transitions between them, as pairs of states, each pair once."
+    "The transitions between drawn states, as pairs of states; each pair occurs once."
     whole: bool
     "`True` if all states are drawn, except a trap that the run did not enter."
     cycles_left_out: int
@@ -38,9 +38,9 @@ class Drawing:
 def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
     """Place the states of a filter in the plane.
 
-    The states outside the knowledge cycles stand in columns by their distance from the start; the
-    cycles are loops beside them. Of a filter with more than 300 states, only the last states of a
-    run and some cycles are drawn.
+    The states outside the knowledge cycles are in columns by their distance from the start. The
+    cycles are loops beside the columns. If a filter has more than 300 states, only the last states
+    of a run and some cycles are drawn.
     """
     visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
     on_cycle = np.zeros(len(filter.transition), bool)
@@ -75,7 +75,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
 def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
-    """Place states in columns by their distance from the start, in an order with short edges."""
+    """Place states in columns by their distance from the start, in an order that shortens edges."""
     # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
     depth = np.full(len(transition), -1)
     depth[0] = 0
@@ -110,7 +110,7 @@ def _rows(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
-    """Choose the cycle at the end of a run, of any length, and the first of the others."""
+    """Choose the cycle at the end of a run, and the first of the other cycles while they fit."""
     reached = [c.states for c in filter.cycles if visited[-1] in c.states]
     others = [c.states for c in filter.cycles if visited[-1] not in c.states]
     drawn, total = reached, sum(map(len, reached))
@@ -128,7 +128,7 @@ def _loop(count: int) -> Float[np.ndarray, "count 2"]:
         radius = max(count / (2 * np.pi), 0.4)
         angle = 2 * np.pi * np.arange(count) / count
         return radius * np.stack([1 + np.sin(angle), 1 - np.cos(angle)], axis=1)
-    # Pairs of columns, down and up, and the way back along the top.
+    # A comb has pairs of columns, down and up, and a way back along the top.
     pairs = math.ceil(math.sqrt(count) * 0.6)
     spare = count - 2 * pairs
     points = []
@@ -142,7 +142,7 @@ def _loop(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _pack(shapes: list[Float[np.ndarray, "_ 2"]], wide: float) -> list[Float[np.ndarray, "_ 2"]]:
-    """Put shapes side by side in rows of a width, which a wider shape may exceed."""
+    """Put shapes side by side in rows of at most a width; a wider shape has its own row."""
     placed = []
     left = top = height = 0.0
     for shape in shapes:

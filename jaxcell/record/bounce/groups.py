@@ -17,9 +17,9 @@ from ..canvas.stream import pace, send_blueprint, send_changing
 
 
 _NO_GROUP = len(palette.GROUP_CLASSES)
-# Rows for the groups with colours, the others, two on shades, and an empty one.
+# The row of the heading follows the rows of groups, of other groups, of shades, and an empty row.
 _HEADING_ROW = len(palette.CATEGORIES) + 4
-# Then a row for the heading, an empty one, and the rows of the steps.
+# After the heading come an empty row, and the rows of the steps.
 _LEGEND_ROWS = _HEADING_ROW + 8
 _ON_GROUP, _OFF_GROUPS = "on a group", "on no such group"
 _EMPTY = "", palette.CLEAR
@@ -28,8 +28,8 @@ _EMPTY = "", palette.CLEAR
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
     """Log periodic groups.
 
-    Each bouncing angle has a tab. Over the timeline `direction` it shows the group that each cell
-    leads to, the number of mappings until then, and the squares of these groups.
+    Each bouncing angle has a tab. Over the timeline `direction` the tab shows the group that each
+    cell leads to, the number of mappings to the group, and the squares of these groups.
     """
     map, shown = CellMap(stream, groups.cells), directions_shown(groups.cells)
     tabs = [
@@ -68,8 +68,8 @@ def log_group_tab(
 class _OfAngle:
     """The groups of one bouncing angle as pictures and legends.
 
-    A family is the set of groups that pass the same directions: a bounce by 90 of 360 degrees has
-    90 families, and no picture shows two of them. Groups have colours by their ranks in a family.
+    A family is a set of groups with the same directions: a bouncing angle of 90 degrees and 360
+    directions have 90 families. A picture shows one family, with colours by ranks in the family.
     """
 
     group: Int[np.ndarray, "directions positions"]
@@ -118,7 +118,7 @@ class _OfAngle:
         passing = np.where(on_group, kind, np.uint8(_NO_GROUP))
         cycles = np.empty_like(passing)
         for one in np.unique(self._family):
-            # Larger basins have smaller classes: the largest group that passes a square shows.
+            # Larger basins have smaller classes, so a square shows the largest group through it.
             cycles[self._family == one] = passing[self._family == one].min(axis=0)
         groups, none = palette.GROUP_CLASSES, PictureClass(_OFF_GROUPS, palette.FREE)
         away = self._steps.levels(self.step, {_ON_GROUP: on_group})
@@ -132,14 +132,14 @@ class _OfAngle:
         scale = self._steps.legend()
         of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
         spacing = 360 / len(self.group)
-        # An arrow takes the place of the clear swatch.
+        # An arrow is drawn over the clear swatch of the heading.
         return [
             [*of_family[one], (f"heading {k * spacing:.6g}°", palette.CLEAR), _EMPTY, *scale]
             for k, one in enumerate(self._family.tolist())
         ]
 
     def _legend(self, direction: int) -> list[tuple[str, Color]]:
-        """Return the rows for the family of a direction; all families have equally many rows."""
+        """Return the legend of the family of a direction, with the same number of rows for all."""
         members = np.flatnonzero(self._direction == direction)
         members = members[np.argsort(self._rank[members])]
         basin = self._basin[members]

@@ -31,7 +31,7 @@ def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec:
 
     Over the timeline `step`: the robot, and the angle of its turn at each bump. Arrows show the
     whole plan, with one colour per angle. Over the timeline `direction`: the cells from which the
-    goal can be reached; without a path the recording has only these.
+    goal can be reached; if no plan was found, the recording has only these cells.
     """
     plan = result.costliest if isinstance(result, CostSummary) else result
     map = CellMap(stream, plan.cells)
@@ -109,7 +109,7 @@ def _log_runs(
     log_arrows(
         map.stream, "map/plan/runs", place[begin[moves]], vectors, of_runs, points(2.5), order=20.0
     )
-    # Several bumps at one position are rings, the first one outermost.
+    # Several bumps at one position are drawn as rings, with the first bump outside.
     seen: dict[int, int] = {}
     again = np.empty(bump.size)
     for i, position in enumerate((plan.visited[bump] % map.cells.positions).tolist()):
@@ -127,7 +127,7 @@ def _log_runs(
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
-    """Log the cells that reach the goal: a number of headings per square, and each heading."""
+    """Log the cells that reach the goal: their number per square, and the cells per direction."""
     cells, below = map.cells, f"{path}/" if path else ""
     reaching, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format
@@ -207,7 +207,7 @@ def _outcome(plan: Plan) -> str:
 
 
 def _action_string(plan: Plan) -> str:
-    """Write a plan as angles in degrees, and numbers of steps between them."""
+    """Write a plan as angles in degrees, with the numbers of steps between them."""
     words = []
     for action, same in itertools.groupby(plan.actions.tolist()):
         count = len(list(same))

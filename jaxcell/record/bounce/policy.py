@@ -19,7 +19,7 @@ from .run import SEEN, log_localized, log_states, log_turns, run_legend
 
 
 MAX_DRAWN = 80
-"""The most states of a policy that are drawn."""
+"""Largest number of drawn states of a policy."""
 _ACROSS, _DOWN = 26.0, 30.0
 _Tree: TypeAlias = dict[int, int]
 
@@ -27,11 +27,11 @@ _Tree: TypeAlias = dict[int, int]
 def log_localization_policy(
     stream: rr.RecordingStream, localized: AdaptivelyLocalized, spec: Spec
 ) -> None:
-    """Log a robot that is localized by its choice of angles.
+    """Log a robot that chooses angles to localize itself.
 
-    Over the timeline `step`: the robot and its trail, the cells where it may be, the angle of its
-    turn at each bump, and its path through the tree of the policy. Over the timeline `direction`:
-    the number of bumps that localize it, from each cell.
+    Over the timeline `step`: the robot and its trail, its possible cells, the angle of its turn at
+    each bump, and its path through the tree of the policy. Over the timeline `direction`: the
+    number of bumps until the robot is localized, from each cell.
     """
     map = CellMap(stream, localized.cells)
     tabs = [_log_run(map, localized, spec), _log_needed(map, localized)]
@@ -60,10 +60,10 @@ def _log_run(map: CellMap, localized: AdaptivelyLocalized, spec: Spec) -> rrb.Co
 
 
 def _tree(policy: Policy, visited: Sequence[int]) -> _Tree:
-    """Choose the states to draw, each with a state that leads to it, or -1 for the start.
+    """Choose the states to draw, each with its predecessor, or -1 for the start.
 
     These are the states of a run, the first levels of the tree while they are small, and successors
-    of states of the run up to the largest number.
+    of states of the run, at most `MAX_DRAWN` states.
     """
     run = list(dict.fromkeys(visited))
     above = dict(zip(run, [-1, *run], strict=False))
@@ -97,7 +97,7 @@ def _layout(tree: _Tree) -> Float[np.ndarray, "drawn 2"]:
     """Place states in a row per bump, each above the middle of its successors."""
     graph = nx.DiGraph((above, state) for state, above in tree.items())
     depth = nx.single_source_shortest_path_length(graph, -1)
-    # Ends stand side by side, in the order of a walk through the tree.
+    # States without successors are side by side, in the order of a walk through the tree.
     below, order = nx.dfs_successors(graph, -1), list(nx.dfs_preorder_nodes(graph, -1))
     ends = [state for state in order if state not in below]
     across = {state: float(column) for column, state in enumerate(ends)}
@@ -120,7 +120,7 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 
 
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
-    """Log the number of bumps from each square: for the worst heading, and for each."""
+    """Log the number of bumps from each square: for the worst heading, and for each heading."""
     needed = localized.bumps_needed
     scale = Scale.counting(
         int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"

@@ -1,4 +1,4 @@
-"""Parts of all recordings of a robot that is localized."""
+"""Common parts of the recordings of robots that are localized."""
 
 from collections.abc import Iterable, Sequence
 
@@ -44,7 +44,7 @@ def observed(word: str) -> str:
 
 
 def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
-    """Log the true robot, by default below the arrows of the belief."""
+    """Log the robot at its true pose, by default below the arrows of the belief."""
     log_robot(
         map.stream,
         "map/robot",
@@ -60,7 +60,7 @@ def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
 
 
 def log_candidates(map: CellMap, cells: Int[np.ndarray, "candidates"], time: int) -> None:
-    """Log frames around the cells that are left at the end, at most `MAX_ARROWS`."""
+    """Log frames around the possible cells at the end, at most `MAX_ARROWS` frames."""
     few = cells[:MAX_ARROWS]
     map.frames("candidates", few, KNOWN, np.array([time]), [few.size])
 
@@ -108,7 +108,7 @@ def log_turns(
 
 def log_bumps(stream: rr.RecordingStream, observations: Int[np.ndarray, "steps"]) -> rrb.View:
     """Log the number of bumps so far."""
-    # A step ends with its observation, so a bump counts from the step before.
+    # An observation is made at the end of a step, so a bump counts from the step before.
     bumps = np.append(0, np.cumsum(observations))
     path, title, most = "robot/bumps", "Bumps so far", int(bumps[-1])
     return curve(stream, path, title, bumps, most, color=ROBOT, shape="StepBefore")
@@ -125,7 +125,7 @@ def log_states(
     colors: UInt8[np.ndarray, "*#times states 3"],
     visited: Int[np.ndarray, "times"],
 ) -> rrb.View:
-    """Log states, placed with y down, as a graph in which the current state lights up."""
+    """Log a graph of states, with y down, in which the current state is highlighted."""
     drawn = np.array([*names])
     nodes = rr.GraphNodes.from_fields(
         node_ids=[*names.values()], positions=place, show_labels=False

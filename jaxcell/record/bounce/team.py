@@ -15,7 +15,7 @@ from ..canvas.stream import send_blueprint
 
 _MARK: Color = (0, 0, 0)
 MAX_TIMES, MAX_PICTURES = 20_000, 500
-"""The most times of a trajectory, beside its end, and the most pictures that are shown."""
+"""Largest numbers of recorded times of a trajectory (without its end), and of pictures."""
 
 
 def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
@@ -34,7 +34,7 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
         path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
         log_robot(stream, path, poses, map.arrow, _shade(robot), trail, times)
     move, collided = np.nonzero(team.collided)
-    # A move is seen at its end.
+    # A move is shown at its end.
     marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
     map.frames("collisions", team.cell[move, collided], _MARK, times, marks, order=40.0)
     shown = [_log_visited(map, team), "collisions"]

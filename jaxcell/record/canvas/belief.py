@@ -1,6 +1,6 @@
-"""The cells where a robot may be: arrows, or shaded squares while the cells are many.
+"""Possible cells of a robot as arrows, or as shaded squares if there are many cells.
 
-A belief is a heat map of the probability of each position."""
+A belief of probabilities is drawn as a heat map of the positions."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from .stream import send_changing
 
 
 MAX_ARROWS = 400
-"""The largest number of cells that are shown as arrows; more are shaded squares."""
+"""Largest number of cells that are shown as arrows; more cells are shown as shaded squares."""
 _SHADES = 8
 _FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 
@@ -36,7 +36,7 @@ def belief_length(cells: CellSpace) -> float:
 
 
 def robot_length(map: CellMap) -> float:
-    """Return the length of the arrow of a robot to localize, in metres; it begins at the centre."""
+    """Return the length of the arrow of a robot, in metres; the arrow begins at its centre."""
     return max(0.7 * map.cells.cell, 0.035 * map.extent)
 
 
@@ -57,7 +57,7 @@ def log_shades(stream: rr.RecordingStream) -> None:
 def shades(
     cells: CellSpace, where: Integer[np.ndarray, "belief"]
 ) -> UInt8[np.ndarray, "positions"]:
-    """Return a shade per position: its share of possible directions, or 0 if arrows show them."""
+    """Return a shade per position by the share of possible directions; 0 if arrows show them."""
     if where.size <= MAX_ARROWS:
         return np.zeros(cells.positions, np.uint8)
     count = np.bincount(where % cells.positions, minlength=cells.positions)
@@ -87,7 +87,7 @@ def log_beliefs(
 
 
 def heat_scale() -> Scale:
-    """Return the scale of probabilities of positions; improbable squares are clear."""
+    """Return the scale for probabilities of positions; improbable squares are transparent."""
     return Scale.over(
         np.array([_FAINT, 1.0]),
         "probability {}".format,

@@ -39,7 +39,7 @@ def curve(
     times: Int[np.ndarray, "times"] | None = None,
     **style: Any,
 ) -> rrb.TimeSeriesView:
-    """Log a curve over the timeline `step`, as [`log_curve`][], and return a view of it."""
+    """Log a curve over the timeline `step` by [`log_curve`][], and return a view of the curve."""
     log_curve(stream, path, values, times=times, **style)
     return curve_view(path, title, values.size - 1 if times is None else int(times[-1]), most)
 
@@ -71,8 +71,8 @@ def curve_view(
     **Arguments:**
 
     - `last`: the last time; `None` while the recording grows.
-    - `most`: the largest number, for an axis from 0 to this number. For counts it is an `int`, and
-        the axis is long enough for the viewer to place ticks at whole numbers only.
+    - `most`: the largest number, for an axis from 0 to this number. If it is an `int`, the axis is
+        long enough for the viewer to place ticks at whole numbers only.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, first + 1))

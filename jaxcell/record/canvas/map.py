@@ -1,8 +1,8 @@
 """A map with y up, pictures of its cells, and views of it.
 
-Rerun's plane has y down. Everything on a map is under the entity `map`, which turns y over, and is
-logged in metres, y up. Pictures are under `map/grid`, which also stretches pixels to squares; their
-first row is the lowest.
+The plane of Rerun has y down. Entities on a map are below the entity `map`, which flips y; they are
+logged in metres, with y up. Pictures are below `map/grid`, which also scales pixels to squares; the
+first row of a picture is the lowest.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from .stream import Dated, plane, send_changing, time_columns
 
 
 _TOO_NEAR = "too near a wall", MARGIN
-# Fine squares along the side of a cell that a wall cuts, and the most of them on a map.
+# Number of fine squares along the side of a cell that a wall cuts, and largest number on a map.
 _FINE, _MAX_FINE = 8, 2**22
 
 
@@ -53,7 +53,7 @@ class CellMap:
 
     @property
     def margin_legend(self) -> list[tuple[str, Color]]:
-        """The meaning of the grey squares between cells and walls, if the map has such squares."""
+        """The legend of the grey squares between cells and walls; empty if there are none."""
         return [_TOO_NEAR] if (self._squares == 2).any() else []
 
     @functools.cached_property
@@ -65,7 +65,7 @@ class CellMap:
 
     @functools.cached_property
     def extent(self) -> float:
-        """The larger side of the map, in metres. Marks are never smaller than a share of it."""
+        """The larger side of the map, in metres. It limits how small marks are."""
         left, bottom, right, top = self.bounds
         return max(right - left, top - bottom)
 
@@ -87,12 +87,12 @@ class CellMap:
     def below(
         self, place: Float[np.ndarray, "2"], gap: float
     ) -> tuple[Float[np.ndarray, "2"], Color]:
-        """Return the place of a label below the middle of a mark, and the colour of its ground.
+        """Return the place of a label below the middle of a mark, and the colour behind the label.
 
         `gap` is the distance of the label from the middle, in metres.
         """
         at = place - np.array([0, gap])
-        # A label hangs below its place.
+        # The viewer draws a label below its place.
         under = at - np.array([0, 0.25 * self.cells.cell])
         column, row = np.floor((under - self.cells.origin) / self.cells.cell).astype(int)
         rows, columns = self.cells.free.shape
@@ -126,7 +126,7 @@ class CellMap:
 
         **Arguments:**
 
-        - `shown`: the direction that each time of a timeline shows.
+        - `shown`: for each timeline, its times and the direction at each time.
         """
         pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
         log_classes(self.stream, path, classes)
@@ -144,7 +144,7 @@ class CellMap:
         width: float = 2.5,
         order: float = 30.0,
     ) -> None:
-        """Log frames around squares over the timeline `step`, as [`send_changing`][] does."""
+        """Log frames around squares over the timeline `step`, by [`send_changing`][]."""
         centers = self.xy(cells)
         boxes = {"centers": centers, "half_sizes": np.full(centers.shape, self.frame)}
         style = {"colors": color, "radii": points(width), "draw_order": order}
@@ -161,23 +161,23 @@ class CellMap:
 
     @functools.cached_property
     def _sticks_out(self) -> bool:
-        """Return whether walls cut squares, so that a free square may reach past them."""
+        """True if walls cut squares, so that a free square may extend beyond the walls."""
         cells = self.cells
         if cells.workspace is None:
             return False
         strips = [(one - np.array(cells.origin)) / cells.cell for one in _walls(cells)]
         aligned = all(np.allclose(one, np.rint(one), rtol=0, atol=1e-6) for one in strips)
-        # An edge along one axis keeps the other coordinate.
+        # Along an edge that is parallel to an axis, one coordinate is constant.
         upright = all((np.abs(np.diff(one, axis=0)).min(axis=1) < 1e-6).all() for one in strips)
         return not (aligned and upright)
 
     @functools.cached_property
     def _squares(self) -> UInt8[np.ndarray, "rows columns"]:
-        """Return 0 for squares in an obstacle, 1 for free ones, 2 for those too near a wall."""
+        """The class of each square: 0 in an obstacle, 1 free, 2 too near a wall."""
         cells = self.cells
         squares = cells.free.astype(np.uint8)
         if self._sticks_out:
-            # Another picture covers the parts in obstacles.
+            # The picture `map/beyond` covers the parts in obstacles.
             squares[squares == 0] = 2
         elif cells.workspace is not None and cells.workspace.robot_radius > 0:
             row, column = np.nonzero(~cells.free)
@@ -190,9 +190,9 @@ class CellMap:
         return squares
 
     def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
-        """Return the side of fine squares in metres, and 1 for each square beyond the walls.
+        """Return the side of fine squares in metres, and an array with 1 beyond the walls.
 
-        If the map is a picture, several squares make one of its pixels.
+        If the map is an image, each pixel of the image consists of whole fine squares.
         """
         cells = self.cells
         assert cells.workspace is not None
@@ -204,13 +204,13 @@ class CellMap:
 
 
 Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]
-"""By timeline: times, and the direction that each of them shows."""
+"""For each timeline: times, and the direction that is shown at each time."""
 
 
 def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = None) -> Directions:
-    """Show all directions over `direction`, and the direction of a robot over `step`.
+    """Choose the shown directions: all over `direction`, and those of a robot over `step`.
 
-    `path` has the cell of the robot at each step; without it there is no `step`.
+    `path` has the cell of the robot at each step; without a path there is no timeline `step`.
     """
     every = np.arange(cells.directions)
     shown = {"direction": (every, every)}
@@ -224,7 +224,7 @@ def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = 
 def on_squares(
     cells: CellSpace, kind: Integer[np.ndarray, "*pictures positions"]
 ) -> UInt8[np.ndarray, "*pictures rows columns"]:
-    """Return the classes of positions as pictures, 0 where not free; the first row is lowest."""
+    """Arrange the classes of positions as pictures, with 0 where not free; row 0 is lowest."""
     pictures = np.zeros((*kind.shape[:-1], cells.free.size), np.uint8)
     pictures[..., cells.square] = kind
     return pictures.reshape(*kind.shape[:-1], *cells.free.shape)
@@ -239,7 +239,7 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture of classes, or one for each time; higher orders lie on top."""
+    """Log a picture of classes, or a picture per time; pictures with higher `order` are on top."""
     log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)
@@ -250,7 +250,7 @@ def log_pictures(
 def log_classes(
     stream: rr.RecordingStream, path: str, classes: Sequence[PictureClass], order: float = -10.0
 ) -> None:
-    """Log what the classes of pictures mean; higher orders lie on top."""
+    """Log labels and colours of the classes of a picture, and the drawing order of the picture."""
     named = [(i, one.label, one.color) for i, one in enumerate(classes)]
     stream.log(path, rr.AnnotationContext(named), static=True)
     stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
@@ -263,7 +263,7 @@ def send_pictures(
     timeline: str | Dated,
     times: Int[np.ndarray, "pictures"],
 ) -> None:
-    """Log a picture for each time of a timeline; their classes are logged once."""
+    """Log a picture for each time of a timeline; log the classes by [`log_classes`][]."""
     count, rows, columns = pictures.shape
     layout = rr.components.ImageFormat(width=columns, height=rows, channel_datatype="U8")
     stream.send_columns(
@@ -274,7 +274,7 @@ def send_pictures(
 
 
 def _stretch(cells: CellSpace, side: float) -> rr.Transform3D:
-    """Return the transform of a picture, whose pixels have this side in metres, to the map."""
+    """Return the transform of a picture to the map; pixels have the side `side`, in metres."""
     return rr.Transform3D(translation=[*cells.origin, 0], scale=[side, side, 1])
 
 

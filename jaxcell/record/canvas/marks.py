@@ -1,6 +1,6 @@
 """Marks on maps and charts: labels, frames, dots, arrows, lines and trails.
 
-Marks lie over pictures; their `order` says which lies over which.
+Marks are drawn over pictures. A mark with a higher `order` is drawn over other marks.
 """
 
 from collections.abc import Sequence
@@ -16,19 +16,19 @@ from .stream import send_changing
 
 
 MAX_CORNERS = 100
-"""The most corners of a trail: without a limit, a run of n steps would take n^2 points."""
-# The corners of a trail by default; more would hide the map.
+"""Largest number of corners of a trail; without a limit, n steps would need n^2 points."""
+# Default number of corners of a trail; more corners would hide the map.
 _CORNERS = 6
 _LAST_STEPS = 4
 _Numbers: TypeAlias = Float[np.ndarray, "states"]
 Poses: TypeAlias = tuple[_Numbers, _Numbers, _Numbers]
 """x, y and heading of each state of a robot, in metres and radians."""
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""The style of points that show only their labels, which stand on black."""
+"""The style of invisible points with labels on a black ground."""
 
 
 def points(width: float) -> float:
-    """Return a width in points of the screen, independent of the zoom, as a radius."""
+    """Convert a width in points of the screen to a radius that does not depend on the zoom."""
     return float(np.asarray(rr.Radius.ui_points(width)))
 
 
@@ -39,11 +39,11 @@ def log_labels(
     grounds: Sequence[Color] = (BLACK,),
     order: float = 60.0,
 ) -> None:
-    """Log texts at places; the viewer centres each below its place.
+    """Log texts at places; the viewer centres each text below its place.
 
     **Arguments:**
 
-    - `grounds`: the colour below each text, or one colour for all.
+    - `grounds`: the colour behind each text, or one colour for all texts.
     """
     if labels:
         texts, x, y = zip(*labels, strict=True)
@@ -62,7 +62,7 @@ def send_labels(
     ground: Color = FREE,
     **columns: Any,
 ) -> None:
-    """Log texts over the timeline `step`, on a ground of one colour."""
+    """Log texts over the timeline `step`; `ground` is the colour behind them."""
     style = {**LABEL, "colors": text_on(ground), "draw_order": 60.0}
     columns["labels"] = labels
     send_changing(stream, path, rr.Points2D, times, lengths, style=style, **columns)
@@ -76,7 +76,7 @@ def log_dots(
     color: Color | Sequence[Color],
     order: float = 40.0,
 ) -> None:
-    """Log round marks, with one radius for all or one per mark."""
+    """Log round marks, with one radius for all marks or a radius per mark."""
     stream.log(path, rr.Points2D(xy, colors=color, radii=radius, draw_order=order), static=True)
 
 
@@ -164,8 +164,8 @@ def log_robot(
 
     - `times`: the states to show; by default all.
     - `trail_color`: by default the colour of the robot.
-    - `middle`: the share of the arrow behind the centre of the robot; with a half, the arrow stays
-        in its square at any heading.
+    - `middle`: the share of the arrow behind the centre of the robot; with 0.5, the centre of the
+        arrow is at the centre of the robot.
     - `order`: the drawing order of the robot; the trail lies below it.
     """
     x, y, theta = poses
@@ -194,7 +194,7 @@ def log_walker(
     width: float = 3.0,
     rim: float | None = None,
 ) -> None:
-    """Log a dot that goes from place to place over the timeline `step`, and its last steps.
+    """Log a dot that moves from place to place over the timeline `step`, and its last steps.
 
     **Arguments:**
 
@@ -203,7 +203,7 @@ def log_walker(
     """
     times = np.arange(len(place))
     trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]
-    # A strip of one point is none.
+    # A line needs two points, so the first line has its point twice.
     trail[0] = place[[0, 0]]
     for name, shown, wide, order in ("rim", TEXT, rim, 29.0), ("trail", color, width, 30.0):
         if wide is not None:

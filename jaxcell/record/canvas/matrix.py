@@ -1,4 +1,4 @@
-"""Heat maps of matrices: the first row is on top, large numbers are yellow."""
+"""Heat maps of matrices. The first row is at the top, and large numbers are yellow."""
 
 from collections.abc import Sequence
 
@@ -14,10 +14,10 @@ from .scale import Scale
 from .stream import plane
 
 
-# The most squares with their numbers written on them, and the most rows or columns with names.
+# Largest number of squares with printed numbers, and of rows or columns with names.
 _MAX_NUMBERS = 150
 _MAX_NAMES = 40
-# A label hangs below its point.
+# The viewer draws a label below its point, by this distance in squares.
 _HANG = 0.25
 
 
@@ -35,7 +35,7 @@ def log_matrix(
 
     **Arguments:**
 
-    - `values`: the numbers, not negative; NaN where there is none.
+    - `values`: the numbers, which are not negative, or NaN for missing numbers.
     - `unit`: the unit of the numbers, or an empty text.
     - `margin`: the space for the names of rows, in squares.
 

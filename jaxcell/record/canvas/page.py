@@ -16,13 +16,13 @@ from .stream import plane
 
 
 _SECTION = re.compile(r"\n+(?=## )")
-# The number of lines in a row of a colour bar.
+# Number of lines in a row of a colour bar.
 _STRIPES = 8
-# Points of the screen: a letter of a label, a row of a legend at most, and a legend.
+# In points of the screen: the width of a letter, the largest height of a row, and of a legend.
 _LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
-"""The meanings of colours, one per row; classes of pictures are entries too."""
+"""The meaning and the colour of each row of a legend; classes of pictures may be rows too."""
 
 
 def log_tab(
@@ -36,16 +36,16 @@ def log_tab(
     shares: tuple[int, int] = (7, 3),
     rows: tuple[int, int] = (3, 2),
 ) -> rrb.Container:
-    """Log a tab: views on the left, its text and its legend on the right.
+    """Log a tab: views on the left, a text and a legend on the right.
 
     **Arguments:**
 
-    - `path`: the entity above its text and legend; empty for the whole recording.
-    - `views`: the views on the left; several make a grid, and the legend fills a hole in it.
+    - `path`: the parent entity of the text and the legend; empty for the root.
+    - `views`: the views on the left; several views form a grid, with the legend in a free place.
     - `text`: the text in Markdown; it may be empty if there is a legend.
     - `legend`: the meanings of the colours, or an empty list. For a legend that changes over time,
-        logged by [`log_legends`][], the number of its rows.
-    - `shares`: the shares of the width for the views and for the rest.
+        logged by [`log_legends`][], it is the number of rows.
+    - `shares`: the shares of the width for the left and the right side.
     - `rows`: the shares of the height for the text and for the legend.
     """
     below = f"{path}/" if path else ""
@@ -80,7 +80,7 @@ def log_text(stream: rr.RecordingStream, path: str, text: str) -> rrb.View | rrb
 
 
 def log_legend(stream: rr.RecordingStream, path: str, legend: Legend) -> rrb.View:
-    """Log a legend that does not change, and return a view of it."""
+    """Log a legend that does not change over time, and return a view of the legend."""
     log_legends(stream, path, [legend])
     return _legend_view(path, len(legend))
 
@@ -92,7 +92,7 @@ def log_legends(
     timeline: str | None = None,
     times: Int[np.ndarray, "legends"] | None = None,
 ) -> None:
-    """Log swatches with their meanings, one column per time, or one without a timeline."""
+    """Log one legend per time, or one legend without a timeline: swatches and their meanings."""
     stream.log(f"{path}/text", rr.Points2D.from_fields(**LABEL), static=True)
     index = []
     if timeline is not None and times is not None:
@@ -105,7 +105,7 @@ def log_legends(
         f"{path}/swatch", index, swatch.partition([len(one) for one, _, _ in drawn])
     )
     labels = [label for legend in legends for label, _ in legend]
-    # The viewer centres a label under its point, and its width does not depend on the scale.
+    # The viewer centres a label under its point. The width of a label does not depend on the scale.
     unit = min(_MAX_UNIT, _HEIGHT / (max(lengths) + 0.6))
     middle = 0.9 + np.array([len(label) for label in labels]) * _LETTER / unit / 2
     row = np.concatenate([np.arange(length) for length in lengths])
@@ -118,8 +118,8 @@ def _swatches(
 ) -> tuple[
     Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
 ]:
-    """Return the lines that draw a legend: one per colour, many per part of a colour bar."""
-    # Clear colours would be drawn black; they get the colour of the ground.
+    """Return the lines that draw a legend: one per colour, several per level of a colour bar."""
+    # Transparent colours get the colour of the ground, because they would be drawn black.
     shown = [OBSTACLE if one == CLEAR else one for _, one in legend]
     color = np.array([(*one, 255)[:4] for one in shown], float)
     is_level = np.array([isinstance(one, Level) for one in legend])

@@ -1,8 +1,8 @@
-"""The colours of all recordings, which colour-blind people can distinguish too.
+"""The colours of all recordings. Colour-blind people can distinguish them too.
 
 A colour has one meaning everywhere: obstacles are dark, free space is light, the robot is
-vermilion, its possible cells are blue, and the cells that are left at the end are green. A path
-goes from the blue start to the green goal, and the target of an adversary is pink.
+vermilion, its possible cells are blue, and its possible cells at the end are green. A path goes
+from the blue start to the green goal, and the target of an adversary is pink.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -47,10 +47,10 @@ _ROBOTS = ("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow")
 ROBOTS: list[tuple[str, Color]] = [*((name, CATEGORIES[name]) for name in _ROBOTS), ("grey", PLAIN)]
 """The name and the colour of each robot, in order."""
 
-# Few angles avoid the colours of the robot and of the start, and none has that of the goal.
+# The first angles avoid the colours of the robot and of the start; all avoid that of the goal.
 _ANGLES = ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
 
-# Samples of viridis, without its darkest part, which looks like an obstacle.
+# Samples of the colour map viridis, without its darkest part, which looks like an obstacle.
 _RAMP = np.array(
     [
         (62, 73, 137),
@@ -66,9 +66,9 @@ _RAMP = np.array(
 )
 
 
-# Darker grounds than this have white labels.
+# Labels on grounds darker than this are white.
 _DARK = 104
-# A solver gives up to this in place of a probability of 0.
+# Probabilities up to this count as 0, because solvers are not exact.
 _NOTHING = 1e-9
 
 
@@ -90,21 +90,21 @@ def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:
 
 
 def share_colors(share: Float[np.ndarray, "values"], none: Color) -> UInt8[np.ndarray, "values 3"]:
-    """Return the colours of [`ramp`][], and the colour `none` for 0."""
+    """Return the colours of [`ramp`][] for positive numbers, and the colour `none` for 0."""
     return np.where(share[:, None] > _NOTHING, ramp(share), none[:3]).astype(np.uint8)
 
 
 def text_on(ground: Color) -> Color:
-    """Choose the colour of a label on a ground; it is legible in both themes of the viewer.
+    """Choose a colour for a label on a ground, which is legible in both themes of the viewer.
 
-    The viewer lays half of its own ground behind a label: dark in one theme, light in the other.
+    The viewer draws half of its own ground behind a label: dark in one theme, light in the other.
     """
     red, green, blue = ground[:3]
     return INK if 0.3 * red + 0.59 * green + 0.11 * blue > _DARK else TEXT
 
 
 def mix(color: Color, other: Color, share: float) -> Color:
-    """Mix a colour with a share of another."""
+    """Mix a colour with a share of another colour."""
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(color, other, strict=True))
     return red, green, blue
 
@@ -122,7 +122,7 @@ class PictureClass(NamedTuple):
 
 
 class Level(NamedTuple):
-    """An entry of a legend; neighbouring levels make one colour bar."""
+    """An entry of a legend for a level of a scale; neighbouring levels form a colour bar."""
 
     label: str
     color: Color
@@ -133,7 +133,7 @@ NOT_FREE = PictureClass("not free", CLEAR)
 
 
 def cycle_color(color: int) -> tuple[str, Color]:
-    """Return the name and the colour for a knowledge cycle, from its number (2, 3, ...)."""
+    """Return the name and the colour of a knowledge cycle, by its number (2, 3, ...)."""
     named = list(CATEGORIES.items())
     return named[(color - 2) % len(named)]
 
@@ -150,8 +150,8 @@ def _group_classes() -> list[PictureClass]:
 
 
 GROUP_CLASSES = _group_classes()
-"""The classes in pictures of groups: not free; then for each rank the cells that lead to the
-group, and the cells on it, which are darker. Groups beyond the number of colours are pale."""
+"""The classes in pictures of groups: not free, and then two classes for each rank: the cells that
+lead to the group, and the cells on the group, which are darker. Further groups are pale."""
 
 
 def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
@@ -164,7 +164,7 @@ def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
     """Return the class of the cells that lead to each group, from the ranks of the basins.
 
-    The next class is for the cells on the group.
+    The class of the cells on the group is the next class.
     """
     count = len(CATEGORIES)
     place = np.where(rank < count, rank, count + rank % count)

@@ -1,6 +1,6 @@
-"""Charts drawn in a plane, in which bars and curves lie over each other at all times.
+"""Charts that are drawn in a plane, with bars and curves that do not depend on the time.
 
-A chart of the viewer itself has one kind of mark, or only data on the timeline that plays.
+The charts of the viewer itself have only one kind of mark, or only data over a timeline.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from .stream import plane
 
 
 _WIDTH, _HEIGHT = 160.0, 90.0
-# The height of the picture of bars, in pixels.
+# Height of the picture of bars, in pixels.
 _ROWS = 512
 _LEFT, _RIGHT, _BELOW, _ABOVE = 22.0, 8.0, 20.0, 14.0
 
@@ -54,7 +54,7 @@ class Plot:
         self, name: str, heights: Float[np.ndarray, "bars"], last: float, color: Color
     ) -> None:
         """Log bars of equal width, side by side from 0 to `last`."""
-        # A picture, because the viewer does not fill boxes in a plane.
+        # Bars are a picture, because the viewer does not fill boxes in a plane.
         level = (np.arange(_ROWS) + 0.5) / _ROWS * self.most_y
         picture = (heights > level[:, None]).astype(np.uint8)
         classes = [PictureClass("", CLEAR), PictureClass(name, color)]
@@ -85,25 +85,25 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Log a curve, which lies over wider ones. Values above the chart are drawn at its top."""
+        """Log a curve, over all wider curves. Values above the chart are drawn at its top."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)
 
     def marks(self, name: str, x: Sequence[float | int], color: Color) -> None:
-        """Log vertical lines."""
+        """Log vertical lines at coordinates `x`."""
         strips = [self.at(np.full(2, float(one)), np.array([0.0, self.most_y])) for one in x]
         self._lines(name, strips, color, 1.0, 5.0)
 
     def view(self, name: str, also: Sequence[str] = ()) -> rrb.Spatial2DView:
-        """Make a view of the chart, and of other entities in its plane."""
+        """Make a view of the chart, and of the entities `also` in the same plane."""
         box = -_LEFT, -_HEIGHT - _ABOVE, _WIDTH + _RIGHT, _BELOW
         return plane("/", name, box, (f"/{self.path}/**", *also))
 
     def at(
         self, x: Float[np.ndarray, "points"] | float, y: Float[np.ndarray, "points"] | float
     ) -> Float[np.ndarray, "points 2"]:
-        """Return the points of the plane for coordinates of the chart."""
+        """Convert coordinates of the chart to points of the plane."""
         across = np.atleast_1d(x) * (_WIDTH / self.most_x)
         up = np.atleast_1d(y) * (-_HEIGHT / self.most_y)
         return np.stack(np.broadcast_arrays(across, up), axis=1)
@@ -119,7 +119,7 @@ def _names(ticks: Ticks) -> list[str]:
 
 
 def ticks(most: float | int, about: int = 5) -> list[float]:
-    """Return round numbers from 0 to `most`; `about` is roughly their number."""
+    """Return round numbers from 0 to `most`; `about` is their approximate number."""
     size = 10.0 ** np.floor(np.log10(most / about))
     step = next(size * one for one in (1, 2, 5, 10) if size * one * about >= most)
     return [float(one) for one in np.arange(int(most / step + 1e-9) + 1) * step]

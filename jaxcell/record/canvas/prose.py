@@ -1,4 +1,4 @@
-"""Parts of the texts beside the pictures, in Markdown."""
+"""Parts of the texts in recordings, in Markdown."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from ..data.summary import cells_of
 
 
 _MAX_ROWS = 60
-# If the meanings of columns have more letters than this, their names are the heads.
+# If the meanings of columns have more letters than this, tables have names as heads.
 _MAX_HEAD = 72
 
 Spec: TypeAlias = Mapping[str, Any]
@@ -39,7 +39,7 @@ def bouncing(bounce: float) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Write an angle, in radians, in degrees."""
+    """Format an angle, given in radians, in degrees."""
     return f"{math.degrees(angle):.6g}°"
 
 
@@ -63,7 +63,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = 
 def numbers(result: Result, cells: CellSpace | None = None) -> str:
     """Write the single numbers and texts of a result as a table in Markdown.
 
-    **Returns:** the table; an empty text if there is nothing to show.
+    **Returns:** the table; an empty text if the result has no numbers or texts.
     """
     singles, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
     rows = [(about.meaning, format_value(value, about, cells)) for about, value in singles.values()]
@@ -76,7 +76,7 @@ def described(
     first: Mapping[str, Sequence[object]] | None = None,
     most: int = _MAX_ROWS,
 ) -> str:
-    """Write a table of quantities in Markdown, with their meanings or names as heads.
+    """Write a table of quantities in Markdown, with their meanings or short names as heads.
 
     **Arguments:**
 

@@ -11,31 +11,31 @@ from .palette import CLEAR, Color, Level, PictureClass, ramp
 
 
 LEVELS = 32
-# Of 255 classes of a picture; the rest is for special ones.
+# A picture has 255 classes; the rest is for special classes.
 _MOST_LEVELS = 250
 _LEGEND_ROWS = 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scale:
-    """A ramp of colours over levels of numbers, with special colours beside it.
+    """A scale of colours for levels of numbers, with additional special colours.
 
-    Class 0 of a picture is its ground. The special classes follow in their order, and then one
+    Class 0 of a picture is the ground. Then follow the special classes, in their order, and one
     class per level.
     """
 
     bounds: Float[np.ndarray, "bounds"]
-    "The ends of the levels, ascending; numbers outside belong to the first or the last."
+    "The ends of the levels, ascending; numbers outside belong to the first or the last level."
     label: Callable[[str], str] = "{}".format
-    'Turns a written number or range into its meaning: `"{} h".format`.'
+    'A function from a number or range, as text, to its meaning, such as `"{} h".format`.'
     special: Mapping[str, Color] = dataclasses.field(default_factory=dict)
-    "The meanings and colours of squares without a level."
+    "The meanings and colours of special classes, which are not levels."
     ground: str = "not free"
     digits: int = 3
     open: bool = False
-    "`True` if the legend says that the last level holds all larger numbers."
+    "If true, the legend says that the last level includes all larger numbers."
     whole: bool = False
-    "`True` if a level holds the whole numbers from its bound to before the next bound."
+    "If true, a level contains whole numbers: from its bound to before the next bound."
 
     @classmethod
     def over(
@@ -49,21 +49,21 @@ class Scale:
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
         **about: Any,
     ) -> "Scale":
-        """Make a scale over the range of numbers, or between two ends.
+        """Make a scale over the range of some numbers, or between two ends.
 
         **Arguments:**
 
-        - `values`: the numbers; only finite ones count.
+        - `values`: the numbers; infinite numbers and NaN are ignored.
         - `levels`: the number of levels.
         - `least`, `most`: the ends; by default the least and the largest number.
         - `spaced`: the spacing of the bounds, `numpy.linspace` or `numpy.geomspace`.
-        - `label`, and further keywords: the other fields.
+        - `label`, and further keywords: the other fields of the scale.
         """
         finite = values[np.isfinite(values)]
         low = float(finite.min(initial=np.inf)) if least is None else least
         high = float(finite.max(initial=-np.inf)) if most is None else most
         low, high = (low, high) if low <= high else (0.0, 0.0)
-        # Equal ends would make no levels.
+        # Equal ends would make levels of width 0.
         high = max(high, low + max(1e-6, 1e-9 * abs(low)))
         return cls(spaced(low, high, levels + 1), label, **about)
 
@@ -106,7 +106,7 @@ class Scale:
 
         **Arguments:**
 
-        - `special`: masks of the special classes, by their meanings; later ones win.
+        - `special`: masks of the special classes, by their meanings; later masks have precedence.
         """
         level = np.searchsorted(self.bounds[1:-1], values, side="right")
         kind = 1 + len(self.special) + level
@@ -129,7 +129,7 @@ class Scale:
         last = len(colors) - 1
         name, ends = (self._range, last) if self.whole else (self._bound, last + 1)
         at = np.unique(np.linspace(0, ends, rows).round().astype(int))[::-1].tolist()
-        # Levels between nearly equal ends have equal texts.
+        # Levels with equal texts become one entry.
         entries = {name(i): colors[min(i, last)] for i in at}
         names = self.special if shown is None else shown
         levels = [Level(*entry) for entry in entries.items()]

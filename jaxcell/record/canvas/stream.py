@@ -1,4 +1,4 @@
-"""The file of a recording, and the layout that the viewer opens with."""
+"""The file of a recording, and the layout of the viewer."""
 
 import contextlib
 import dataclasses
@@ -20,9 +20,9 @@ from .palette import BLACK, Color
 
 @contextlib.contextmanager
 def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingStream]:
-    """Open a stream into a file, which appears only if the block ends without an error.
+    """Open a stream for a recording. The file is written only if the block ends without an error.
 
-    In the block, Rerun raises for bad arguments.
+    In the block, Rerun raises errors for bad arguments.
     """
     if Path(path).suffix != ".rrd":
         raise ValueError(f"{path}: expected the name of a recording, which ends in .rrd")
@@ -31,7 +31,7 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
     try:
         with replacing(path) as temporary:
             stream = new_stream(kind)
-            # Rerun's own thread for files raises nothing when the disk is full.
+            # The thread of Rerun for files does not raise an error if the disk is full.
             memory = stream.memory_recording()
             stream.send_recording_name(recording_name(path))
             yield stream
@@ -41,23 +41,23 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
 
 
 def new_stream(kind: str) -> rr.RecordingStream:
-    """Make a stream of its own application.
+    """Make a stream with a new application identifier.
 
-    The viewer keeps one blueprint per application. If two recordings shared an application, both
-    would be shown by the blueprint of the last one, with empty views.
+    The viewer keeps one blueprint per application. If two recordings had the same application, the
+    viewer would show both with the blueprint of the second recording, with empty views.
     """
     return rr.RecordingStream(f"jaxcell_{kind}_{uuid.uuid4().hex[:8]}")
 
 
 def recording_name(path: str | os.PathLike[str]) -> str:
-    """Return the name of a recording in the list of the viewer: its folder and its own name."""
+    """Return the name of a recording in the list of the viewer: folder and file name."""
     path = Path(path).absolute()
     return f"{path.parent.name}/{path.stem}"
 
 
 @dataclasses.dataclass(frozen=True)
 class Dated:
-    """A timeline that counts whole units from a date; the viewer shows it as dates."""
+    """A timeline that counts whole units of time from a date; the viewer shows dates."""
 
     unit: str
     start: np.datetime64
@@ -67,7 +67,7 @@ class Dated:
 
 
 def time_columns(timeline: str | Dated, times: Int[np.ndarray, "times"]) -> list[rr.TimeColumn]:
-    """Make the column of a timeline; a dated one has a second column with its dates."""
+    """Make the column of a timeline; a dated timeline has a second column with dates."""
     if isinstance(timeline, str):
         return [rr.TimeColumn(timeline, sequence=times)]
     dates = timeline.start.astype("datetime64[ns]") + times * np.timedelta64(timeline.seconds, "s")
@@ -93,9 +93,9 @@ def send_changing(
 
     - `archetype`: the kind of the marks, such as `rerun.Points2D`.
     - `times`: the times of changes.
-    - `lengths`: the number of marks from each time on; by default one.
+    - `lengths`: the number of marks from each time on; by default one mark.
     - `style`: the components that do not change.
-    - `columns`: the components that change, for all times in a row.
+    - `columns`: the components that change, concatenated over all times.
     """
     index = time_columns(timeline, times)
     changing = archetype.columns(**columns)
@@ -110,7 +110,7 @@ def send_blueprint(
     timeline: str | Dated,
     speed: float,
 ) -> None:
-    """Send the layout of the viewer: tabs, and a timeline that plays, with its steps per second."""
+    """Send the layout of the viewer: tabs, and the timeline that plays at `speed` per second."""
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
     play = rrb.TimePanel(
         timeline=timeline.name if isinstance(timeline, Dated) else timeline,
@@ -123,7 +123,7 @@ def send_blueprint(
 
 
 def pace(steps: int) -> float:
-    """Return the steps per second that play a run in about 20 seconds, within limits."""
+    """Return a speed in steps per second that plays a run in about 20 seconds, within limits."""
     return float(np.clip(steps / 20, 2, 30))
 
 
@@ -136,8 +136,8 @@ def plane(
 ) -> rrb.Spatial2DView:
     """Make a view of a box in a plane: left, top, right, bottom, with y down.
 
-    `ground` is the colour behind everything. Labels on it are white; the viewer lays a veil behind
-    them, which is dark in its dark theme and light in its light one.
+    `ground` is the colour behind all entities. Labels on it are white. The viewer draws a
+    half-transparent ground behind labels: dark in its dark theme, light in its light theme.
     """
     left, top, right, bottom = box
     return rrb.Spatial2DView(
@@ -150,7 +150,7 @@ def plane(
 
 
 def fixed(layout: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
-    """Make a blueprint of these views only, with this panel of time."""
+    """Make a blueprint with a layout and a time panel, without automatic views."""
     return rrb.Blueprint(
         layout,
         time,

@@ -1,4 +1,4 @@
-"""Timelines along the values of a parameter; times of the viewer are whole numbers."""
+"""Timelines along values of a parameter. The viewer needs whole numbers as times."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ class Timeline(NamedTuple):
     """A timeline along the values of a parameter."""
 
     name: str
-    "The name of the timeline, which includes the factor from values to times."
+    "The name of the timeline, which includes the factor between values and times."
     times: Int[np.ndarray, "values"]
     meaning: str
     "The meaning of a time, in words."
@@ -24,7 +24,7 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 
     **Arguments:**
 
-    - `values`: its values. If they are texts, or not all different, their numbers are the times.
+    - `values`: the values. If they are texts, or not all different, the times are their indices.
     """
     times, digits = _scaled(values) if values.dtype.kind in "iuf" else (values, None)
     if digits is None:
@@ -37,10 +37,10 @@ def along_values(name: str, values: np.ndarray) -> Timeline:
 
 
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """Scale values to whole numbers. Returns these, and the number of decimal digits of the factor.
+    """Scale values to whole numbers by a power of ten. Returns the numbers and the exponent.
 
-    The numbers are exact if six digits suffice. Otherwise they are rounded to the fewest digits,
-    but at least four, that keep the values different.
+    The numbers are exact if six digits suffice. Otherwise they are rounded to the smallest number
+    of digits, but at least four, for which the values remain different.
     """
     largest = float(np.abs(values).max())
     for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):

@@ -1,4 +1,4 @@
-"""Make the dataset of any result, from the descriptions of its quantities, and save it."""
+"""Make and save the dataset of any result, from the descriptions of its quantities."""
 
 import dataclasses
 import math
@@ -27,20 +27,20 @@ from .summary import cells_of
 def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Convert a result to a labelled dataset.
 
-    Each quantity is a variable with its meaning, units and kind as attributes. The names of the
-    variables of a part begin with the name of the part, except coordinates. Rows of different
-    lengths are left out. A result on cells has their coordinates: `x` and `y` over `position`,
-    `theta` over `direction`.
+    Each quantity becomes a variable with its meaning, units and kind as attributes. The names of
+    the variables of a part begin with the name of the part, except coordinates. Rows of different
+    lengths are left out. If the result has cells, the dataset has their coordinates: `x` and `y`
+    over `position`, `theta` over `direction`.
 
     **Arguments:**
 
     - `result`: the result of a study.
-    - `spec`: its parameters, kept as JSON in the attribute `spec`.
+    - `spec`: the parameters of the study, for the attribute `spec` as JSON.
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the numbers contradict their
-    kinds or the checks of the result.
+    **Raises:** `ValueError` if `spec` cannot be written as JSON; `RuntimeError` if numbers violate
+    their kinds or the checks of the result.
 
     The share of time of a robot that wanders in a corridor of two squares:
 
@@ -78,7 +78,7 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
 
 
 def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Write a dataset as a compressed NetCDF-4 file, whole or not at all.
+    """Write a dataset as a compressed NetCDF-4 file, atomically.
 
     **Arguments:**
 
@@ -108,7 +108,7 @@ def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
 
 
 def attributes_of(described: Quantity) -> dict[str, Any]:
-    """Return the attributes of a variable that describe its quantity."""
+    """Return the attributes of a variable for the description of its quantity."""
     attributes = {"long_name": described.meaning, **described.attributes}
     if described.units is not None:
         attributes["units"] = described.units
@@ -116,10 +116,10 @@ def attributes_of(described: Quantity) -> dict[str, Any]:
 
 
 def check_attributes(title: str, checks: Checks) -> dict[str, float | int]:
-    """Return the value of each check, as an attribute `check_<name>` of a dataset.
+    """Return the value of each check, for the attributes `check_<name>` of a dataset.
 
-    Checks are computed from the arrays of the dataset only, so they can be repeated on a saved
-    file. The limits are far above rounding: only a defect, or altered arrays, exceed them.
+    Checks are computed only from the arrays of the dataset, so they can be repeated on a saved
+    file. The limits are far above rounding errors, so only wrong or altered arrays exceed them.
     """
     for name, (value, limit) in checks.items():
         if not (value <= limit or limit == np.inf):
@@ -137,13 +137,13 @@ def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
             flat |= _along(name.removesuffix("s"), part)
             continue
         for key, (about, value) in _flat(part).items():
-            # Dimensions are shared, and so are their coordinates.
+            # Parts share dimensions, and the coordinates of dimensions.
             flat[key if about.kind == "coordinate" else f"{name}_{key}"] = about, value
     return flat
 
 
 def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
-    """Return the single numbers that all parts have, along a dimension."""
+    """Join the single numbers of several parts to arrays along a dimension."""
     rows = [values(member, lambda about: not about.dims) for member in members]
     return {
         f"{dim}_{name}": (
@@ -190,10 +190,10 @@ def _checks_of_kinds(dataset: xr.Dataset, cells: CellSpace | None) -> Checks:
 
 
 def _without(array: np.ndarray, padding: float) -> np.ndarray:
-    """Return the values that are not padding; the padding may be NaN."""
+    """Remove the padding from an array; the padding may be NaN."""
     return array[~np.isnan(array) if math.isnan(padding) else array != padding]
 
 
 def _most(*arrays: np.ndarray) -> float:
-    """Return the largest value above 0, or 0; NaN if an array has a NaN."""
+    """Return the largest of 0 and all values; NaN if an array contains NaN."""
     return float(max(np.max(array, initial=0.0) for array in arrays))

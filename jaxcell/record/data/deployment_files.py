@@ -1,4 +1,4 @@
-"""Deployment cells in files that other programs read."""
+"""Write deployment cells to files for other programs."""
 
 import json
 import os
@@ -13,20 +13,20 @@ from ...drift import SeaDrift
 
 
 def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
-    """Write the deployment cells as CSV with a head, one drifter a line, or as GeoJSON (RFC 7946).
+    """Write deployment cells as CSV with a header and a line per drifter, or as GeoJSON (RFC 7946).
 
     The columns, or properties of the points, are `number`, from 1; `lon` and `lat` in degrees;
-    `cell`; `purpose`, which is `reach` for a cell of the deployment and `view` for a cell from
-    which the sea bed is seen; `group`, its persistent group, and `transient_group`, of which one is
-    empty; and `gained`, the cells that are reached first from there.
+    `cell`; `purpose`, either `reach` (a cell of the deployment) or `view` (a cell from which the
+    sea bed is seen); `group` and `transient_group`, the persistent or the transient group of the
+    cell (one of them is empty); and `gained`, the number of cells that are reached first from it.
 
     **Arguments:**
 
     - `drift`: the result.
-    - `path`: the file to write or replace, whose name ends in `.csv` or `.geojson`.
+    - `path`: the file to write or replace, with a name that ends in `.csv` or `.geojson`.
 
-    **Raises:** `ValueError` if the name ends in something else; `FileNotFoundError` if the folder
-    does not exist.
+    **Raises:** `ValueError` if the name has another ending; `FileNotFoundError` if the folder does
+    not exist.
 
     The surface of the bundled sea at its first record:
 
@@ -68,7 +68,7 @@ def _rows(drift: SeaDrift) -> pd.DataFrame:
     group, transient = np.asarray(begins.groups.group), np.asarray(begins.transient.group)
     columns = {
         "number": np.arange(cells.size) + 1,
-        # A decimetre is more than enough; a zero has no sign.
+        # Round to about a decimetre, and remove the sign of zeros.
         "lon": lon.round(6) + 0.0,
         "lat": lat.round(6) + 0.0,
         "cell": cells,
@@ -81,5 +81,5 @@ def _rows(drift: SeaDrift) -> pd.DataFrame:
 
 
 def _known(numbers: np.ndarray) -> pd.Series:
-    """Convert numbers to a series in which -1 is missing."""
+    """Convert numbers to a series with missing values instead of -1."""
     return pd.Series(numbers, dtype="Int64").where(numbers >= 0)

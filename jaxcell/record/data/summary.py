@@ -13,13 +13,12 @@ def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
     """Summarize a result as a JSON object, for people and scripts.
 
     The object has the single numbers and texts, the listed arrays, a list of rows for each of
-    `result.tables`, and an object for each part of the result. A number that is not finite is
-    `None`.
+    `result.tables`, and an object for each part of the result. Infinity and NaN become `None`.
 
     **Arguments:**
 
     - `result`: the result of a study.
-    - `cells`: the cells of its positions; by default the cells of the result.
+    - `cells`: the cell space of the positions in the result; by default the cells of the result.
 
     **Returns:** an object for `json.dumps`.
 
@@ -67,7 +66,7 @@ def cells_of(result: Result) -> CellSpace | None:
 
 
 def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
-    """Return a position with its place in metres; `None` for -1."""
+    """Return a position with its coordinates in metres; `None` for the position -1."""
     if position < 0:
         return None
     x, y, _ = cells.centre(position)

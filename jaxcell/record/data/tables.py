@@ -1,4 +1,4 @@
-"""The tables of any result for people, from the descriptions of its quantities."""
+"""Make the tables that a terminal shows for any result, from the descriptions of quantities."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -12,9 +12,9 @@ from .summary import cells_of
 
 
 _MAX_ROWS = 30
-# The most columns whose heads are meanings; heads of more columns are names.
+# Up to this number of columns, the heads are meanings; otherwise the heads are names.
 _MAX_LONG = 8
-# The most results of one kind that have a column each; more have a row each.
+# Up to this number of results of one kind, each has a column; otherwise each has a row.
 _MAX_COLUMNS = 3
 
 
@@ -27,7 +27,7 @@ class Table(NamedTuple):
 def tables(
     result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
 ) -> Iterator[Table]:
-    """Make a table of the single numbers of a result, its other tables, and those of its parts."""
+    """Make the tables of a result: of its single numbers, of its arrays, and of its parts."""
     described, below = _brief(result), parts(result)
     for part in below.values():
         if isinstance(part, tuple) and len(part) == 1:
@@ -35,7 +35,7 @@ def tables(
             new = {key: one for key, one in _brief(part[0]).items() if key not in described}
             described = new | described
     cells = cells_of(result) if cells is None else cells
-    # Numbers along the dimension of a table are columns of it.
+    # Numbers along the dimension of another table are columns of that table.
     single = [
         (about.meaning, format_value(value, about, cells))
         for about, value in described.values()
@@ -71,7 +71,7 @@ def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]
         }
         several = found | listed
         length = max((len(np.asarray(value)) for _, value in several.values()), default=0)
-        # Many long meanings do not fit beside each other.
+        # Meanings do not fit as heads of many columns.
         short = _MAX_LONG < len(several) <= length
         shown = {
             name.replace("_", " ") if short else about.meaning: [
@@ -92,7 +92,7 @@ def _tables(result: Result, of: str, cells: CellSpace | None) -> Iterator[Table]
 
 
 def _side_by_side(several: tuple[Result, ...], title: str) -> Iterator[Table]:
-    """Make a table of the numbers of several results of one kind, and the tables of each.
+    """Make a table of the numbers of several results of one kind, and the tables of each result.
 
     Each result has a column, or a row if there are more than three.
     """

@@ -29,8 +29,8 @@ axes; their labels are the two attractors."""
 def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
     """Log attractors and basins.
 
-    The first two axes are drawn. The timeline `slice` moves along the third axis, if any; the plane
-    that is drawn goes through the middle of all further axes.
+    The pictures show the first two axes. The timeline `slice` moves along the third axis, if any;
+    on all further axes the pictures show the middle.
     """
     names = np.arange(basins.attractors)
     count = basins.box.cells[2] if basins.box.dimensions > 2 else 1
@@ -64,7 +64,7 @@ def log_basins(stream: rr.RecordingStream, basins: Basins, spec: Spec) -> None:
 
 
 def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: Spec) -> None:
-    """Log attractors and basins along parameters, over a timeline of the first parameter."""
+    """Log attractors and basins for a range of parameters, over a timeline of the first one."""
     name, values = next(iter(branches.params.items()))
     line, times, meaning = along_values(name, values)
     each = zip(branches.members, branches.label, strict=True)
@@ -100,13 +100,13 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
 
 
 def _heading(result: Basins | Continuation, spec: Spec) -> str:
-    """Return the first line of the text, which names the system."""
+    """Return the title of the text, with the name of the system."""
     _, _, name = str(spec.get("system", "")).rpartition(":")
     return f"# {result.title}" + (f" of the system {name}" if name else "")
 
 
 def _classes(attractors: int) -> list[PictureClass]:
-    """Return the classes: 0 leads to no attractor; then the basin of each attractor, and itself."""
+    """Return the classes: no attractor (0), and then the basin and the cells of each attractor."""
     named = [PictureClass("out of the box", _OUT)]
     for k in range(attractors):
         color = category(k)
@@ -127,8 +127,8 @@ def _legend(attractors: int) -> list[tuple[str, Color]]:
 def _slices(
     basins: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the classes of cells over the first two axes, rows along the second, at coordinates
-    along the third; the other axes are cut."""
+    """Return the classes of cells on planes of the first two axes, with rows along the second axis,
+    at indices along the third axis, and in the middle of the other axes."""
     box = basins.box
     rest = [n // 2 for n in box.cells[3:]]
     cuts = [np.ravel_multi_index([k, *rest], box.cells[2:]) if _deep(basins) else 0 for k in thirds]
@@ -137,7 +137,7 @@ def _slices(
 
 
 def _cut(basins: Basins, timeline: str = "") -> str:
-    """Describe the cut of a box with more than two axes."""
+    """Describe the plane that is shown of a box with more than two axes."""
     if not _deep(basins):
         return ""
     cut = [(name, basins.box.ticks(axis)) for axis, name in enumerate(basins.names)][2:]
@@ -158,7 +158,7 @@ def _deep(basins: Basins) -> bool:
 def _pictures(
     basins: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
 ) -> UInt8[np.ndarray, "slices rows columns"]:
-    """Return the classes of cells at coordinates along the third axis."""
+    """Return the classes of cells in pictures, at indices along the third axis."""
     kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
     kind = kinds[basins.basin]
     for k, cells in zip(names, basins.attractor_cells, strict=True):
@@ -167,7 +167,7 @@ def _pictures(
 
 
 def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
-    """Log the attractors of a box with three axes or more, in its first three."""
+    """Log the attractors of a box in its first three axes, if it has at least three."""
     each = {f"attractor_{k}": orbit for k, orbit in enumerate(basins.orbit[:_MAX_NAMED])}
     if basins.attractors > _MAX_NAMED:
         each["more_attractors"] = np.concatenate(basins.orbit[_MAX_NAMED:])
@@ -180,7 +180,7 @@ def _log_orbits(stream: rr.RecordingStream, basins: Basins) -> None:
 
 
 def _log_edges(stream: rr.RecordingStream, basins: Basins) -> None:
-    """Log the edge states over the first two axes: the points of an orbit, labelled at one."""
+    """Log the points of each edge state on the first two axes, with a label at one point."""
     box, edges = basins.box, basins.edges
     if edges is None or not edges.period.size:
         return
@@ -190,7 +190,7 @@ def _log_edges(stream: rr.RecordingStream, basins: Basins) -> None:
         place = np.pad(scaled(box, box.wrapped(points)), pad)[:, :2]
         return np.where([False, True], SIDE - place, place)
 
-    # A refined state is drawn at its point alone.
+    # A refined edge state is drawn only at its exact point.
     moving = [edges.orbit[k] for k in np.flatnonzero(edges.period == 0)]
     if moving:
         orbit = np.concatenate(moving)

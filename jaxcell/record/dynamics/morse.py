@@ -11,14 +11,14 @@ from ..canvas.stream import send_blueprint
 from .box import category, log_axes, scaled, view
 
 
-# Sets that have names in the picture.
+# Number of sets with names in the picture.
 _MAX_NAMED = 254
 _SEEN = """Boxes of one colour are a set of boxes that all lead to each other. Each set leads to the
 sets that follow it in the order."""
 
 
 def log_morse_sets(stream: rr.RecordingStream, sets: MorseSets, spec: Spec) -> None:
-    """Log Morse sets, seen along the axes after the second, and in the first three axes."""
+    """Log Morse sets: projected to the first two axes, and in the first three axes."""
     box = sets.box
     columns, rows = (*box.cells[:2], 1)[:2]
     seen = sets.drawn.reshape(columns, rows, -1).max(axis=-1)

@@ -1,1 +1,1 @@
-"""Results in a notebook: a plot of any result, and its numbers with a picture as HTML."""
+"""Results in notebooks: plots of quantities, and HTML with numbers and a picture."""

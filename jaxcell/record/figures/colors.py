@@ -1,4 +1,4 @@
-"""The colours of the numbers of a plot, by their kind, with a legend or a colour bar."""
+"""Colours for the numbers of a plot, with a legend or a colour bar."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
@@ -17,19 +17,19 @@ _NONE = "none"
 
 
 def color_of(color: Color) -> tuple[float, ...]:
-    """Convert a colour of the recordings to one of matplotlib."""
+    """Convert a colour of recordings to a colour of matplotlib."""
     return tuple(channel / 255 for channel in color)
 
 
 @dataclasses.dataclass(frozen=True)
 class Colored:
-    """Numbers as colours: arguments of `imshow`, `pcolormesh` or `scatter`."""
+    """Numbers to draw as colours, with options for `imshow`, `pcolormesh` or `scatter`."""
 
     values: np.ndarray
     options: dict[str, Any]
     label: str
     names: dict[str, tuple[float, ...]] | None
-    "The meaning of each colour, for numbers that are labels."
+    "The colours by their meanings, for numbers that are labels; otherwise `None`."
 
     def explain(self, ax: "Axes", image: Any) -> None:
         """Add a legend for labels, and a colour bar for other numbers."""
@@ -45,7 +45,7 @@ class Colored:
 
 @dataclasses.dataclass(frozen=True)
 class Drawn:
-    """An array of numbers with their description."""
+    """An array to draw, with the description of its quantity."""
 
     about: Quantity
     dims: tuple[str, ...]
@@ -58,7 +58,7 @@ class Drawn:
         return self.about.label or kinds.get(self.about.kind, "")
 
     def colored(self) -> Colored:
-        """Choose colours for numbers; indices and flags are labels, the most frequent first."""
+        """Choose colours for the numbers; indices and flags are labels, sorted by frequency."""
         from matplotlib.colors import ListedColormap
 
         if self.about.kind not in ("index", "flag") or self.about.units is not None:

@@ -1,4 +1,4 @@
-"""The ground of a plot: the room, box, sea or graph of a result."""
+"""The background of a plot: the room, box, sea or graph of a result."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def of(result: Result, about: Quantity) -> "Ground | None":
-    """Find the ground of a quantity of a result, or `None`."""
+    """Find the background for a quantity of a result; return `None` if there is none."""
     cells, box, graph = (getattr(result, name, None) for name in ("cells", "box", "graph"))
     if isinstance(cells, CellSpace) and about.dims[-1] == "position":
         return Room(("position",), cells)
@@ -36,10 +36,10 @@ def of(result: Result, about: Quantity) -> "Ground | None":
 
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """The places of the last dimensions of a quantity."""
+    """A background with a place for each element along some dimensions of a quantity."""
 
     dims: tuple[str, ...]
-    "The dimensions that are drawn."
+    "The drawn dimensions, which are the last dimensions of the quantity."
 
     def draw(self, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
         raise NotImplementedError
@@ -105,7 +105,7 @@ def _walls(ax: "Axes", cells: CellSpace) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Plane(Ground):
-    """The plane of the first two axes of a box, through the middle of the other axes."""
+    """The plane of the first two axes of a box, at the middle of the other axes."""
 
     box: Box
     labels: tuple[str, ...]
@@ -151,7 +151,7 @@ class Sea(Ground):
 
 @dataclasses.dataclass(frozen=True)
 class Network(Ground):
-    """The vertices and edges of a graph, on a circle if they have no places."""
+    """The vertices and edges of a graph; vertices without places are on a circle."""
 
     graph: "Graph"
 

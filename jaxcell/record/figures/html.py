@@ -1,4 +1,4 @@
-"""A result as HTML for a notebook: its tables, its arrays, and a picture."""
+"""Describe a result in HTML for a notebook: tables, arrays, and a picture."""
 
 import base64
 import io
@@ -14,15 +14,15 @@ from .plot import picture, plot
 _CELL = "text-align:left;padding:1px 12px 1px 0;vertical-align:top"
 _FLOW = "display:flex;flex-wrap:wrap;gap:16px;align-items:flex-start"
 _INCHES = 4.2, 3.2
-# Longer tables are in the dataset.
+# Largest number of rows of a table; the dataset has all rows.
 _ROWS = 12
 
 
 def html(result: Result) -> str:
-    """Describe a result in HTML that needs neither files nor a kernel.
+    """Describe a result in HTML, which needs neither files nor a kernel.
 
-    **Returns:** its remarks, the tables that a command prints, the dimensions of its arrays, and a
-    picture, if it has an array and matplotlib is installed.
+    **Returns:** remarks, tables as a command prints them, the dimensions of arrays, and a picture
+    if the result has an array and matplotlib is installed.
     """
     title = result.title or type(result).__name__
     body = [f"<p>{escape(remark)}</p>" for remark in result.remarks]
@@ -44,7 +44,7 @@ def _table(
     lines: Sequence[Sequence[str]] = (),
     rows: int = _ROWS,
 ) -> str:
-    """Write a table, with at most the first rows."""
+    """Write a table in HTML, with at most the first `rows` rows."""
     head = "" if heads == ("quantity", "value") else _row("th", heads)
     body = "".join(_row("td", line) for line in lines[:rows])
     if len(lines) > rows:
@@ -58,7 +58,7 @@ def _row(tag: str, texts: Iterable[str]) -> str:
 
 
 def _image(result: Result) -> str:
-    """Draw the picture of a result, on a white ground for light and dark notebooks."""
+    """Draw the picture of a result, with a white background for light and dark notebooks."""
     name = picture(result)
     if name is None or not has_module("matplotlib"):
         return ""

@@ -1,4 +1,4 @@
-"""The plot of any result, chosen from the dimensions and the kind of one of its quantities."""
+"""Plot a quantity of any result. The kind of plot depends on the dimensions of the quantity."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# Bars for at most this many entries, and lines for at most this many rows.
+# Largest number of entries for a chart of bars, and of rows for a chart of lines.
 _BARS, _LINES = 40, 8
-# Dimensions along which a process goes on, of which the last entry is drawn on a map.
+# Dimensions of time; a map shows the last entry by default.
 _PROCESSES = {"bump", "step", "time"}
 
 
@@ -27,26 +27,25 @@ def plot(
     """Draw one quantity of a result with matplotlib.
 
     A quantity over the cells of a room, a box or a sea, or over the vertices of a graph, is drawn
-    as a map; cells over time as a path; another array of one dimension as a curve or bars, and of
-    two as lines or an image. Of further dimensions one entry is drawn.
+    as a map, and cells over time as a path. Other arrays are drawn as a curve or bars (one
+    dimension), or as lines or an image (two dimensions). Further dimensions show one entry.
 
     **Arguments:**
 
     - `result`: the result of a study.
-    - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default the one that
-        says most.
-    - `ax`: the axes to draw in; by default those of a new figure.
-    - `options`: the entry of a dimension to draw, such as `direction=3`, by default the last of
-        `bump`, `step` and `time`, and the first of others; further keywords go to the function of
-        matplotlib that draws.
+    - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default the picture of
+        the class of the result, or the first quantity on a map.
+    - `ax`: the axes to draw in; by default the axes of a new figure.
+    - `options`: the entry to draw of a dimension, such as `direction=3`; by default the last of
+        `bump`, `step` and `time`, and the first of others. Other options are for matplotlib.
 
     **Returns:** the axes.
 
     **Raises:** `ValueError` for a quantity that the result does not have, or that is a single
     number; `IndexError` for an entry that does not exist; `ModuleNotFoundError` without matplotlib,
-    which comes with `jaxcell[plot]`.
+    which `jaxcell[plot]` installs.
 
-    The groups of a robot that bounces in a lab, as a map for its first direction:
+    The steps to the groups of a robot that bounces in a lab, as a map for one direction:
 
         >>> from jaxcell import record, study
         >>> groups = study.Groups(map="@lab_a", bounce=(45.0,)).run()
@@ -89,7 +88,7 @@ def plot(
 
 
 def picture(result: Result) -> str | None:
-    """Name the quantity that is drawn by default, if the result has an array."""
+    """Return the name of the quantity to draw by default; `None` if the result has no array."""
     drawable = _drawable(result)
     maps = (name for name, (_, _, about) in drawable.items() if ground.of(result, about))
     return result.picture if result.picture in drawable else next(maps, next(iter(drawable), None))
@@ -98,14 +97,14 @@ def picture(result: Result) -> str | None:
 def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
     """Find the arrays of numbers of a result and of its parts, by their names in a dataset.
 
-    **Returns:** for each the result or part that has it, its own name, and its description.
+    **Returns:** for each array: its result or part, its name there, and its description.
     """
     found = {
         prefix + name: (result, name, about)
         for name, about in quantities(type(result)).items()
         if about.dims
         and about.kind not in ("coordinate", "text")
-        # Arrays that were not asked for are `None`; derived ones are not computed here.
+        # Optional arrays may be `None`. Derived arrays are not computed here.
         and vars(result).get(name, name) is not None
     }
     for name, part in parts(result).items():
@@ -115,7 +114,7 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
 
 
 def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw a row as a curve or bars, and few rows as lines with a legend."""
+    """Draw a single row as a curve or bars, and several rows as lines with a legend."""
     rows, dim = np.atleast_2d(drawn.values), drawn.dims[-1]
     dims = drawn.dims
     if len(dims) == 2 and rows.shape[0] > rows.shape[1]:
@@ -137,7 +136,7 @@ def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, An
 
 
 def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
-    """Find the labels of a dimension, in degrees rather than in radians, and their meaning."""
+    """Find the labels of a dimension, with angles in degrees, and the meaning of the labels."""
     described = quantities(type(result)).items()
     labels = [(name, a) for name, a in described if a.dims == (dim,) and a.kind == "coordinate"]
     for name, about in sorted(labels, key=lambda label: label[1].units == "rad"):

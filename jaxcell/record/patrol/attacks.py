@@ -1,4 +1,4 @@
-"""Robots that patrol a map, and an adversary that attacks one cell of it again and again."""
+"""Robots that patrol a map, and an adversary that repeatedly attacks one cell."""
 
 import builtins
 
@@ -29,7 +29,7 @@ _SEVERAL = palette.tint(palette.PLAIN, 0.3)
 
 
 def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Spec) -> rrb.Container:
-    """Log the tab of the patrol: the robots with what they see, the target, the attacks so far."""
+    """Log the tab of the patrol: the robots and the cells in view, the target, and the attacks."""
     attacks = simulate_attacks(patrol, patrol.seed)
     stream, times = map.stream, np.arange(len(attacks.place))
     _log_seen(map, patrol, attacks)
@@ -55,7 +55,7 @@ def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Spec) -> rrb.Container
 
 
 def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
-    """Log the target, whose colour and label show the state of the attack."""
+    """Log the target; its colour and label show the state of the attack."""
     stream, side, times = map.stream, patrol.cells.cell, np.arange(len(attacks.state))
     target, steps = patrol.xy[patrol.attack.target], patrol.attack.attack_time[0]
     states = list(builtins.map(AttackState, attacks.state.tolist()))
@@ -75,7 +75,7 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 
 
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
-    """Log which robot sees each square."""
+    """Log the robots that see each square."""
     colors = min(patrol.robots, len(palette.ROBOTS))
     classes = [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)]
     for robot in range(colors):

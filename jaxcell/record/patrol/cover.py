@@ -1,4 +1,4 @@
-"""The covers: the cells from which a robot sees all cells on which it walks, one by one."""
+"""Covers: cells from which a robot sees all cells of its walk."""
 
 import numpy as np
 import rerun as rr
@@ -13,7 +13,7 @@ from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, SEEN, log_sight, only_some, robot_table
 
 
-# Steps of the patrol for each step of the covers.
+# Number of steps of the patrol for each step of the covers.
 _STRIDE = 20
 
 
@@ -40,7 +40,7 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
         log_contacts(map, f"map/{name}/contact", [policy])
         title = f"Robot {robot}: {stops.size} cells"
         views.append(map.view(title, [f"grid/{name}", f"{name}/**", "base/**"]))
-    # Without regions, every cell is for every robot.
+    # Without regions, every robot has all cells.
     legend: list[tuple[str, Color]] = [*_classes(0)[1 : 4 + (patrol.regions is not None)]]
     legend.append(("a cell of the cover, and all that is seen from the last", robot_color(0)[1]))
     legend += base_legend(patrol)

@@ -13,7 +13,7 @@ from ..canvas.prose import described
 
 
 def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Container:
-    """Log the tab of the frontier: a curve from floor to floor of randomness."""
+    """Log the tab of the trade-off: a curve over the least randomness of the walk."""
     most = 1.1 * max(float(frontier.entropy.max()), 1e-3)
     plot = Plot(stream, "frontier/curve", most, 1.0)
     plot.axes(

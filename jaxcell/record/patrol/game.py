@@ -9,13 +9,13 @@ from ..canvas.palette import CLEAR, Color
 from ..canvas.prose import numbers, table
 
 
-# Squares for the names of strategies beside a heat map.
+# Space for the names of strategies beside a heat map, in squares.
 _STRATEGY_MARGIN = 4.4
 _MAX_CLOSEST = 8
 
 
 def log_game(stream: rr.RecordingStream, game: StrategyGame) -> rrb.Container:
-    """Log the payoffs as heat maps, and the mixture."""
+    """Log the payoffs of a game as heat maps, and the mixture of strategies."""
     views: list[rrb.View] = []
     legend: list[tuple[str, Color]] = []
     payoffs = {"patroller": game.patroller_payoff, "adversary": game.adversary_payoff}
@@ -24,7 +24,7 @@ def log_game(stream: rr.RecordingStream, game: StrategyGame) -> rrb.Container:
         named = payoff, game.strategy, game.names
         view, colors = log_matrix(stream, path, title, *named, "", _STRATEGY_MARGIN)
         views.append(view)
-        # A row between them, so that two colour bars are not one.
+        # A row between the two colour bars keeps them separate.
         legend += [(title, CLEAR), *colors]
     beside = rrb.Horizontal(*views)
     return log_tab(stream, "game", "The game", beside, _text(game), legend, rows=(1, 1))

@@ -36,21 +36,21 @@ from .game import log_game
 
 
 _STEPS = 1000
-# The largest number of colours of vertices over all steps, a few MB.
+# Largest number of colours of vertices over all steps, which take a few MB.
 _MAX_COLORS = 1_000_000
 _MAX_NAMES = 80
 _MAX_CHANCES = 60
 
 
 def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec) -> None:
-    """Log a patroller's random walk on a graph.
+    """Log the random walk of a patroller on a graph.
 
-    Over the timeline `step`: patrollers that walk, from places drawn from the stationary
-    distribution, and the time since the last visit to each vertex. Without time: the share of
-    steps along each edge, the waiting times of vertices, news and robots, the next steps from each
-    vertex, a heat map of the hitting times, and the payoffs and the mixture of a game.
+    Over the timeline `step`: walking patrollers, which start from the stationary distribution, and
+    the time since the last visit to each vertex. Without a timeline: the share of steps along each
+    edge, the waiting times of vertices, news and robots, the next steps from each vertex, a heat
+    map of the hitting times, and the payoffs and the mixture of a game.
 
-    Vertices without positions are placed by springs along edges.
+    Vertices without positions are placed by a model of springs along edges.
     """
     xy = patrol.graph.xy
     if xy is None:
@@ -66,7 +66,7 @@ def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec
 
 
 class _Drawing:
-    """A graph in a recording, under the entity `graph`, with y up; making one logs its edges."""
+    """A graph in a recording, with y up, below the entity `graph`. The constructor logs edges."""
 
     def __init__(
         self, stream: rr.RecordingStream, patrol: GraphPatrol, xy: Float[np.ndarray, "vertices 2"]
@@ -95,13 +95,13 @@ class _Drawing:
     def labels(
         self, name: str, at: Float[np.ndarray, "labels 2"], labels: Sequence[str], shown: bool
     ) -> None:
-        """Log texts, which are visible at once or on hovering."""
+        """Log texts, which are always visible if `shown`, and otherwise on hovering."""
         style = {**LABEL, "show_labels": shown}
         text = rr.Points2D(at, labels=labels, draw_order=60, **style)
         self.stream.log(f"graph/{name}", text, static=True)
 
     def discs(self, name: str, radii: Any, colors: Any, labels: Sequence[str]) -> None:
-        """Log the vertices, with labels that are visible on hovering."""
+        """Log the vertices as discs, with labels that are visible on hovering."""
         discs = rr.Points2D(
             self.xy, colors=colors, radii=radii, labels=labels, show_labels=False, draw_order=20
         )
@@ -110,12 +110,12 @@ class _Drawing:
     def lines(
         self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
     ) -> None:
-        """Log lines that are wide and yellow where a number is near 1."""
+        """Log lines by numbers from 0 to 1: a line near 1 is wide and yellow."""
         log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
 def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
-    """Log the edges by the share of steps, the vertices by that of time, and the patrollers."""
+    """Log the edges by the share of steps, the vertices by the share of time, and patrollers."""
     patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
     flow, (tails, heads) = _flow(patrol), patrol.graph.edges.T
     weight, share = flow[tails, heads] + flow[heads, tails], flow.sum(axis=1)
@@ -127,7 +127,7 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     for robot in range(robots):
         path, color = f"graph/patrollers/{robot}", robot_color(robot)[1]
         place = drawing.xy[walks[:, robot]]
-        # A light rim, for an edge may have the colour of the patroller.
+        # A light rim is needed because an edge may have the colour of the patroller.
         log_walker(stream, path, place, color, 0.9 * drawing.mark, width=2.0, rim=3.5)
     longest = _log_idle(drawing, walks)
     legend = _scale(most, "of the steps").legend()
@@ -149,14 +149,14 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
 
 
 def _flow(patrol: GraphPatrol) -> Float[np.ndarray, "vertices vertices"]:
-    """Compute the share of steps between vertices, mean over robots, with their memory if any."""
+    """Compute the share of steps between vertices: the mean over robots, with memory if any."""
     vertices, walks = patrol.stationary.size, patrol.walks
     flow = (long_run(walks)[:, :, None] * walks).mean(axis=0)
     return flow.reshape(-1, vertices, flow.shape[0] // vertices, vertices).sum(axis=(0, 2))
 
 
 def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
-    """The vertices at which patrollers are, from starts in the stationary distribution."""
+    """Simulate the vertices of patrollers, which start from the stationary distribution."""
     random, walks = np.random.default_rng(patrol.seed), []
     vertices = patrol.stationary.size
     steps = max(1, min(_STEPS, _MAX_COLORS // vertices))
@@ -167,9 +167,9 @@ def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
 
 
 def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
-    """Log the steps since each vertex was visited, as colours, and the most as a curve."""
+    """Log the steps since the last visit to each vertex as colours, and the maximum as a curve."""
     stream, vertices = drawing.stream, len(drawing.xy)
-    # Before the first visit, the time since the beginning counts.
+    # Before the first visit, use the time since the beginning.
     idle, now = np.empty((len(walks), vertices), np.int64), np.zeros(vertices, np.int64)
     for time, here in enumerate(walks):
         now += 1
@@ -185,7 +185,7 @@ def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
 
 
 def _log_waits(drawing: _Drawing) -> rrb.Container:
-    """Log the vertices by how long they wait for visits, and their news and charges for theirs."""
+    """Log the waiting times of vertices for visits, of news for reports, and between charges."""
     patrol, stream = drawing.patrol, drawing.stream
     news, charged = patrol.news, patrol.charged
     units = "steps" if patrol.timed is None else "s"
@@ -224,7 +224,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
         plot.bars("interval", charged.interval, every, BELIEF)
         charts.append(plot.view("Steps between charges"))
     shades = _scale(most, units).legend()
-    # Yellow is for what waits least.
+    # Yellow stands for the shortest waiting times.
     turned = zip(shades, shades[::-1], strict=True)
     legend: list[tuple[str, Color]] = [Level(one[0], other[1]) for one, other in turned]
     legend += [] if finite.all() else [("never", PLAIN)]
@@ -233,16 +233,16 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
-    """Log the half of each edge that is next to a vertex by the probability of leaving by it."""
+    """Log each half of an edge by the probability of leaving the vertex at this half."""
     patrol = drawing.patrol
     most = float(patrol.transition.max())
-    # Both directions, with a gap in the middle that keeps the halves apart.
+    # Both halves of each edge, with a gap in the middle between them.
     here, there = np.concatenate([drawing.ends, drawing.ends[:, ::-1]]).swapaxes(0, 1)
     halves = np.stack([here, here + 0.48 * (there - here)], axis=1)
     chance, stay = patrol.probabilities.T.ravel(), patrol.stay
     drawing.lines("next", halves, chance / most)
     labels = [f"{one:.3f}" for one in chance.tolist()]
-    # Beside the line, on the right of who leaves by it.
+    # Labels are beside the line, on the right in the direction of motion.
     along = (there - here) / np.linalg.norm(there - here, axis=1, keepdims=True).clip(1e-9)
     beside = halves.mean(axis=1) + drawing.mark * (along[:, ::-1] * [1, -1] + [0, 0.35])
     drawing.labels("chances", beside, labels, chance.size <= _MAX_CHANCES)
@@ -330,7 +330,7 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
 
 
 def _more(patrol: GraphPatrol) -> str:
-    """Write the parts on constraints, several robots, seconds, and other patrols, if any."""
+    """Write the sections on constraints, several robots, seconds, and other patrols, if any."""
     columns: Sequence[str]
     parts = []
     if patrol.bounds is not None:

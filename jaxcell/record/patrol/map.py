@@ -1,4 +1,4 @@
-"""The recording of robots that patrol a map with limited visibility: one tab for each question."""
+"""The recording of robots that patrol a map with limited visibility, with a tab per question."""
 
 import rerun as rr
 
@@ -18,12 +18,12 @@ from .vulnerability import log_vulnerability
 def log_patrol_map(stream: rr.RecordingStream, patrol: PatrolledMap, spec: Spec) -> None:
     """Log robots that patrol a map with limited visibility.
 
-    Over the timeline `step`: the robots with what they see, and an adversary that attacks one cell
-    again and again. Over the timeline `cover`, and more slowly over `step`: the cells of each
-    cover, one by one. Without time: the share of steps of each robot along each edge; the base
-    station and the regions around it; the law of the time until a robot sees the attacked cell, in
-    three ways; the probability of capture at each cell; and the trade-off between capture and
-    unpredictability, if it was computed.
+    Over the timeline `step`: the robots and the cells in view, and an adversary that repeatedly
+    attacks one cell. Over the timeline `cover`, and more slowly over `step`: the cells of each
+    cover, one by one. Without a timeline: the share of steps of each robot along each edge; the
+    base station and the regions around it; the distribution of the time until a robot sees the
+    attacked cell, simulated, exact and fitted; the probability of capture at each cell; and the
+    trade-off between capture and unpredictability, if it was computed.
     """
     map = CellMap(stream, patrol.cells)
     tabs = [

@@ -15,7 +15,7 @@ from .sight import MAX_MAPS, only_some, robot_table
 
 
 def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
-    """Log the tab of the policies: edges are wide and yellow where a robot often takes them."""
+    """Log the tab of the policies: edges that a robot often uses are wide and yellow."""
     side = patrol.cells.cell
     shown = patrol.policies[:MAX_MAPS]
     most = max(float(policy.weights.max()) for policy in shown)

@@ -16,7 +16,7 @@ from ..canvas.prose import described
 from ..canvas.stream import send_changing
 
 
-# Robots that have maps of their own, and rows in tables.
+# Largest number of robots with separate maps, and with rows in tables.
 MAX_MAPS = 6
 _MAX_ROWS = 24
 BASE_VIEW: Color = (190, 226, 234)
@@ -68,5 +68,5 @@ def robot_table(patrol: PatrolledMap, *names: str) -> str:
 
 
 def only_some(patrol: PatrolledMap) -> str:
-    """Return a sentence on the robots without maps of their own, if any."""
+    """Return a sentence on the robots without separate maps, if any."""
     return f" The first {MAX_MAPS} robots are shown." if patrol.robots > MAX_MAPS else ""

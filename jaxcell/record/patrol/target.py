@@ -16,10 +16,10 @@ from .sight import log_sight, place
 
 
 _EXACT, _FITTED, _RUNS = FREE, CATEGORIES["orange"], BELIEF
-# Lines of the charts, wide enough for those on top to leave them visible.
+# Widths of the lines of charts; lower lines are wider, so that they remain visible.
 _THIN, _MIDDLE, _WIDE = 1.5, 3.0, 7.0
 _MAX_BARS = 80
-# Later arrivals are not in the histogram.
+# The histogram ends at this quantile of arrivals.
 _SHOWN = 0.95
 _POINTS = 400
 
@@ -67,11 +67,11 @@ def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
     about = "steps until a robot first sees the target", "probability of each number of steps"
     plot.axes(ticks(plot.most_x), ticks(most_y, 4), *about)
     plot.bars("simulated", bars, plot.most_x, _RUNS)
-    # A whole number is in the middle of the part of a bar that counts it.
+    # A whole number is in the middle of the part of the bar for this number.
     plot.line("exact", np.arange(shown) + 0.5, attack.law[:shown], _EXACT, _THIN)
     if attack.fit is not None:
         x = np.linspace(0, plot.most_x, _POINTS)
-        # The fit is to intervals around whole numbers, and so are its probabilities.
+        # The fit uses intervals around whole numbers, so its probabilities are for these intervals.
         chance = attack.fit.cdf(x + 0.5) - attack.fit.cdf(x - 0.5)
         plot.line("fitted", x + 0.5, chance, _FITTED, _MIDDLE)
     return plot.view("How long it takes until a robot sees the target")

@@ -12,13 +12,13 @@ from ..canvas.marks import points
 from ..canvas.palette import KNOWN
 
 
-# The most cells of a credible set that arrows show.
+# Largest number of cells of a credible set that are shown as arrows.
 _FEW = 24
 
 
 @dataclasses.dataclass(eq=False)
 class BeliefHeat:
-    """A belief that follows a run, drawn on the map."""
+    """The belief of a robot during a run, drawn on the map."""
 
     belief: Belief
     cells: CellSpace
@@ -33,7 +33,7 @@ class BeliefHeat:
         self.state = self.belief.start()
 
     def observe(self, stream: rr.RecordingStream, observation: int) -> None:
-        """Take an observation, and log the new belief."""
+        """Update the belief by an observation, and log the new belief."""
         self.state = self.belief.observe(self.state, observation)
         self.log(stream)
 

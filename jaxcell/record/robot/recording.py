@@ -33,9 +33,9 @@ from .belief_heat import BeliefHeat
 from .track import NOWHERE, RecordedRobot, Track, longer_trail
 
 
-# Seconds between two readings of the poses of robots.
+# Interval in seconds at which poses of robots are read.
 _LOOK = 0.2
-# The speed of a recording in the viewer: seconds of the robot per second.
+# Speed of a recording in the viewer, in seconds of the run per second.
 _SPEED = 8.0
 _ESTIMATE: Color = CATEGORIES["pink"]
 _TOUCH: Color = CATEGORIES["sky blue"]
@@ -45,12 +45,12 @@ _DONE = ("localized", "arrived", "patrolled")
 class RobotRecording:
     """A Rerun recording of robots, written while they drive.
 
-    This is a context manager. If the run ends for any reason, even the loss of power, the file has
-    all but the last moments. Over the timelines `seconds` and `observation` it has the true pose,
-    the trail, the place by odometry and the observations of each robot, and the cells where a robot
-    may be by its filter.
+    This is a context manager. If the run is interrupted, even by a loss of power, the file has all
+    data except the last moments. Over the timelines `seconds` and `observation` the recording has
+    the true pose, the trail, the place by odometry and the observations of each robot, and the
+    possible cells of the filter of a robot.
 
-    In the block, `event` takes the events of the run from `jaxcell.robot.RunLog.on_event`.
+    In the block, set `jaxcell.robot.RunLog.on_event` to `event`, to record the events of the run.
 
     A robot that bumps into a wall:
 
@@ -80,16 +80,16 @@ class RobotRecording:
 
         - `path`: the file to write or replace; its name ends in `.rrd`.
         - `robots`: the robots.
-        - `cells`: the cells of their map, or `None`.
+        - `cells`: the cell space of their map, or `None`.
         - `filter`: the localization filter or policy of the robot, or `None`.
         - `belief`: the belief of the robot, or `None`.
-        - `filter_of_cells`: `True` if the filter or belief is of `cells`, so that the map can show
+        - `filter_of_cells`: `True` if the filter or belief is on `cells`, so that the map can show
             its cells.
-        - `viewer`: a viewer for the run while it lasts; see `jaxcell.record.viewer.viewer_sink`.
-        - `spec`: the parameters, shown in the text.
+        - `viewer`: a viewer that shows the run; see `jaxcell.record.viewer.viewer_sink`.
+        - `spec`: the parameters, which the text shows.
 
         **Raises:** `ValueError` if there are no robots, if the name or the viewer is invalid, or if
-        the filter has other cells; `OSError` if the folder does not exist, or no viewer answers.
+        the filter is on other cells; `OSError` if the folder does not exist, or no viewer answers.
         """
         path = Path(path)
         if path.suffix != ".rrd":
@@ -98,7 +98,7 @@ class RobotRecording:
             raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         if not robots:
             raise ValueError("robots: expected one or more, got none")
-        # The cells of the filter or belief.
+        # The cell space of the filter or belief.
         known = cells if filter_of_cells else None
         self._of_filter = None if filter is None else known
         if filter is not None and known is not None and filter.uncertainty[0] != known.size:
@@ -112,7 +112,7 @@ class RobotRecording:
         self._robots = [Track(about, robot_color(index)[1]) for index, about in enumerate(robots)]
         self._viewer = None if viewer is None else viewer_sink(viewer)
         self._stream = new_stream("robot")
-        # Times are those of the robot, not of this computer.
+        # Times are from the clock of the robot, not of this computer.
         self._stream.set_log_time_enabled(False)
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -155,11 +155,10 @@ class RobotRecording:
         **Arguments:**
 
         - `name`: `"observation"`, `"end"`, or another name, which only the text log shows.
-        - `fields`: `seconds`, the time by the clock; `robot`, the index of the robot, by default 0.
+        - `fields`: `seconds`, the time of the event; `robot`, the index of the robot, by default 0.
             An observation has `observation`, 0 for a step and 1 for a bump. It may have `estimate`,
-            the pose by odometry relative to the start: metres ahead, metres to the left, and
-            radians; and `state`, `color` and `uncertainty` of a filter. An end has `result` and
-            `reason`.
+            the pose by odometry relative to the start (metres ahead, metres to the left, radians),
+            and `state`, `color` and `uncertainty` of a filter. An end has `result` and `reason`.
         """
         with self._lock:
             robot = self._robots[fields.get("robot", 0)]
@@ -171,7 +170,7 @@ class RobotRecording:
                 self._log_observation(robot, fields)
                 return
             if name == "end":
-                # Curves go on to the end.
+                # Repeat the last numbers, so that curves extend to the end.
                 for path, value in robot.scalars.items():
                     self._log_scalar(robot, path, value)
             values = [str(fields[key]) for key in fields if key not in ("seconds", "robot")]
@@ -235,7 +234,7 @@ class RobotRecording:
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
-        """Log a state of the filter, or `None` for a refuted one, and its cells."""
+        """Log a state of the filter and its cells; the state `None` means a refuted filter."""
         self._log_scalar(robot, "filter/uncertainty", size)
         self._log_scalar(robot, "filter/color", color)
         if self._filter is None:
@@ -300,7 +299,7 @@ class RobotRecording:
         self._stream.log("log", rr.TextLog(who + text, level=level))
 
     def _set_time(self, seconds: float, observation: int) -> None:
-        """Set the times of the next data from this thread."""
+        """Set the times for the next data that this thread logs."""
         self._stream.set_time("seconds", duration=float(seconds))
         self._stream.set_time("observation", sequence=int(observation))
 
@@ -310,7 +309,7 @@ class RobotRecording:
         return 0.3 if self._map is None else robot_length(self._map)
 
     def _frame(self, robot: Track) -> str:
-        """Return the entity above the estimates of a robot: the map if its start is known."""
+        """Return the parent entity of the estimates of a robot: the map if the start is known."""
         known = self._cells is not None and robot.about.start is not None
         return "map" if known else "odometry"
 

@@ -1,4 +1,4 @@
-"""The state of a robot in a recording: its poses, and the values logged last."""
+"""The state of a robot in a recording: its poses, and the last logged values."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ from ..canvas.palette import Color
 
 # Seconds between two logged poses.
 _INTERVAL = 0.1
-# A robot is on its next step at this distance from its last observation, in metres.
+# A robot has begun its next step at this distance from the last observation, in metres.
 _OFF = 0.01
 NOWHERE = np.empty(0, np.int32)
 _NO_TRAIL = np.empty((0, 2))
@@ -27,34 +27,34 @@ class RecordedRobot:
 
     name: str = "robot"
     start: Sequence[float] | None = None
-    "The start of its odometry: x and y in metres, the heading in radians; `None` if unknown."
+    "The start of the odometry: x and y in metres, the heading in radians; `None` if unknown."
     trace: Sequence[tuple[float, float, float, float]] | None = None
-    """Times in seconds with true poses, in a list that grows while the robot drives, as an emulated
-    robot has it. `None` if the truth is not known."""
+    """Times in seconds and true poses, for example of an emulated robot, in a list that grows while
+    the robot drives; `None` if true poses are unknown."""
     radius: float = 0.0
-    "The radius of its body in metres; a point, with 0, is not drawn."
+    "The radius of the body in metres; with the radius 0 the body is not drawn."
     touches: Sequence[tuple[float, float, float]] | None = None
-    """Time in seconds, x and y of each touch of a wall, in the order of time, in a list that grows.
-    `None` if touches are not known."""
+    """Time in seconds, x and y of each touch of a wall, ordered by time, in a list that grows while
+    the robot drives; `None` if touches are unknown."""
 
 
 @dataclasses.dataclass(eq=False)
 class Track:
-    """A robot in a recording, and the values logged last."""
+    """The state of a robot in a recording."""
 
     about: RecordedRobot
     color: Color
     observed: int = 0
     read: int = 0
-    "The number of entries of its trace that were read."
+    "The number of entries of the trace that were read."
     last: tuple[float, float, float, float] | None = None
-    "The last of these entries."
+    "The last read entry of the trace."
     logged: float = -math.inf
     "The time of the last logged pose."
     place: Float[np.ndarray, "2"] | None = None
-    "The place of its last observation; `None` once it has left this place."
+    "The place of the last observation; `None` after the robot has left this place."
     scalars: dict[str, int | float] = dataclasses.field(default_factory=dict)
-    "The last number of each curve."
+    "The last logged number of each curve."
     trail: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
     believed: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
     cells: Int32[np.ndarray, "belief"] = dataclasses.field(default_factory=lambda: NOWHERE)
@@ -75,7 +75,7 @@ class Track:
                 self.logged = time
                 kept.append(index)
         poses = poses[kept]
-        # The turn after a bump is part of the observation, and does not move the robot.
+        # Poses of the turn after a bump belong to the observation of the bump.
         observation = np.full(len(poses), self.observed + 1, np.int32)
         if self.place is not None:
             off = np.hypot(*(poses[:, 1:3] - self.place).T) > _OFF
@@ -90,7 +90,7 @@ class Track:
     ) -> tuple[Float[np.ndarray, "touches 2"], Int32[np.ndarray, "poses"]]:
         """Find the last touch of a wall in the interval before each time, if any.
 
-        **Returns:** the places of these touches, and for each time their number, 0 or 1.
+        **Returns:** the places of these touches, and the number of touches for each time, 0 or 1.
         """
         touches = np.array(self.about.touches or (), float).reshape(-1, 3)
         last = np.searchsorted(touches[:, 0], times, side="right") - 1
@@ -98,16 +98,16 @@ class Track:
         return touches[last[there], 1:], there.astype(np.int32)
 
     def observe(self) -> None:
-        """Count an observation, at the last pose of the robot."""
+        """Count an observation, and store the last pose of the robot as its place."""
         self.observed += 1
         self.place = None if self.last is None else np.array(self.last[1:3])
 
     def seconds(self, fields: Mapping[str, Any]) -> float:
-        """Return the time of an event: by the trace of the robot, if it has one."""
+        """Return the time of an event: the last time of the trace, or else the time in `fields`."""
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
 
     def estimated(self, estimate: Sequence[float]) -> Float[np.ndarray, "2"]:
-        """Return the place by odometry, from metres ahead and to the left of the start."""
+        """Return the place by odometry; `estimate` is in metres ahead and to the left of start."""
         x, y, theta = self.about.start or (0.0, 0.0, 0.0)
         place = complex(x, y) + complex(*estimate[:2]) * complex(math.cos(theta), math.sin(theta))
         return np.array([place.real, place.imag])

@@ -1,4 +1,4 @@
-"""The parameters of a sweep as axes, and statistics of its results along them."""
+"""The parameters of a sweep as axes, and statistics of results along these axes."""
 
 import dataclasses
 
@@ -17,15 +17,15 @@ _MAX_LETTERS = 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Axis:
-    """A parameter, in steps of one value or of a few neighbouring values."""
+    """A parameter of a sweep. A step of the axis has one value, or a few neighbouring values."""
 
     name: str
     dimension: str
     timeline: str
-    "The name of its timeline, which names the factor from values to times."
+    "The name of the timeline, which includes the factor between values and times."
     times: Int[np.ndarray, "steps"]
     labels: tuple[str, ...]
-    "The value of each step; the first one if a step has several."
+    "The value of each step; the first value if a step has several values."
     step: Int[np.ndarray, "places"]
     "The step of each index along the dimension."
     meaning: str
@@ -37,7 +37,7 @@ class Axis:
 
     @property
     def number(self) -> bool:
-        """`True` if the axis only counts the members of a list or the samples."""
+        """True if the values are only numbers of list members or samples."""
         return self.name in _NUMBERS
 
     def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
@@ -51,7 +51,7 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 
     **Arguments:**
 
-    - `most`: the most steps of an axis. If there are more values, neighbours share a step.
+    - `most`: the largest number of steps of an axis; with more values, neighbours share a step.
     """
     all_axes = [
         _axis(str(name), str(dimension), values.values, most)
@@ -63,10 +63,10 @@ def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
 
 
 def pairs(all_axes: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
-    """List at most `most` pairs of axes for pictures, across and up; numbers of samples come last.
+    """List at most `most` pairs of axes (across, up) for pictures; numbers of samples come last.
 
-    Both axes of a pair have at least two steps. The number of a sample makes no pair with the
-    parameters of the samples.
+    Both axes of a pair have at least two steps. The number of a sample is not paired with the
+    parameters of samples.
     """
     spanned = [
         (a, b)
@@ -83,7 +83,7 @@ def statistics(
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
     """Compute quantiles of the members of each step of an axis.
 
-    **Returns:** the steps that have members, their `QUANTILES`, and `True` if no step has several.
+    **Returns:** the steps with members, their `QUANTILES`, and `True` if each has one member.
     """
     members = pd.Series(values[known]).groupby(axis.along(place, values.shape)[known])
     rows = members.quantile([*QUANTILES.values()]).unstack()

@@ -24,11 +24,11 @@ _MAX_STEPS = 1000
 _MAX_PAIRS = 6
 _MAX_VARIABLES = 16
 PICTURE_BYTES = 16_000_000
-"""Bytes of all heat maps of a recording together, at a byte per pixel."""
-# The time in which a whole axis plays.
+"""Largest size of all heat maps of a recording in bytes, with a byte per pixel."""
+# Seconds in which the viewer plays a whole axis.
 _SECONDS = 30
 _MAX_BESIDE = 3
-# A ratio of the largest to the least number from which the scale is geometric.
+# The scale is geometric if the ratio of the largest to the least number is at least this.
 _RATIO = 50
 _TICKS_ACROSS, _TICKS_UP = 7, 6
 _MAX_FAILURES = 20
@@ -49,16 +49,16 @@ def log_sweep(
 ) -> None:
     """Write a Rerun recording of the result of a sweep, in which every parameter is a timeline.
 
-    For each numeric variable it has the least value, the quartiles and the greatest value of the
-    members at each value of a parameter, and heat maps of the mean over pairs of parameters. If a
-    parameter has over a thousand values (fewer with many heat maps), neighbours share a step.
+    For each numeric variable, curves show the least value, the quartiles and the greatest value of
+    the members at each value of a parameter, and heat maps show the mean over pairs of parameters.
+    If a parameter has over a thousand values (fewer with many heat maps), neighbours share a step.
 
     **Arguments:**
 
     - `path`: the file to write or replace; its name ends in `.rrd`.
     - `dataset`: the result from `jaxcell.sweep.open_sweep`. Variables with further dimensions, and
-        variables after the sixteenth, are left out; the text names them.
-    - `failures`: a line per failure, shown in the text.
+        variables after the sixteenth, are not shown; the text lists their names.
+    - `failures`: a line per failure, which the text shows.
 
     **Raises:** `ValueError` if the dataset is not the result of a sweep, or has no variable to
     show.
@@ -111,7 +111,7 @@ def _log_variable(
     all_axes: Sequence[Axis],
     spanned: Sequence[tuple[Axis, Axis]],
 ) -> rrb.Container:
-    """Log the curves of a variable along each parameter, and its heat maps on one scale."""
+    """Log the curves of a variable along each parameter, and its heat maps with a common scale."""
     name, values = str(variable.name), variable.values
     known = np.isfinite(values)
     place = {str(dimension): i for i, dimension in enumerate(variable.dims)}
@@ -172,7 +172,7 @@ def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> 
 
 
 def _ticks(steps: int, most: int) -> range:
-    """Return regular steps, at most `most` of them."""
+    """Return at most `most` regularly spaced steps."""
     strides = (scale * digit for scale in (1, 10, 100, 1000) for digit in (1, 2, 5))
     return range(0, steps, next(stride for stride in strides if stride * most >= steps))
 
@@ -240,7 +240,7 @@ def _ranges(dataset: xr.Dataset, shown: Sequence[str]) -> list[Sequence[str]]:
 
 
 def _made(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Return the fields of the specification, and the versions that ran it."""
+    """Return the fields of the specification, and the versions of the software."""
     made: dict[str, str] = {}
     for field, value in json.loads(attributes.get("spec", "{}")).items():
         inside = value if isinstance(value, dict) else {"": value}

@@ -1,4 +1,4 @@
-"""Studies of robots that start anywhere, without knowing their place or a compass."""
+"""Studies of robots that start at any pose and know neither their place nor their heading."""
 
 import dataclasses
 import math
@@ -22,22 +22,22 @@ _ANYWHERE = Only(anywhere=True)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AnywhereStudy(MapStudy):
-    """A study of a robot on a map that may start anywhere."""
+    """A study of a robot on a map; the robot may start anywhere."""
 
     seed: int = 0
-    """Seed of random starts, errors and draws."""
+    """Seed of the random starts, errors and choices."""
     anywhere: Annotated[bool, Only(collision="swept")] = False
-    """Put robots down anywhere, and follow each by sets of places on the walls in place of a filter
-    of cells. The robots drive straight until they bump, and count the steps of each run."""
+    """Start robots anywhere, and track each by sets of places on the walls instead of a filter of
+    cells. The robots drive straight until they bump, and count the steps of each run."""
     heading: Annotated[Literal["known", "unknown"], _ANYWHERE] = "known"
     """First heading of the robots: one of the directions (known), or any heading (unknown)."""
     errors: Annotated[tuple[str, ...], _ANYWHERE] = ()
-    """Bounds of the errors: of a run as a share of it (run=0.02) and in metres (distance=0.05), of
-    a turn and of the first heading in degrees (turn=1 heading=2), of the distance at which a bump
-    is felt late (late=0.01) and of the start of a run from the wall (displacement=0.03) in
-    metres."""
+    """Bounds of the errors: of the length of a run, as a share of it (run=0.02) and in metres
+    (distance=0.05); of a turn and of the first heading, in degrees (turn=1 heading=2); of the
+    distance driven before a bump is felt (late=0.01), and of the distance between the wall and the
+    start of a run (displacement=0.03), in metres."""
     measured: Annotated[bool, _ANYWHERE] = False
-    """Let the robots measure the length of each run, in place of counting steps."""
+    """Let the robots measure the length of each run instead of counting steps."""
     robots: Annotated[AtLeastOne, _ANYWHERE] = 1000
     """Number of robots."""
     bumps: Annotated[AtLeastOne, _ANYWHERE] = 30
@@ -79,7 +79,7 @@ class AnywhereStudy(MapStudy):
 
     @property
     def choice(self) -> dict[str, Any]:
-        """The aim of the choice among angles, and the number of bumps to look ahead."""
+        """The options `aim` and `ahead` of the choice among angles; empty without a choice."""
         return {}
 
     def save_task(self, result: "bounce.Anywhere", out: Path) -> None:
@@ -114,7 +114,7 @@ class AnywhereStudy(MapStudy):
         say: Say,
         goal: tuple[tuple[float, float], float] | None = None,
     ) -> "bounce.Anywhere":
-        """Drive robots that start anywhere until they are localized, or to a goal with a radius."""
+        """Drive robots that start anywhere until they are localized, or near a goal."""
         import numpy as np
 
         cells = self.cells()
@@ -150,7 +150,7 @@ class AnywhereStudy(MapStudy):
 
 
 def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[float, float, float]:
-    """Read a pose in the free space of a room."""
+    """Read a pose from a text; raise if the pose is not in the free space of a room."""
     import shapely
 
     x, y, heading = numbers(parameter, text, 3, '"x,y,heading" in metres and degrees')
@@ -162,9 +162,9 @@ def pose_at(workspace: "space.Workspace", text: str, parameter: str) -> tuple[fl
 def _planned(
     cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return the median bumps and metres of plans of cells, which know their starts.
+    """Return the median numbers of bumps and metres of plans over cells from known starts.
 
-    Both are `None` if an angle is no multiple of the angle between directions.
+    Both are `None` if an angle is not a multiple of the angle between directions.
     """
     import numpy as np
 

@@ -38,7 +38,7 @@ class Cover(MapStudy):
         check_target(self.target)
 
     def needed(self, extent: "space.Extent") -> float | int:
-        # No more turns than directions, whatever the error.
+        # There are at most as many different turns as directions.
         spread = min(max(self.error * extent.directions / 360, 0), extent.directions)
         branches = 1 + 2 * round(spread)
         angles = len(self.bounces)
@@ -75,7 +75,7 @@ class Cover(MapStudy):
 
 
 def check_target(text: str) -> None:
-    """Refuse a target whose file does not exist."""
+    """Raise if the file of a target does not exist."""
     file, _, _ = text.rpartition(":")
     if file.endswith(".nc") and not Path(file).is_file():
         raise ValueError(f"target {text}: there is no file {file}")

@@ -12,7 +12,7 @@ from ..study import Say, silent
 
 
 MAX_AT_ONCE = 20_000_000
-"""The most cells that are held at once, written to one dataset, and drawn."""
+"""The largest number of cells in memory, in one dataset and in one drawing."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class Groups(MapStudy):
 
     @functools.cached_property
     def _free(self) -> int | None:
-        """The memory that is free at the first call, which decides how results are written."""
+        """The free memory in bytes at the first access; it decides how results are written."""
         return memory.free()
 
     def run(self, say: Say = silent) -> "bouncing.BounceGroups":

@@ -18,7 +18,7 @@ _CHOICE = Only(bounces=True, anywhere=False, slip=False)
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Localize(AnywhereStudy):
     """Build the localization filter of a map, or the policy of a robot that chooses among bouncing
-    angles, and localize a simulated robot with it."""
+    angles, and localize a simulated robot."""
 
     name: ClassVar[str] = "localization"
     command: ClassVar[str] = "localize"
@@ -35,8 +35,8 @@ class Localize(AnywhereStudy):
     """Knowledge to reach: the cell, the position at any heading, or the class of cells that these
     angles cannot tell apart."""
     aim: Annotated[Literal["worst", "mean"], Only(bounces=True, slip=False)] = "worst"
-    """Number of bumps to minimize: the largest over all starts (worst), or their mean. With
-    --anywhere the extent of the set to minimize."""
+    """Statistic to minimize: the largest (worst) or the mean number of bumps over all starts. With
+    --anywhere it is the largest or the mean extent of the set of possible places."""
     ahead: Annotated[int, Limit(ge=1, le=3), Only(bounces=True, anywhere=True)] = 1
     """Number of bumps to look ahead in the choice among angles."""
     start: Annotated[str | None, Only(offsets=False)] = None
@@ -45,22 +45,22 @@ class Localize(AnywhereStudy):
     offsets: Annotated[bool, Only(collision="swept", anywhere=False, bounces=False, slip=False)] = (
         False
     )
-    """Put the robot down anywhere in a cell, on a map whose walls run along the edges of cells. The
-    filter loses no robot whose walker knows the heading."""
+    """Start the robot anywhere in a cell, on a map whose walls run along the edges of cells. The
+    filter never loses a robot that knows its heading."""
     open_world: Annotated[bool, Only(anywhere=False, bounces=False, slip=False)] = False
     """Give the filter a trap for observations that cannot occur on the map."""
     smallest: Annotated[bool, Only(anywhere=False, open_world=False, slip=False)] = False
-    """Find the least machine with the colours of the filter, or with the actions and answers of the
-    policy, and prove how many states it needs, for a minute at most."""
+    """Find the smallest machine with the colours of the filter, or with the actions and answers of
+    the policy, and prove a lower bound on its number of states, in at most one minute."""
     slip: Annotated[Share | None, Only(collision="swept", anywhere=False)] = None
     """Error of the robot: the relative error of its steps and turns, and its veer in radians per
-    metre. A belief then localizes the robot, in place of a filter."""
+    metre. A belief then localizes the robot instead of a filter."""
     bump_turn: Annotated[Degrees, Only(slip=True)] = 0.0
-    """Turn of the robot toward the wall by a bump at an incidence of 45 degrees, in degrees, which
-    the wheels do not measure; at an incidence i it is sin(2 i) times as much."""
+    """Turn toward the wall that a bump causes at an incidence of 45 degrees, in degrees; the wheels
+    do not measure the turn. At an incidence i the turn is sin(2 i) times as large."""
     bump_skid: Annotated[Metres, Limit(ge=0), Only(slip=True)] = 0.0
-    """Distance that the wheels skid at a head-on bump, in metres, by which the robot then drives
-    back too far; at an incidence i it is cos(i)² times as much."""
+    """Distance that the wheels skid at a head-on bump, in metres; the robot then drives back too
+    far by this distance. At an incidence i the distance is cos(i)² times as large."""
     max_fine_cells: Annotated[int | None, Limit(ge=1), Only(slip=True)] = None
     """Largest number of finer cells of a belief, by default 100,000, and up to 400,000 for a slip
     below 2 %. More of them make its credible sets smaller on large maps, and take longer."""

@@ -16,7 +16,7 @@ _Cost: TypeAlias = Annotated[float, Limit(gt=0)]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Plans(MapStudy):
-    """Find what the plans of a bouncing robot cost between all pairs of cells."""
+    """Find the costs of the plans of a bouncing robot between all pairs of cells."""
 
     name: ClassVar[str] = "plans"
     task: ClassVar[str] = "plans"
@@ -26,7 +26,7 @@ class Plans(MapStudy):
     keep: _Cost = 1.0
     """Cost of a step, and of a bump with the same angle as the bump before."""
     change: _Cost = 100.0
-    """Cost of a bump with another angle."""
+    """Cost of a bump with an angle other than that of the bump before."""
 
     def needed(self, extent: "space.Extent") -> float | int:
         return space.estimates.plans(extent, self.motion)
@@ -53,7 +53,7 @@ class Plans(MapStudy):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Navigate(AnywhereStudy, Plans):
-    """Plan how a bouncing robot that chooses an angle at each bump gets to a goal."""
+    """Plan the way to a goal of a bouncing robot that chooses an angle at each bump."""
 
     name: ClassVar[str] = "navigation"
     command: ClassVar[str] = "navigate"
@@ -66,13 +66,13 @@ class Navigate(AnywhereStudy, Plans):
     goal: str
     """Goal, in the form of the start; with --anywhere "x,y" in m."""
     goal_radius: Annotated[Length | None, Only(anywhere=True)] = None
-    """Distance from the goal at which a robot is home, in metres; by default a cell, or half a
-    metre if cells are smaller."""
+    """Distance within which a robot has reached the goal, in metres; by default the side of a cell,
+    or half a metre if cells are smaller."""
     keep: Annotated[_Cost, Only(anywhere=False)] = 1.0
     change: Annotated[_Cost, Only(anywhere=False)] = 100.0
     slip: Annotated[Share | None, Only(anywhere=False, collision="swept")] = None
     """Error of the robot, as for `jaxcell localize`. The result then has the probability that the
-    plan arrives, and the policy that is certain to arrive."""
+    robot arrives by the plan, and a policy by which it arrives with certainty."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,5 +116,5 @@ class Navigate(AnywhereStudy, Plans):
 
 
 def _whole(cost: float) -> int | float:
-    """Convert a whole number to `int`, so that plans of whole costs cost whole numbers."""
+    """Convert a whole number to `int`, so that sums of whole costs are integers."""
     return int(cost) if cost == int(cost) else cost

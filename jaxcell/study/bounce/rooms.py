@@ -14,7 +14,7 @@ _Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
 class Rooms(Study):
     """Find the periodic groups, and the filter of a robot that knows its heading, in random rooms.
 
-    A seed and the number of a room determine it.
+    The seed and the number of a room determine the room.
     """
 
     name: ClassVar[str] = "room"
@@ -26,7 +26,7 @@ class Rooms(Study):
     bounce: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
     environment: Literal["random", "E1", "E2", "E3", "E4"] = "random"
-    """Rectangles at random places, or an environment of Alam 2018, Figure 2.7."""
+    """Kind of room: with rectangles at random places, or from Alam 2018, Figure 2.7."""
     columns: _Side = 50
     """Columns of squares of a random room."""
     rows: _Side = 45
@@ -41,7 +41,7 @@ class Rooms(Study):
     """Seed of the rooms."""
 
     def free(self) -> Any:
-        """Return the array of the free squares of the room."""
+        """Return the array that is true for the free squares of the room."""
         from ...space.maps.random_rooms import place, random_room
 
         if self.environment == "random":

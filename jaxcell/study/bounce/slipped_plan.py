@@ -15,17 +15,17 @@ from ...space import Slip, cell_strides, nearest_cell
 from ..study import Say
 
 
-# Runs of the emulated robot, and of the plan in continuous space, without the error of cells.
+# Numbers of runs of the emulated robot, and of simulations of the plan in continuous space.
 _RUNS, _PLAN_RUNS = 50, 20_000
 _CONFIDENCE = 0.99
-# A policy is followed for this many lengths of the plan, or mean times of its own if that is more.
+# A run of a policy has at most `_PLANS` lengths of the plan, or `_MEANS` of its mean times.
 _PLANS, _MEANS, _MOST = 4, 4, 4000
 
 
 def slipped_plan(
     plan: Plan, error: float, bounces_deg: Sequence[float], step: float | None, say: Say
 ) -> SlippedPlan:
-    """Find the probability that a plan arrives despite slips, and a policy that surely arrives."""
+    """Find the probability that a robot that slips arrives by a plan, and a policy to arrive."""
     cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
     slip = Slip.of(error, give=bumper_give(cells.cell))
     fine = FineCells.within(cells, slip)
@@ -83,7 +83,7 @@ def slipped_plan(
 
 
 def _robot(plan: Plan, error: float, step: float | None, seed: int) -> tuple[Walker, Body]:
-    """An emulated robot at the start, without the driver."""
+    """Make an emulated robot at the start of a plan, without a driver."""
     cells, length = plan.cells, plan.cells.cell if step is None else step
     body = Body.in_cell(cells, plan.start, error, np.random.default_rng([0, seed]))
     strides = cell_strides(cells.directions, cells.cell, length)

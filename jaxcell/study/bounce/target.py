@@ -1,4 +1,4 @@
-"""Read the target of a coverage: the share of time of each position."""
+"""Read the target of a coverage: the wanted share of time at each position."""
 
 from pathlib import Path
 
@@ -19,12 +19,12 @@ _LARGEST_COORDINATE = 1e9
 
 
 def read_target(cells: CellSpace, text: str) -> Float[np.ndarray, "positions"]:
-    """Read the share of each position from the parameter `target`.
+    """Read the wanted share of time of each position from the parameter `target`.
 
     **Arguments:**
 
     - `cells`: the cell space.
-    - `text`: `uniform`; the name of an image, whose bright parts are worth more; or
+    - `text`: `uniform`; the name of an image, whose bright parts get larger shares; or
         `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
     """
     if text == "uniform":
@@ -49,7 +49,7 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
         image = read_image(path.read_bytes())
     except UnidentifiedImageError:
         raise ValueError("expected an image that can be read") from None
-    # Images of more than 8 bits hold numbers, which a conversion would cut off.
+    # Conversion to 8 bits would cut off the numbers of images with more bits.
     plain = image if image.mode in ("I;16", "I", "F") else image.convert("L")
     return np.asarray(plain, float)
 
@@ -79,12 +79,12 @@ def _variable(cells: CellSpace, path: Path, variable: str) -> Float[np.ndarray, 
 def _nearest(
     array: xr.DataArray, name: str, centres: Float[np.ndarray, "positions"]
 ) -> xr.DataArray:
-    """Return the index of the nearest of sorted coordinates to each centre."""
+    """Return the index of the nearest coordinate to each centre; coordinates are sorted."""
     values = np.asarray(array[name], float)
-    # The bound keeps differences finite.
+    # The bound on coordinates keeps their differences finite.
     if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():
         raise ValueError(f"expected at least two finite coordinates {name}")
-    # The lower of two coordinates that are equally near.
+    # The lower coordinate is chosen if two are equally near.
     index = np.searchsorted((values[1:] + values[:-1]) / 2, centres)
     beyond = np.abs(values[index] - centres).max()
     if beyond > np.diff(values).max():

@@ -28,9 +28,9 @@ class Team(MapStudy):
     seed: int = 0
     """Seed of the random starts."""
     max_parts: AtLeastOne = 1000
-    """Most parts of the trajectory; each part after the first begins with a turn of one robot."""
+    """Maximal number of parts of the trajectory; a robot turns before each part after the first."""
     part_steps: AtLeastOne | None = None
-    """Most steps of a part; by default the number of cells, at most 100,000."""
+    """Maximal number of steps of a part; by default the number of cells, at most 100,000."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -86,7 +86,7 @@ class Team(MapStudy):
         return verification.compare_team(result, np.radians(self.bounces), motion=self.motion)
 
     def _starts(self, cells: "space.CellSpace") -> list[int]:
-        """Return the parameter `starts` as cells, or random cells in different positions."""
+        """Return the cells of the parameter `starts`, or random cells in different positions."""
         if self.starts:
             return [cell_at(cells, start, "starts") for start in self.starts]
         robots = 2 if self.robots is None else self.robots

@@ -1,1 +1,1 @@
-"""The files of sweeps: what is written, and how it is read and mended."""
+"""The files of sweeps: writing, reading and repair."""

@@ -19,13 +19,13 @@ class Contents:
     "The SHA-256 of each file of the result; `None` if the result has to be made."
     readable: list[Record] = dataclasses.field(default_factory=list)
     damage: dict[str, Record | None] = dataclasses.field(default_factory=dict)
-    "The damaged records, by descriptions; `None` if the header is damaged."
+    "The damaged records, by their descriptions; `None` for a record with a damaged header."
 
     @classmethod
     def read(cls, journal: Journal, *, check: bool) -> "Contents":
         """Read a journal.
 
-        **Raises:** `msgspec.DecodeError` for a record that another program has written.
+        **Raises:** `msgspec.DecodeError` for a record with unknown content.
         """
         read = cls()
         for record in journal.records():
@@ -43,7 +43,7 @@ class Contents:
 
     def _add(self, record: Record, content: bytes) -> None:
         self.readable.append(record)
-        # The result is made of all records before the one that lists its files.
+        # A record after the list of the files means that the result is out of date.
         self.exported = None
         if record.kind == Kind.SPEC:
             self.begun = decode(content, Begun)

@@ -1,4 +1,4 @@
-"""Report what is damaged in the folder of a sweep."""
+"""Report errors from the damaged folder of a sweep."""
 
 import contextlib
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Turn every error of a damaged sweep into a `ValueError` that names its folder."""
+    """Convert each error while reading a sweep to a `ValueError` that names the folder."""
     try:
         yield
     except Exception as error:  # Zarr and msgspec have errors of many types.

@@ -20,7 +20,7 @@ _MAP_SERVER = (".yaml", ".yml")
 
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
-    """Describe all else, besides the specification, that the numbers of a sweep depend on.
+    """Describe versions, settings and files that affect the numbers of a sweep.
 
     **Returns:** attributes of the result.
     """
@@ -37,9 +37,9 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 def digests(spec: Spec) -> dict[str, str]:
     """Compute the SHA-256 of each file that the members of a sweep read, by its name.
 
-    These are the files that parameters and fixed values name, the images of map_server files, and
-    the user's own module of a task or of a value such as a system (`FILE.py:NAME` or
-    `MODULE:NAME`), with the user's modules that it imports.
+    These files are named by parameters and fixed values. They include the images of map_server
+    files, and the user's module of a task or of a value such as a system (`FILE.py:NAME` or
+    `MODULE:NAME`), with the user's modules that this module imports.
     """
     digest_of = {}
     texts = sorted(set(_texts(spec)))
@@ -61,7 +61,7 @@ def digests(spec: Spec) -> dict[str, str]:
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Describe what has changed between two results of `made_with`: versions, files, the task."""
+    """Describe changes between two results of `made_with`: of versions, files, and the task."""
     old, new = (json.loads(made["digests"]) for made in (there, here))
     return [
         f"{name}: {there.get(name)} there, {value} here"
@@ -90,7 +90,7 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _image(path: Path) -> str | None:
-    """Read the image that a map_server file names, or `None`."""
+    """Read the name of the image from a map_server file; return `None` for other files."""
     if path.suffix.lower() not in _MAP_SERVER:
         return None
     try:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import zarr
 
 FILE_BYTES = 2**20
-"""A file holds as many chunks of the sweep as make this many bytes, or one that is larger."""
+"""Approximate largest size of a file in bytes; a file has at least one chunk of the sweep."""
 _STATUS = Variable(
     (),
     np.zeros(0, np.int8),
@@ -36,13 +36,13 @@ _STATUS = Variable(
 
 
 def update_result(store: SweepStore) -> None:
-    """Make the result of a sweep, unless nothing has changed since it was made."""
+    """Make the result of a sweep, unless it is up to date."""
     if store.frame is not None and (store.contents.exported is None or store.lost_files()):
         export(store)
 
 
 def export(store: SweepStore) -> None:
-    """Make the result of a sweep in its folder, in the place of an older one."""
+    """Make the result of a sweep in its folder, and replace an older result."""
     with replacing(store.zarr) as temporary:
         write_result(store, temporary)
         files = digests_of_files(temporary)
@@ -50,7 +50,7 @@ def export(store: SweepStore) -> None:
 
 
 def digests_of_files(folder: Path) -> dict[str, str]:
-    """Compute the SHA-256 of each file below a folder, by its path there."""
+    """Compute the SHA-256 of each file below a folder, by its relative path."""
     digests = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file():
@@ -96,7 +96,7 @@ def write_result(store: SweepStore, target: Any, file_bytes: int = FILE_BYTES) -
 def file_lengths(
     spec: Spec, variables: Mapping[str, Variable], file_bytes: int = FILE_BYTES
 ) -> dict[str, int]:
-    """The number of members in a file along each dimension, a multiple of that in a chunk."""
+    """Choose the number of members in a file along each dimension, in multiples of a chunk."""
     arrays = [one.values for one in variables.values()]
     member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
     chunk_bytes = member_bytes * math.prod(spec.lengths.values())
@@ -106,7 +106,7 @@ def file_lengths(
 
 
 def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
-    """The coordinates of the result of a sweep."""
+    """Make the coordinates of the result of a sweep."""
     along = {one.name: Variable((one.dimension,), one.values, {}) for one in spec.parameters}
     for name in (LIST_DIMENSION, RANDOM_DIMENSION):
         if name in spec.dimensions:
@@ -116,7 +116,7 @@ def coordinates(spec: Spec, own: Mapping[str, Variable]) -> dict[str, Variable]:
 
 
 def described(spec: Spec) -> dict[str, Any]:
-    """The attributes of a result that give its specification."""
+    """Make the attributes of a result that describe its specification."""
     attributes: dict[str, Any] = {
         "title": f"Sweep of {spec.task}",
         "source": "jaxcell",
@@ -128,7 +128,7 @@ def described(spec: Spec) -> dict[str, Any]:
     }
     others = [one.name for one in spec.parameters if one.name != one.dimension]
     if others:
-        # So xarray knows that they are coordinates.
+        # By this attribute xarray knows that these variables are coordinates.
         attributes["coordinates"] = " ".join(others)
     return attributes
 
@@ -147,7 +147,7 @@ def _create(
     return group.create_array(
         name,
         shape=shape,
-        # A file has at least one place, where an array may have none.
+        # The length of a Zarr chunk must be positive, also along an empty dimension.
         chunks=tuple(max(size, 1) for size in chunks),
         dtype=np.dtypes.StringDType() if dtype.kind == "U" else dtype,
         fill_value=fill,

@@ -1,8 +1,8 @@
 """The journal of a sweep: one file, to which a record is appended for each chunk that ends.
 
-A record is a header and a content. Both have a checksum, so any changed bit is found. A record is
-never changed; a later record of a chunk takes the place of an earlier one. What a killed process
-had appended is kept, and an incomplete record at the end is ignored.
+A record has a header and content. Both have a checksum, so any changed bit is found. Records never
+change; a later record of a chunk replaces an earlier one. If a process is killed, its records are
+kept, and an incomplete record at the end is ignored.
 """
 
 import dataclasses
@@ -17,9 +17,9 @@ from pathlib import Path
 
 
 JOURNAL = "sweep.journal"
-"The name of the file."
+"The name of the journal file."
 _MARK = b"\xf5Rec"
-# The mark, kind, state, number, length and CRC-32 of the content, and the CRC-32 of all these.
+# Mark, kind, state, number, and the length and CRC-32 of the content. Their CRC-32 follows.
 _FIELDS = struct.Struct("<4sBBQQI")
 _CHECKSUM = struct.Struct("<I")
 _HEADER = _FIELDS.size + _CHECKSUM.size
@@ -36,15 +36,15 @@ class Kind(enum.IntEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """A record of a journal, without its content."""
+    """The header of a record of a journal."""
 
     kind: Kind
     state: int
-    "The state of the chunk, in a record of a chunk."
+    "The state of the chunk; 0 in other records."
     number: int
-    "The number of the chunk, in a record of a chunk."
+    "The number of the chunk; 0 in other records."
     start: int
-    "The place of the content of the record in the file."
+    "The position of the content in the file, in bytes."
     length: int
     checksum: int
 
@@ -60,7 +60,7 @@ class Record:
 
 
 class Journal:
-    """The file of a journal, open for reading, or for appending too."""
+    """The open file of a journal. With `append` records can be added."""
 
     def __init__(self, path: Path, *, append: bool = False) -> None:
         self.path = path
@@ -72,7 +72,7 @@ class Journal:
         os.close(self._file)
 
     def records(self) -> Iterator[Record | int]:
-        """Find all complete records; the place of one whose header is damaged in its stead."""
+        """Yield all complete records; for a damaged header, yield its position in the file."""
         size = os.fstat(self._file).st_size
         if size == 0:
             return
@@ -101,7 +101,7 @@ class Journal:
         return content
 
     def append(self, kind: Kind, content: bytes, number: int = 0, state: int = 0) -> Record:
-        """Append a record. The content stays if this process is killed."""
+        """Append a record, which is kept even if this process is killed afterwards."""
         checksum = zlib.crc32(content)
         fields = _FIELDS.pack(_MARK, kind, state, number, len(content), checksum)
         left = memoryview(fields + _CHECKSUM.pack(zlib.crc32(fields)) + content)
@@ -113,7 +113,7 @@ class Journal:
         return Record(kind, state, number, start, len(content), checksum)
 
     def cut(self, size: int) -> None:
-        """Remove all that is behind a place: an incomplete record."""
+        """Cut the file to `size` bytes, to remove an incomplete record at the end."""
         os.ftruncate(self._file, size)
 
     def sync(self) -> None:
@@ -123,7 +123,7 @@ class Journal:
 
 
 def _read_header(data: mmap.mmap, place: int) -> Record | None:
-    """The record whose header is at a place; `None` if there is no header, or a damaged one."""
+    """Read the header at a place; return `None` if there is no header, or a damaged one."""
     fields = data[place : place + _FIELDS.size]
     checksum = data[place + _FIELDS.size : place + _HEADER]
     if len(checksum) < _CHECKSUM.size or _CHECKSUM.unpack(checksum) != (zlib.crc32(fields),):

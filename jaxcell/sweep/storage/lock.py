@@ -14,12 +14,12 @@ _PATIENCE = 0.5
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock a file, which is made if it is missing, and write the name of this process to it.
+    """Lock a file, and write the name of this process to it. A missing file is created.
 
     The system removes the lock when the process ends, also by a kill.
     """
     with open(path, "a+", encoding="utf-8") as file:
-        # `holder` takes the lock for a moment too.
+        # Retry, because `holder` may take the lock for a moment.
         limit = time.monotonic() + _PATIENCE
         while not _taken(file.fileno(), fcntl.LOCK_EX):
             if time.monotonic() > limit:
@@ -36,7 +36,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def holder(path: Path) -> str | None:
-    """Read the name of the process that holds a lock, or `None`."""
+    """Read the name of the process that has locked a file; return `None` if unlocked."""
     if not path.exists():
         return None
     with open(path, encoding="utf-8") as file:

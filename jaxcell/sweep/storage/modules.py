@@ -1,4 +1,4 @@
-"""Find the files of the user's modules that a task runs."""
+"""Find the files of the user's modules that a task imports."""
 
 import ast
 import pkgutil
@@ -29,7 +29,7 @@ def is_users(module: str, file: Path) -> bool:
 def imported_files(path: Path, name: str = "") -> dict[str, Path]:
     """Find the files of the user's modules that a file imports, directly or indirectly.
 
-    The sources are read, not run. So imports inside functions are found, and imports by a computed
+    The files are parsed, not run. So imports inside functions are found, but imports by a computed
     name are not.
 
     **Arguments:**
@@ -86,7 +86,7 @@ def _members(package: str) -> list[str]:
 
 
 def _found(name: str) -> tuple[Path | None, list[str]]:
-    """Find the file of a module, or `None`, and the folders of a package."""
+    """Find the file of a module (or `None`), and the folders if the module is a package."""
     parent, _, _ = name.rpartition(".")
     if not parent:
         specs = (finder.find_spec(name, None) for finder in sys.meta_path)

@@ -23,12 +23,12 @@ from .store import DONE, TO_DO, SweepStore
 def opened(
     folder: Path, spec: Spec, resume: bool, made: Mapping[str, Any], anyway: bool = False
 ) -> Iterator[SweepStore]:
-    """Open the store of a sweep for a run, which holds its lock.
+    """Open the store of a sweep for a run. The caller must have locked the store.
 
-    An existing sweep grows if the specification has all its members, and others.
+    An existing sweep grows if the specification has all its members and more.
 
-    **Raises:** `FileExistsError` if the folder has a sweep that is not to be resumed; `ValueError`
-    if that sweep has another specification, or was made with other versions or files.
+    **Raises:** `FileExistsError` if the folder has a sweep and `resume` is false; `ValueError` if
+    that sweep has another specification, or was made with other versions or files.
     """
     tidy(folder)
     if not (folder / JOURNAL).exists():
@@ -56,7 +56,7 @@ def opened(
 
 
 def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: bool) -> bool:
-    """Check and update a store for a run; true if it grew, and has to be opened again."""
+    """Check and update a store for a run; return true if it grew, so it must be opened again."""
     changes = store.spec.differences(spec)
     places = spec.places_in(store.spec) if changes else None
     if changes and places is None:
@@ -83,7 +83,7 @@ def _prepare(store: SweepStore, spec: Spec, made: Mapping[str, Any], anyway: boo
 
 
 def copy_spec(store: SweepStore) -> bool:
-    """Write the copy of the specification; true if it was missing or different."""
+    """Write a copy of the specification; return true if the copy was missing or different."""
     path = store.folder / "spec.toml"
     if path.exists() and path.read_bytes() == store.spec.text:
         return False
@@ -93,7 +93,7 @@ def copy_spec(store: SweepStore) -> bool:
 
 
 def tidy(folder: Path) -> None:
-    """Remove unfinished files that a killed run has left."""
+    """Remove temporary files of killed runs."""
     for stem in ("sweep", "spec", "failures", "progress"):
         for path in folder.glob(f".{stem}-????????*"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -102,7 +102,7 @@ def tidy(folder: Path) -> None:
 def write_journal(
     folder: Path, begun: Begun, old: Journal | None = None, records: Iterable[Record] = ()
 ) -> None:
-    """Write a journal at once, with records that are copied from an old one."""
+    """Write a journal atomically, with records that are copied from an old journal."""
     with replacing(folder / JOURNAL) as temporary:
         journal = Journal(temporary, append=True)
         journal.append(Kind.SPEC, encode(begun))
@@ -116,9 +116,9 @@ def write_journal(
 def _grow(
     store: SweepStore, spec: Spec, places: Mapping[str, np.ndarray], made: Mapping[str, Any]
 ) -> None:
-    """Make a store one of a larger specification, with the members that are done.
+    """Replace a store by the store of a larger specification, and keep the members that are done.
 
-    The larger journal takes the place of the smaller one when all of it is on the disk.
+    The larger journal replaces the smaller one only when it is completely on the disk.
     """
     with tempfile.TemporaryDirectory(prefix=".sweep-", dir=store.folder) as name:
         temporary = Path(name)

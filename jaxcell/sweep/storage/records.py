@@ -23,16 +23,16 @@ class Begun(msgspec.Struct):
     folder: str
     "The folder of the specification, relative to the store."
     made: dict[str, Any]
-    "Attributes of the result; they describe all else that the numbers depend on."
+    "Attributes of the result: the versions, settings and files that affect the numbers."
 
     @classmethod
     def of(cls, spec: Spec, folder: Path, made: Mapping[str, Any]) -> "Begun":
-        """Describe a sweep whose store is in a folder. Store and files can be moved together."""
+        """Describe a sweep with its store in a folder. Store and files can be moved together."""
         files = os.path.relpath(spec.folder.resolve(), folder.resolve())
         return cls(spec.text, files, dict(made))
 
     def spec(self, folder: Path) -> Spec:
-        """Parse the specification of the sweep whose store is in a folder."""
+        """Parse the specification of the sweep with its store in a folder."""
         return Spec.parse(self.text, folder / "spec.toml", (folder / self.folder).resolve())
 
 
@@ -41,7 +41,7 @@ class Members(msgspec.Struct):
     values: bytes
     "All variables, compressed; empty if no member is done."
     failed: dict[int, tuple[str, str]]
-    "Message and traceback of each member that failed, by its place in the chunk."
+    "Message and traceback of each failed member, by the index of the member in the chunk."
 
     @classmethod
     def of(
@@ -63,7 +63,7 @@ class Members(msgspec.Struct):
 
 
 def encode(content: Any) -> bytes:
-    """Encode the content of a record; arrays by their types, shapes and bytes."""
+    """Encode the content of a record. Arrays become their types, shapes and bytes."""
     return msgspec.msgpack.encode(
         content, enc_hook=lambda array: (array.dtype.str, array.shape, array.tobytes())
     )
@@ -93,7 +93,7 @@ def fill_value(dtype: np.dtype) -> Any:
 
 
 def check_fits(frame: Computed, computed: Computed) -> None:
-    """Raise `ValueError` if a chunk has other variables than the first chunk that was done."""
+    """Raise `ValueError` if the variables of a chunk differ from those of the first chunk done."""
     here, first = ({**one.variables, **one.coordinates} for one in (computed, frame))
     if here.keys() != first.keys():
         raise ValueError(

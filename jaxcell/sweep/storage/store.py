@@ -1,4 +1,4 @@
-"""The store of a sweep: a journal, which a run appends to, and the result that is made of it."""
+"""The store of a sweep: a journal that a run appends to, and the result made from the journal."""
 
 import dataclasses
 import itertools
@@ -28,10 +28,10 @@ class SweepStore:
     """The folder of a sweep.
 
     - `sweep.journal` has the specification, and a record for each chunk that ended.
-    - `sweep.zarr` is the result. It is made of the journal when a run ends.
+    - `sweep.zarr` is the result. It is made from the journal when a run ends.
     - `spec.toml` is a copy of the specification.
-    - `failures.json` has the members that have failed when a run ends.
-    - `lock` names the process that writes.
+    - `failures.json` lists the failed members. It is written when a run ends.
+    - `lock` has the name of the process that writes to the store.
     """
 
     def __init__(self, folder: Path, *, append: bool = False) -> None:
@@ -39,8 +39,8 @@ class SweepStore:
 
         **Arguments:**
 
-        - `append`: whether to write. All records are read then; a chunk whose record is damaged is
-            to do, and an incomplete record at the end is removed.
+        - `append`: if true, open for writing and check all records. Chunks with damaged records
+            become `TO_DO`, and an incomplete record at the end is removed.
         """
         path = folder / JOURNAL
         if not path.is_file():
@@ -75,32 +75,32 @@ class SweepStore:
 
     @property
     def made(self) -> Mapping[str, Any]:
-        """The attributes that describe all else that the numbers depend on."""
+        """Attributes of the result: the versions, settings and files that affect the numbers."""
         assert self.contents.begun is not None
         return self.contents.begun.made
 
     @property
     def frame(self) -> Computed | None:
-        """The variables without members, and the coordinates; `None` before a member is done."""
+        """The variables of length 0, and the coordinates; `None` before a member is done."""
         return self.contents.frame
 
     @property
     def states(self) -> np.ndarray:
-        """The state of each chunk: done if all members are, failed if a member failed."""
+        """The state of each chunk: `FAILED` if a member failed, `DONE` if all members are done."""
         states = np.full(self.spec.chunk_count, TO_DO, np.int8)
         for number, record in self.contents.chunks.items():
             states[number] = record.state
         return states
 
     def differences(self, made: Mapping[str, Any]) -> list[str]:
-        """Describe the changes since the sweep began: of versions, files, and the task."""
+        """Describe changes of versions, files, and the task since the sweep began."""
         if self.frame is None:
             return []
         with reading(self.folder):
             return differences(self.made, made)
 
     def read(self, number: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Read the states of the members of a chunk, and the variables."""
+        """Read the states and the variables of the members of a chunk."""
         states, arrays = self.empty(self.spec.chunk(number).shape)
         if number in self.contents.chunks:
             with reading(self.folder):
@@ -108,7 +108,7 @@ class SweepStore:
         return states, arrays
 
     def select(self, places: Sequence[np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Read the members at places along each dimension: their states, and the variables."""
+        """Read the states and variables of the members at given indices along each dimension."""
         states, arrays = self.empty(tuple(along.size for along in places))
         lengths = [*self.spec.lengths.values()]
         chunks = [along // length for along, length in zip(places, lengths, strict=True)]
@@ -142,7 +142,7 @@ class SweepStore:
         return np.full(shape, TO_DO, np.int8), arrays
 
     def failures(self) -> Iterator[Failure]:
-        """Read the members that failed, in the order of their chunks."""
+        """Yield the failed members, in the order of their chunks."""
         for number, record in sorted(self.contents.chunks.items()):
             if record.state == FAILED:
                 with reading(self.folder):
@@ -158,7 +158,7 @@ class SweepStore:
         return [name for name in names if not os.path.exists(self.zarr / name)]
 
     def begin(self, made: Mapping[str, Any], spec: Spec) -> None:
-        """Write what the numbers depend on, and the folder of the specification, if changed."""
+        """Write the attributes and the folder of the specification, if they changed."""
         begun = Begun.of(spec, self.folder, made)
         begun.text = self.spec.text
         if begun != self.contents.begun:
@@ -166,7 +166,7 @@ class SweepStore:
             self.contents.begun = begun
 
     def check(self, computed: Computed) -> None:
-        """Check that a result has the variables of the first result, which are recorded."""
+        """Check that a result has the variables of the first result; record those of the first."""
         if self.frame is None:
             variables = {
                 name: dataclasses.replace(one, values=one.values[:0])
@@ -179,7 +179,7 @@ class SweepStore:
         check_fits(self.frame, computed)
 
     def write(self, parts: Parts) -> list[Failure]:
-        """Write the outcomes of the missing members of a chunk; return those that failed."""
+        """Write the outcomes of the missing members of a chunk; return the failures."""
         chunk, own = parts.chunk, self.spec.places(parts.chunk)
         states, arrays = self.read(chunk.number)
         missing = states != DONE
@@ -212,14 +212,14 @@ class SweepStore:
         self._put(chunk.number, state, Members.of(states, values, failed))
 
     def copy(self, other: "SweepStore", number: int) -> list[Failure]:
-        """Copy a chunk from another store of the same sweep; return the members that failed."""
+        """Copy a chunk from another store of the same sweep; return the failures."""
         with reading(other.folder):
             members = other._members(number)
         self._put(number, other.contents.chunks[number].state, members)
         return [*self._failures(number, members.failed)]
 
     def mark_exported(self, files: Mapping[str, str]) -> None:
-        """Write that the result was made of the journal, and the SHA-256 of each file."""
+        """Record that the result is up to date, with the SHA-256 of each of its files."""
         self._append(Kind.EXPORT, Exported(dict(files)))
         self._journal.sync()
         self.contents.exported = files

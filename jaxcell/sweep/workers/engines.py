@@ -1,7 +1,7 @@
-"""Engines compute chunks: in this process, in others, or on a cluster of Dask.
+"""Engines compute chunks in this process, in other processes, or on a cluster of Dask.
 
-An engine takes a job when a worker is free for it, so that only a few are submitted at a time, and
-gives outcomes in the order in which jobs end. Closing its generator ends its workers at once.
+An engine takes a few jobs per worker at a time, and yields outcomes in the order in which jobs end.
+Closing the generator of an engine stops its workers at once.
 """
 
 import asyncio
@@ -30,12 +30,12 @@ Outcomes = Generator[tuple[Job, Computed | Failed], None, None]
 Take = Callable[[], Job | None]
 Engine = Callable[[Take], Outcomes]
 
-# While a worker computes a job, the next one waits.
+# Number of submitted jobs per worker: one is computed, and the next one waits.
 _JOBS_EACH = 2
 # One message per job would saturate the scheduler at 1,000 workers.
 _TOGETHER = 16
 LOOK_SECONDS = 1.0
-"""Seconds between counts of the workers of a cluster."""
+"""Interval in seconds at which the workers of a cluster are counted."""
 _GONE = (
     "{}: the scheduler of the cluster cannot be reached, or is gone; chunks that ended are kept: "
     "resume the sweep with another cluster"
@@ -46,28 +46,28 @@ CONNECT_SECONDS = 10
 """Seconds to wait for a scheduler; Dask itself waits half a minute."""
 # Two clusters on one machine cannot share the default port.
 _ANY_PORT = "127.0.0.1:0"
-# Ctrl-C goes to all processes of a terminal. Each worker runs this.
+# Workers run this code to ignore Ctrl-C, which goes to all processes of a terminal.
 _LEAVE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 def engine_named(name: str, workers: int | None = None, timeout: float | None = None) -> Engine:
-    """Make the engine of a name.
+    """Make an engine from its name.
 
     **Arguments:**
 
-    - `name`: `local`, in this process; `processes`, in other processes; `dask`, on a cluster that
-        is started on this machine; or `dask://host:port`, on the cluster of that scheduler, whose
-        workers must be able to import jaxcell and the task. Addresses of Dask are accepted too:
-        `tcp://host:port`, or `tls://host:port` with the configuration of Dask.
+    - `name`: `local` (this process), `processes` (other processes), `dask` (a new cluster on this
+        machine), or `dask://host:port` (the cluster of that scheduler, with workers that can import
+        jaxcell and the task). Addresses of Dask are also accepted: `tcp://host:port`, or
+        `tls://host:port` with the configuration of Dask.
     - `workers`: the number of processes of `processes` and `dask`; by default one for each
         processor that this process may use.
-    - `timeout`: seconds after which a job is ended and has failed; not for `local`.
+    - `timeout`: seconds after which a job is stopped and counts as failed; not for `local`.
 
-    **Returns:** a function that takes jobs and gives their outcomes in the order in which they end.
-    It takes jobs until it gets `None`, and again after each outcome.
+    **Returns:** a function that takes jobs, and yields their outcomes in the order in which they
+    end. After each outcome it takes more jobs, until it gets `None`.
 
-    **Raises:** `ValueError` for another name, for a timeout of `local`, or if `distributed` is not
-    installed.
+    **Raises:** `ValueError` for an unknown name, for a timeout with `local`, or if `distributed` is
+    not installed.
 
     An unknown name:
 
@@ -110,15 +110,15 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 
 
 def scheduler_address(file: str | os.PathLike[str]) -> str:
-    """Read the address of a cluster, for use as an engine, from the file of its scheduler.
+    """Read the address of a cluster from the file of its scheduler.
 
     **Arguments:**
 
-    - `file`: the file from `dask scheduler --scheduler-file FILE`.
+    - `file`: the file that `dask scheduler --scheduler-file FILE` wrote.
 
     **Returns:** the address, such as `tcp://host:port`, for [`engine_named`][].
 
-    **Raises:** `ValueError` for another file; `FileNotFoundError`.
+    **Raises:** `ValueError` if the file has no address; `FileNotFoundError`.
 
     The file of a scheduler:
 
@@ -142,7 +142,7 @@ def local(take: Take) -> Outcomes:
 
 
 def _processes(take: Take, workers: int, timeout: float | None) -> Outcomes:
-    """Compute in processes that end with this one."""
+    """Compute jobs in child processes, which end when this process ends."""
     with (
         ThreadPoolExecutor(workers) as threads,
         contextlib.closing(Team(worker_environment(workers), timeout)) as team,
@@ -161,7 +161,7 @@ def _in_turn(
     submit: Callable[[list[Job]], Iterable[Any]],
     results: Callable[[list[Any]], Iterable[Computed | Failed]],
 ) -> Outcomes:
-    """Keep up to `most()` jobs submitted, and give outcomes in the order in which jobs end."""
+    """Keep up to `most()` jobs submitted, and yield outcomes in the order in which jobs end."""
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     while True:
@@ -179,7 +179,7 @@ def _in_turn(
 
 
 def _dask_here(take: Take, workers: int, timeout: float | None) -> Outcomes:
-    """Compute on a cluster of this machine that is started for it."""
+    """Compute jobs on a new cluster on this machine."""
     import dask
     from distributed import LocalCluster
 
@@ -201,7 +201,7 @@ def _dask_here(take: Take, workers: int, timeout: float | None) -> Outcomes:
 
 
 def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
-    """Compute on an existing cluster, which tries a job again if its worker dies."""
+    """Compute jobs on an existing cluster. Dask repeats a job if its worker dies."""
     from distributed import Client
 
     run = secrets.token_hex(8)
@@ -211,7 +211,7 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
     def most() -> int:
         nonlocal threads, counted
         if time.monotonic() >= counted + LOOK_SECONDS:
-            # Workers come and go.
+            # The number of workers may change.
             with _reaching(address):
                 threads = sum(client.nthreads().values())
             counted = time.monotonic()
@@ -243,7 +243,7 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
 
 
 def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
-    """Take all futures from a queue; if it is empty, wait a moment for one."""
+    """Take all futures from a queue; if it is empty, wait `LOOK_SECONDS` for a future."""
     futures = []
     with contextlib.suppress(queue.Empty):
         futures.append(ended.get(timeout=LOOK_SECONDS))
@@ -254,7 +254,7 @@ def _ended_futures(ended: "queue.SimpleQueue[Any]") -> list[Any]:
 
 @contextlib.contextmanager
 def _reaching(address: str) -> Iterator[None]:
-    """Raise a `ConnectionError` of one line if the block does not reach the scheduler."""
+    """Raise a short `ConnectionError` if the block cannot reach the scheduler."""
     try:
         yield
     except (OSError, RuntimeError, asyncio.CancelledError) as error:
@@ -263,7 +263,7 @@ def _reaching(address: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_log() -> Iterator[None]:
-    """Silence the tracebacks of Dask for a lost scheduler, because our error reports it."""
+    """Hide the tracebacks of Dask for a lost scheduler, because our error reports the loss."""
     loggers = [logging.getLogger(f"distributed.{part}") for part in _CONNECTION]
     kept = [logger.disabled for logger in loggers]
     for logger in loggers:
@@ -275,12 +275,12 @@ def _without_log() -> Iterator[None]:
             logger.disabled = disabled
 
 
-# Processes for the threads of a Dask worker, by run: a thread cannot be ended.
+# The processes that compute for a Dask worker, by run. Unlike threads, they can be stopped.
 _teams: dict[str, Team] = {}
 
 
 def _compute_apart(run: str, timeout: float, job: Job) -> Computed | Failed:
-    """Compute a job on a worker of Dask, in a process that can be ended."""
+    """Compute a job of a Dask worker in a separate process, which a timeout can stop."""
     return _teams.setdefault(run, Team({}, timeout)).compute(job)
 
 
@@ -290,9 +290,9 @@ def _close_team(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """Make the environment of processes that share the processors of this machine.
+    """Make environment variables that divide the processors of this machine among processes.
 
-    JAX obeys only `PJRT_NPROC`; linear algebra obeys the other variables.
+    JAX reads only `PJRT_NPROC`; libraries of linear algebra read the other variables.
     """
     share = str(max(len(os.sched_getaffinity(0)) // workers, 1))
     names = ("PJRT_NPROC", "NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

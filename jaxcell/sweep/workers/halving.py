@@ -1,4 +1,4 @@
-"""Jobs of a run: chunks, and halves of jobs that fail, down to single members."""
+"""Jobs of a run: chunks, and, after failures, their halves, down to single members."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from .work import Computed, Failed, Job
 
 @dataclasses.dataclass
 class Parts:
-    """The outcomes of the jobs of a chunk. A place is the index of a member in its batch."""
+    """The outcomes of the jobs of a chunk. The place of a member is its index in the batch."""
 
     chunk: Chunk
     members: int
@@ -19,24 +19,24 @@ class Parts:
     computed: list[tuple[np.ndarray, Computed]] = dataclasses.field(default_factory=list)
     "The places of the members of each job, and its result."
     failed: dict[int, Failed] = dataclasses.field(default_factory=dict)
-    "The failure of each member that failed, by its place."
+    "The failures of members, by the place of the member."
     open: int = 1
     "The number of jobs that have not ended."
 
 
 class Halving:
-    """The jobs of a run, taken in turn."""
+    """A queue of the jobs of a run, which splits a failed job into halves."""
 
     def __init__(self, spec: Spec, jobs: Iterator[Job]) -> None:
         self.begun: dict[int, Parts] = {}
-        "Chunks with some, but not all, outcomes, by their numbers."
+        "Unfinished chunks with some outcomes, by their numbers."
         self.failed = 0
         "The number of members that failed."
         self._spec, self._jobs = spec, jobs
         self._halves: list[Job] = []
 
     def take(self) -> Job | None:
-        """Take the next job, or `None`. A failure may add jobs later."""
+        """Take the next job; return `None` if there is none now. A failure may add jobs later."""
         return self._halves.pop() if self._halves else next(self._jobs, None)
 
     def settle(self, job: Job, outcome: Computed | Failed) -> Parts | None:

@@ -1,4 +1,4 @@
-"""Processes that compute jobs: one may die, or be ended, without harm to this process."""
+"""Processes that compute jobs. Their crashes and their end do not harm this process."""
 
 import contextlib
 import os
@@ -13,14 +13,14 @@ from multiprocessing.connection import Connection
 from .work import Computed, Failed, Job, compute
 
 
-# The number of workers that a job may kill before it has failed.
+# Number of crashed workers after which a job counts as failed.
 _MAX_DEATHS = 3
 
 
 class Worker:
-    """A process that computes jobs. It ends with this one, however this one ends.
+    """A child process that computes jobs. It ends when this process ends, also by a kill.
 
-    The output of its tasks goes to standard error.
+    Output of tasks on standard output goes to standard error.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
@@ -35,12 +35,12 @@ class Worker:
                 pass_fds=(number,),
                 stdin=subprocess.DEVNULL,
                 stdout=2,
-                # Ctrl-C goes to all processes of a terminal, and is for the driver.
+                # Only the driver shall get Ctrl-C, which goes to all processes of a terminal.
                 start_new_session=True,
             )
 
     def compute(self, job: Job, timeout: float | None) -> Computed | Failed:
-        """Compute a job. The seconds of the timeout begin when the process has started."""
+        """Compute a job. The timeout in seconds does not include the start of the process."""
         try:
             if not self._ready:
                 self._connection.recv()
@@ -58,7 +58,7 @@ class Worker:
 
 
 class Team:
-    """Workers for threads: one for each thread that computes jobs, replaced when it dies."""
+    """A group of workers, one for each calling thread. A worker that dies is replaced."""
 
     def __init__(self, environment: Mapping[str, str], timeout: float | None) -> None:
         self._environment, self._timeout = environment, timeout
@@ -67,7 +67,7 @@ class Team:
         self._closed = False
 
     def compute(self, job: Job) -> Computed | Failed:
-        """Compute a job by the worker of this thread."""
+        """Compute a job with the worker of this thread."""
         for _ in range(_MAX_DEATHS):
             worker = self._worker()
             try:
@@ -113,7 +113,7 @@ def serve(descriptor: int) -> None:
         os._exit(1)
 
     threading.Thread(target=read, daemon=True).start()
-    # Every result is a dataset. The second that its import takes is not part of a job's time.
+    # Results are datasets. Import xarray, which takes a second, before the time of a job begins.
     import xarray as xr
 
     xr.Dataset({"x": ("x", [0])})

@@ -1,4 +1,4 @@
-"""Progress of a run, for its caller, and in a file of the store for other processes."""
+"""Progress of a run: reports to the caller, and a file in the store for other processes."""
 
 import contextlib
 import dataclasses
@@ -14,7 +14,7 @@ from ..failures import Failure
 
 _FILE = "progress.json"
 SECONDS_BETWEEN = 1.0
-"""Seconds between two estimates of the time left."""
+"""Seconds between two writes of the progress."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,19 +24,19 @@ class Progress:
     chunks: int
     "The number of chunks of the run."
     done: int
-    "The number of chunks that have ended, also in earlier runs."
+    "The number of chunks that have ended, in this run and earlier ones."
     failed: int
     "The number of members that failed in this run."
     rate: float
-    "Members computed per second in this run, also those that failed."
+    "Members computed per second in this run, including failed members."
     left: float
-    "Seconds until the end at this rate."
+    "Estimated seconds until the end."
     failures: tuple[Failure, ...]
     "The failures in the chunk that has just ended."
 
 
 class Count:
-    """Counts the work of a run, by a clock in seconds."""
+    """A counter of the work of a run, with a clock in seconds."""
 
     def __init__(self, chunks: int, done: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.chunks, self.done, self.failed = chunks, done, 0
@@ -45,7 +45,7 @@ class Count:
         self._began = clock()
 
     def add(self, members: int) -> None:
-        """Count a chunk that has ended, and its computed members."""
+        """Add a chunk that has ended, with its number of computed members."""
         self.done += 1
         self._ended += 1
         self._members += members
@@ -90,7 +90,7 @@ def written_down(
 def read_down(
     folder: Path, clock: Callable[[], float] = time.time
 ) -> tuple[float | None, float | None]:
-    """Read the members per second and the seconds left of a run; `None` before the first chunk."""
+    """Read the members per second and the seconds left of a run; both `None` if unknown."""
     try:
         kept = json.loads((folder / _FILE).read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Compute the members of a chunk in a worker. The results are plain arrays."""
+"""Compute the members of a chunk in a worker. The results are NumPy arrays."""
 
 import dataclasses
 import functools
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], "xr.Dataset"]
 
 _WIDE = "JAX_ENABLE_X64"
-# Types of numbers that Zarr supports, and booleans.
+# Type codes of the numbers and booleans that Zarr supports.
 _CODES = np.typecodes["AllInteger"] + "efdFD?"
 _MAX_LINES = 30
 
@@ -39,13 +39,13 @@ class Job:
     number: int
     "The number of the chunk."
     places: np.ndarray
-    "The places of the members in the batch of the chunk."
+    "The indices of the members in the batch of the chunk."
     task: str
     batch: Mapping[str, np.ndarray]
     fixed: Mapping[str, Any]
     seed: int
     wide: bool
-    "If true, JAX computes with 64 bits, as in the driver."
+    "If true, JAX computes with 64 bits."
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
@@ -54,7 +54,7 @@ class Job:
         return cls(chunk.number, places, spec.task, batch, spec.fixed, spec.seed, wide)
 
     def part(self, places: np.ndarray) -> "Job":
-        """Make the job of some of the members, by their places in the batch of the chunk."""
+        """Make a job of some of the members, by their indices in the batch of the chunk."""
         rows = np.searchsorted(self.places, places)
         batch = {name: values[rows] for name, values in self.batch.items()}
         return dataclasses.replace(self, places=places, batch=batch)
@@ -75,7 +75,7 @@ class Computed:
     """The result of a job."""
 
     variables: Mapping[str, Variable]
-    "The variables by name; the first dimension of their arrays is that of the members."
+    "The variables by name; the first dimension of their arrays is `member`."
     coordinates: Mapping[str, Variable]
     "The coordinates of the other dimensions, equal in all chunks."
 
@@ -138,16 +138,16 @@ def prepared(spec: Spec) -> Spec:
 
 
 def with_task_found(spec: Spec) -> Spec:
-    """Replace the name of a task by its absolute path if it is a file."""
+    """Replace the file name of a task by its absolute path; leave other tasks unchanged."""
     file, colon, name = spec.task.partition(":")
     path = spec.find_file(file) if colon and file.endswith(".py") else None
     return spec if path is None else dataclasses.replace(spec, task=f"{path}:{name}")
 
 
 def with_files_found(spec: Spec) -> Spec:
-    """Replace relative paths by absolute ones if the task is a study, so that workers find them.
+    """Replace relative paths by absolute ones if the task is a study, so workers find the files.
 
-    A path starts at the folder of the specification, or else at the current folder.
+    A path is relative to the folder of the specification, or else to the current folder.
     """
     study = study_of(spec.task)
     kinds = {} if study is None else parameters(study)
@@ -188,7 +188,7 @@ def jax_is_wide() -> bool:
 def compute(job: Job) -> Computed | Failed:
     """Compute a job. Exceptions are returned as `Failed`."""
     try:
-        # A worker of a cluster may have another setting, and a task may import JAX when it runs.
+        # Set the variable too, because the task may import JAX later.
         os.environ[_WIDE] = str(int(job.wide))
         task = find_task(job.task)
         if (jax := sys.modules.get("jax")) is not None and jax_is_wide() != job.wide:
