@@ -52,9 +52,10 @@ class Study:
         for name, kinds in _kinds(kind).items():
             value = getattr(self, name)
             if Path in kinds and str(value).startswith("@"):
-                object.__setattr__(self, name, bundled(str(value)))
+                value = bundled(str(value))
             if Ellipsis in kinds and isinstance(value, str | Path | float | int):
-                object.__setattr__(self, name, (value,))
+                value = (value,)
+            object.__setattr__(self, name, value)
         check(self)
 
     def run(self, say: Say = silent) -> Result:

@@ -14,7 +14,7 @@ from recordings import read_back
 from jaxcell import bundled
 from jaxcell.cli import main
 from jaxcell.record import dataset, summary
-from jaxcell.study import Cover, Groups, Study
+from jaxcell.study import Cover, Drift, Groups, Study
 from jaxcell.study.loading import load_study
 from jaxcell.sweep.study_task import read_study, study_task
 
@@ -183,3 +183,4 @@ def test_a_study_takes_the_name_of_bundled_data():
 
 def test_a_parameter_of_several_values_accepts_one():
     assert Groups(map=bundled("lab_a"), bounce=45) == Groups(map=bundled("lab_a"), bounce=(45,))
+    assert Drift(file="@gyres") == Drift(file=(bundled("gyres"),))
