@@ -100,8 +100,8 @@ def quantity(
     - `meaning`: a noun phrase.
     - `units`: units as in the CF conventions, such as `m`, `s`, `rad`; `None` without units.
     - `kind`: a [`Kind`][].
-    - `listed`: if true, the summary includes the array: of one dimension under its own name, of
-        more dimensions in the rows of a table.
+    - `listed`: if true, the summary includes the array. An array of one dimension has its own
+        name, and arrays of more dimensions are rows of a table.
     - further keywords: attributes of the variable in datasets.
     """
     return Quantity(tuple(dims.split()), meaning, units, kind, listed, attributes)

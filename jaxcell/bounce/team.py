@@ -190,7 +190,7 @@ class _Steps(NamedTuple):
 
 
 class _Run:
-    """A joint trajectory in the making."""
+    """A joint trajectory that is extended step by step."""
 
     def __init__(
         self, cells: CellSpace, start: Int[np.ndarray, "robots"], reach: int, max_parts: int

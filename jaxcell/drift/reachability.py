@@ -56,8 +56,8 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     """Find the cells that a drifter may visit if it goes up and down at any time.
 
-    These are the cells to which some policy leads with positive probability. They are more than the
-    cells of Alg. 5.4 of Alam 2018.
+    These are the cells to which some policy leads with positive probability. Algorithm 5.4 of Alam
+    2018 finds only some of them.
 
     **Arguments:**
 

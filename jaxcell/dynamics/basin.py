@@ -50,7 +50,7 @@ class Basins(Result):
         Int[np.ndarray, "cells"],
         quantity("cell", "periodic group that the cell leads to", kind="index"),
     ]
-    "Groups are in the order of their smallest cells; those of the sinks come last."
+    "Groups are in the order of their smallest cells; the groups of the sinks come last."
     step: Annotated[
         Int[np.ndarray, "cells"],
         quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),

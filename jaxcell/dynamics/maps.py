@@ -53,7 +53,7 @@ class Flow:
 
     @property
     def usual(self) -> int:
-        """Number of steps of an application, or 32 if it differs between cells."""
+        """Number of steps of an application of the map, or 32 if cells have different numbers."""
         return _LONG if self.crossing else self.steps
 
     def velocity(self, x: Any, params: Any) -> Any:
@@ -62,7 +62,7 @@ class Flow:
 
     @property
     def duration(self) -> float | None:
-        """The time of an application; `None` if it differs between cells."""
+        """The time of an application of the map; `None` if the time differs between cells."""
         return None if self.crossing else self.dt * self.steps
 
     def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:

@@ -71,7 +71,7 @@ def orbit_ends(
     visits: int = VISITS,
     most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
-    """Follow points for `most` mappings, or until `visits` visits to the cells of one owner."""
+    """Follow points for `most` mappings, or until `visits` visits to the cells of one attractor."""
     params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 
     def stage(state: Any, k: int) -> Any:

@@ -93,8 +93,8 @@ def minimal_critical_shock(basins: Basins) -> Float[np.ndarray, "attractors"]:
     **Arguments:** basins. **Returns:** the distance for each attractor.
 
     An exact Euclidean distance transform between centres is used, so the result is accurate to a
-    cell. Cells beyond the ends of an axis count only if it is periodic. It is `inf` for a single
-    basin.
+    cell. Cells beyond the ends of an axis count only if the axis is periodic. The distance is `inf`
+    for a single basin.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()

@@ -44,8 +44,8 @@ class Arrivals:
     def interval(self) -> tuple[float, float]:
         """A confidence interval of 95 % for the expected time, by the central limit theorem.
 
-        If a run was given up, the upper end is `inf`, and the lower end counts it as an arrival
-        then.
+        If a run ended without arrival, the upper end is `inf`, and for the lower end the run
+        counts as one that arrived at its end.
         """
         time = np.minimum(np.asarray(self.time), self.horizon)
         error = _NORMAL_95 * float(time.std(ddof=1)) / math.sqrt(time.size)

@@ -37,7 +37,7 @@ class AnywhereSettings:
     ahead: int = 1
     "The number of bumps to look ahead in this choice."
     seed: int = 0
-    "The seed of the draws for a choice."
+    "The seed of the places that are drawn to choose an angle."
 
 
 def run_anywhere(

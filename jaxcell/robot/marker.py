@@ -139,7 +139,7 @@ class CrossLook:
     """Look for the marker from each cell of a patrol."""
 
     source: Callable[[], Frame]
-    "Gives a frame of the view ahead of the robot, such as `camera()` or `pictures(folder)`."
+    "Function that returns a picture of the view ahead, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
         """Take a frame, and report the marker if it is in the frame.

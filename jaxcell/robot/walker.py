@@ -186,7 +186,7 @@ class Walker:
         self._face(self._heading)
 
     def _recall(self, target: complex) -> bool:
-        """Take a step of an earlier run as made, by its observation."""
+        """Count a step of an earlier run without driving, by its observation."""
         observation = self.recalled[len(self.observations)]
         if observation == "0":
             self._centre = self._at = target

@@ -95,7 +95,7 @@ class Chords:
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "rows"]:
-        """The order of each row: the number of its slice and wall, by which rows are sorted."""
+        """The number of the slice and the wall of each row; rows are sorted by this number."""
         return self.slice.astype(np.int64) * len(self.boundary.length) + self.wall
 
 

@@ -74,7 +74,7 @@ class WallFilter:
 
     Its states are sets of places on walls and headings ([`WallSet`][jaxcell.walls.WallSet]). The
     true place is always in the set, if the errors are within their bounds and the map is right.
-    The states of many robots are one set, and all functions take and return arrays over robots.
+    One `WallSet` has the sets of many robots, and functions take and return arrays over robots.
 
     A room without symmetry, and a robot that turns by 135 degrees at each bump and measures its
     runs to within a centimetre:

@@ -144,9 +144,9 @@ class _Groups:
     def next_sets(
         self, seen: set[int], bumps: int, order: Int[np.ndarray, "angles"], directions: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Find the groups of two or more candidates that have not bumped together before.
+        """Find the sets of two or more candidates that bump at the same time and are new.
 
-        Returns the angle of each, and the set and the wall of each member.
+        Returns the angle of each set, and for each candidate the number of its set and its wall.
         """
         many = np.flatnonzero(self.size > 1)
         start = self.end - self.size + 1

@@ -10,7 +10,7 @@ from ..plans.plan import Plan
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SlippedPlan(Plan):
-    """A plan, the probability that a robot that slips arrives by it, and a policy that arrives."""
+    """A plan, the probability that a slipping robot arrives with it, and a policy that arrives."""
 
     title: ClassVar[str] = "Plan of a bouncing robot that slips"
 

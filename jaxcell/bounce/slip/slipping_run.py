@@ -30,7 +30,7 @@ class Slipped(Candidates):
     "One or several bouncing angles to choose from at each bump, in radians."
     slip: Slip
     hidden: HiddenMap
-    "The map of the belief, among fine cells."
+    "The transitions between fine cells, by which the belief moves."
     fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
     fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
     observations: Annotated[

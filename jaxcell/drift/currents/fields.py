@@ -246,7 +246,7 @@ class FieldReader:
     def _exchanged(
         self, is_water: Bool[np.ndarray, "y x"], would_move: Bool[np.ndarray, "y x"]
     ) -> ValueError:
-        """Make the error for masks by which all currents of the file are on land."""
+        """Make the error for a file whose masks of land and water are exchanged."""
         masks = [self.mask, *(component.mask for component in self.components)]
         why = {mask.name: mask.why for mask in masks if mask}
         return self.file.error(

@@ -24,7 +24,7 @@ class Mask:
     water: Bool[np.ndarray, "#levels y x"]
     "True for water, on all levels or on a single level for all."
     why: str
-    "The values for water or land, and how they are known, in words."
+    "A description of the values for water or land, and of their source."
 
 
 def read_mask(

@@ -15,7 +15,7 @@ TOLERANCE = 1e-6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Modes:
-    """Leading eigenvalues of a chain, or of some steps of it, with their eigenvectors."""
+    """Leading eigenvalues of a chain, or of a number of its steps, with their eigenvectors."""
 
     value: Complex[np.ndarray, "modes"]
     "The eigenvalues with the largest real parts, in descending order."

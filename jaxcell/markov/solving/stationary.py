@@ -33,11 +33,11 @@ _SEED = 0
 def solve_stationary(
     step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "cells"], int]:
-    """Solve for the stationary distribution of every closed class: `x = P' x`, of sum 1 in each.
+    """Solve for the stationary distribution of each closed class: `x = P' x` with sum 1.
 
     **Arguments:**
 
-    - `step`: the matrix P of the classes, with nothing between them.
+    - `step`: the matrix P of the classes, without steps between classes.
     - `group`: the class of each cell, numbered from 0 without gaps.
 
     **Returns:** the distributions side by side and the number of products.

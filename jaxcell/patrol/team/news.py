@@ -123,7 +123,7 @@ def age_of_news(
 
 @dataclasses.dataclass
 class _Backward:
-    """A robot followed backward in time, to the base and from there to each vertex."""
+    """A walk backward in time: from the base station, where news arrives, to each vertex."""
 
     back: scipy.sparse.csr_array
     "The transpose of the transition matrix backward in time."

@@ -110,7 +110,7 @@ def send_blueprint(
     timeline: str | Dated,
     speed: float,
 ) -> None:
-    """Send the layout of the viewer: tabs, and the timeline that plays at `speed` per second."""
+    """Send the layout of the viewer: tabs, and a timeline that plays `speed` units per second."""
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
     play = rrb.TimePanel(
         timeline=timeline.name if isinstance(timeline, Dated) else timeline,

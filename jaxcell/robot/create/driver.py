@@ -41,23 +41,23 @@ class Driver:
 
     The wheels stop when the block ends, however it ends (by SIGINT, SIGTERM and SIGHUP too), and
 
-    - when a wheel drops or is blocked, a cliff or a charger is there, the battery is low, or the
-      robot leaves mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the
+    - when a wheel drops or is blocked, the robot meets a cliff or a charger, the battery is low, or
+      the robot leaves mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the
       robot again;
     - when the robot sends nothing for `patience`: likewise;
     - when the caller does not renew `drive` for `patience`;
-    - when this process is killed or hangs: another one watches it.
+    - when this process is killed or hangs, because a second process watches it.
 
-    A thread reads the stream and acts on it before the caller sees it. Another one ticks ten times
-    a second. It repeats the speeds, as a command can get lost, and watches the time.
+    A thread reads the stream and acts on it before the caller sees it. Ten times a second another
+    thread repeats the speeds, because a command can get lost, and checks the times.
 
     **Arguments:**
 
     - `port`: the open line, 115200 baud. It is closed together with the robot.
     - `patience`: seconds, 0.2 to 10.
 
-    **Raises:** `ValueError` for another `patience`. The `with` statement raises `OSError` if the
-    line fails, and `ConnectionError` if no robot answers.
+    **Raises:** `ValueError` for a `patience` outside of this range. The `with` statement raises
+    `OSError` if the line fails, and `ConnectionError` if no robot answers.
     """
 
     def __init__(self, port: Port, *, patience: float = 0.5):

@@ -28,7 +28,7 @@ class Noise:
     distance: float = 0.0
     "Standard deviation of the relative error of a straight stretch, drawn for each."
     rotation: float = 0.0
-    "Standard deviation of the relative error of a turn in place, drawn for each."
+    "Standard deviation of the relative error of a turn in place; each turn has its own error."
     veer: float = 0.0
     "Standard deviation of the change of heading along a metre, in radians."
     encoder: float = 0.0

@@ -22,13 +22,13 @@ _MAX_POSES = 1000
 class Candidates:
     """Publish the possible places of a robot after each observation of its run.
 
-    - `candidates`, a `geometry_msgs/PoseArray`: the configurations in which it may be, by the
-        filter, policy or belief; the position of a patrol; of a plan and of a team, where the
-        odometry has it, in the frame `start` of where it was put down.
+    - `candidates`, a `geometry_msgs/PoseArray`: for a filter, policy or belief the possible
+        configurations; for a patrol its position; for a plan or a team the pose by odometry, in the
+        frame `start`, whose origin is the place where the robot was put down.
     - `candidate_squares`, a `nav_msgs/OccupancyGrid`: 100 on the squares of the map where it may
         be, 0 on the others, -1 on those that are not free. It has the frame `map`, that of the map.
 
-    Without the map of a filter there is neither.
+    If the map of a filter is missing, neither is published.
     """
 
     def __init__(self, robot: "RosRobot", task: AnyTask, cells: CellSpace | None) -> None:

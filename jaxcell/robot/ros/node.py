@@ -52,7 +52,7 @@ class RosRobot(abc.ABC):
     contact: ClassVar[str]
     "Topic of the bumper."
     greeting: float = 10.0
-    "Seconds until a robot must have sent its odometry."
+    "Seconds within which the first odometry of a robot must arrive."
     answer: float = 5.0
     "Seconds until its bumper must have reported, and until it must have taken speeds."
 

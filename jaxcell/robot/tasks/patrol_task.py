@@ -153,7 +153,7 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
 
 def _check_ways(task: PatrolTask) -> None:
-    """Raise `ValueError` if a draw leads to a position that no way along the grid reaches."""
+    """Raise `ValueError` if a step leads to a position that no path along the grid reaches."""
     drawn = np.zeros(task.image.shape[1], bool)
     front = np.array([task.start])
     while front.size:
