@@ -116,7 +116,7 @@ def test_groups_without_orbits_get_the_attractors_of_their_cells(monkeypatch):
     box = Box([-1], [1], [40])
     slow = dynamics.flow(lambda x, p: -x, 0.1, 1)
     all_of_them = dynamics.basins(slow, box)
-    monkeypatch.setattr(attractors, "MAXGROUPS", 3)
+    monkeypatch.setattr(attractors, "MAX_GROUPS", 3)
     few = dynamics.basins(slow, box)
     assert few.groups == all_of_them.groups > 6
     assert all_of_them.basin.tolist() == few.basin.tolist() == [0] * 40
@@ -130,7 +130,7 @@ def test_groups_that_reach_no_known_attractor_are_reported(monkeypatch):
         return jnp.floor(x) + 0.5 + 0.3 * (x - jnp.floor(x) - 0.5)
 
     assert dynamics.basins(wells, box).attractors == 8
-    monkeypatch.setattr(attractors, "MAXGROUPS", 2)
+    monkeypatch.setattr(attractors, "MAX_GROUPS", 2)
     (few,) = basins_of_each(wells, box, [None], scattered=1, seed=1)
     assert few.attractors < 8
     assert few.nowhere_share == 1 - few.attractors / 8

@@ -14,13 +14,14 @@ from recordings import read_back
 from jaxcell import bundled
 from jaxcell.cli import main
 from jaxcell.record import dataset, summary
-from jaxcell.study import Cover, Drift, Groups, Study
+from jaxcell.study import Cover, Study
 from jaxcell.study.loading import load_study
 from jaxcell.sweep.study_task import read_study, study_task
 
 
 SOURCE = '''
 import dataclasses
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -63,6 +64,8 @@ class Drop(Study):
     """How many at once."""
     kinds: tuple[str, ...] = ("stone",)
     """What is dropped."""
+    photographs: tuple[Path, ...] = ()
+    """Pictures of the fall."""
 
     def run(self, say=silent):
         say("dropping")
@@ -181,6 +184,6 @@ def test_a_study_takes_the_name_of_bundled_data():
         Cover(map=Path("@lab_z"), **robot)
 
 
-def test_a_parameter_of_several_values_accepts_one():
-    assert Groups(map=bundled("lab_a"), bounce=45) == Groups(map=bundled("lab_a"), bounce=(45,))
-    assert Drift(file="@gyres") == Drift(file=(bundled("gyres"),))
+def test_a_parameter_of_several_values_accepts_one(drop):
+    single = drop(height=1.0, kinds="feather", photographs="@gyres")
+    assert single == drop(height=1.0, kinds=("feather",), photographs=(bundled("gyres"),))

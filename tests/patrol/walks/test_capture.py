@@ -212,7 +212,7 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
 
 
 def test_too_large_for_linear_programs(monkeypatch):
-    monkeypatch.setattr(capture, "_POLISHED", 0)
+    monkeypatch.setattr(capture, "POLISHED", 0)
     monkeypatch.setattr(capture, "STEPS", 300)
     found = maximin_capture(GRID, 4, starts=1, throw=False)
     assert found.value == pytest.approx(

@@ -73,7 +73,7 @@ def test_two_states_are_a_direction_on_a_ring(attack):
 def test_memory_helps_and_no_walk_exceeds_the_bound(monkeypatch):
     """Without memory at most 0.1584 is found on this grid."""
     # Few programs.
-    monkeypatch.setattr(capture, "_EXACT", 0)
+    monkeypatch.setattr(capture, "EXACT", 0)
     graph, attack = grid(3, 3), 4
     found = maximin_capture(graph, attack, memory=2, starts=1, throw=False)
     assert 0.21 < found.value < capture_bound(graph, attack)

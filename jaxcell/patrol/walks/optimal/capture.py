@@ -30,12 +30,12 @@ _HARDNESS = 50.0
 # the least number of starts if the states of a memory are divided among symmetries.
 _MORE, _QUICK, _SYMMETRIC = 4, 3600, 3
 # Number of vertices up to which all linear programs are solved, and up to which any are solved.
-_EXACT, _POLISHED = 30, 100
+EXACT, POLISHED = 30, 100
 # Tolerance of the relative gain on larger graphs.
 _LITTLE = 0.02
 # Gradient steps from each start; the number of vertices above which they are halved; the hardness
 # of the minimum at the start and at the end; and the least probability of a step.
-_STEPS, _LARGE, _ANNEALED, _FLOOR = 1200, 200, (1.0, 300.0), 1e-6
+STEPS, _LARGE, _ANNEALED, _FLOOR = 1200, 200, (1.0, 300.0), 1e-6
 # The first hardness with memory: at a softer minimum all states of the memory become equal.
 _WITH_MEMORY = 10.0
 # Relative tolerance of a value in 32 bits; and the largest probability of a negligible move.
@@ -156,7 +156,7 @@ def maximin_capture(
         )
         best += skipped
         moves = matrices[:, among.tails, among.heads]
-        if graph.vertices * memory**2 > _POLISHED:
+        if graph.vertices * memory**2 > POLISHED:
             matrices, value = _without_rare_moves(matrices, arguments)
             certificate = Certificate(steps, late, _LITTLE)
             certificate.check("maximin_capture", throw)
@@ -170,7 +170,7 @@ def maximin_capture(
     def law(moves: Float[np.ndarray, "robots moves"]) -> LinearizedCapture:
         return LinearizedCapture(among, moves, attack, delays)
 
-    if whole.vertices > _EXACT:
+    if whole.vertices > EXACT:
         tolerance = max(tolerance, _LITTLE)
     moves, value, residual, programs = maximize_least_capture(law, among, moves, tolerance)
     certificate = Certificate(steps + programs, residual, tolerance)
@@ -223,7 +223,7 @@ def _ascend(
     away = (1 - states_at(cells, attack.size)).astype(np.float32)
     annealed = _ANNEALED if starts.shape[-1] == attack.size else (_WITH_MEMORY, _ANNEALED[1])
     ascent = Ascent(steps, away, int(attack[0]), _FLOOR, annealed)
-    count = _STEPS // (1 + (cells > _LARGE))
+    count = STEPS // (1 + (cells > _LARGE))
     progress = np.arange(count) / count
     climbs = [ascent.climb(begin, progress) for begin in begins]
     values = np.array([value for _, value, _, _ in climbs])
