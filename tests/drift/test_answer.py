@@ -18,9 +18,9 @@ def stream(records, hours, speed=0.02):
     return sea(east * (1 + 0.1 * np.arange(records)[:, None, None]), 0 * east, hours=hours)
 
 
-def answer_of(currents, **options):
-    sampled = drift.METHODS["drifters"]
-    return drift.SeaDrift.of(currents, sampled, **options).with_closed_sets(2)
+def answer_of(currents, duration=None, **options):
+    step = drift.METHODS["drifters"].lasting(duration)
+    return drift.SeaDrift.of(currents, step, **options).with_closed_sets(2)
 
 
 @pytest.mark.parametrize(
@@ -78,6 +78,17 @@ def test_the_answer_says_where_drifters_go_and_how_sure_that_is():
     covered = found.curve.covered
     assert f"1 reaches {covered[0] / found.cells:.0%}" in drops
     assert "reach 100% of the cells" in drops
+
+
+def test_the_answer_says_what_leaves_within_a_long_first_step():
+    found = answer_of(stream(1, 1.0), duration=3600 * DAY, until=4 * DAY)
+    surface = found.layers[0]
+    alone = drift.Replay.of(surface.water, surface.flow, [6.0])
+    gone = 1 - alone.share(6.0, surface.cells).sum()
+    leaving = found.answer[2]
+    assert gone > 0.01
+    assert leaving.startswith(f"What leaves the map: {gone:.0%} after 6 h, ")
+    assert "after 24 h (by the map" in leaving
 
 
 def test_groups_and_times_of_half_and_double_the_step_are_those_of_their_maps():

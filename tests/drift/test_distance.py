@@ -59,7 +59,7 @@ def test_times_are_whole_steps_and_at_least_one(eddies):
     chain = drift.drift_map(water, flow, drift.METHODS["drifters"].lasting(seconds))
     (found,) = drift.distances(water, flow, [(chain, seconds)], hours=(2, 6, 24, 96))
     assert found.hours.tolist() == [10, 20, 100]
-    assert found.replay.hours.tolist() == [10, 20, 100]
+    assert found.replay.hours.tolist() == [2, 6, 10, 20, 24, 96, 100]
 
 
 def test_the_noise_is_the_distance_of_drifters_from_an_exact_map(eddies):

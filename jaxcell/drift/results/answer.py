@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...base.formatting import in_time
+from ..validation.distance import compared_hours
 
 
 if TYPE_CHECKING:
@@ -68,10 +69,18 @@ def _gathering(drift: "SeaDrift") -> str:
 
 
 def _leaving(drift: "SeaDrift") -> str:
-    """Write the shares that left by the times of comparison, by simulated drifters and the map."""
-    of = drift.layers[0].compared
-    pairs = zip(of.hours.tolist(), of.drifters_left, of.map_left, strict=True)
+    """Write the shares that left by the times of comparison, by simulated drifters and the map.
+
+    At times within the first step of the map, only drifters are known.
+    """
+    of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [
+        f"{1 - of.replay.share(hour, cells).sum():.0%} after {in_time(hour)}"
+        for hour in compared_hours(drift.asked_hours)
+        if hour < of.hours[0] * (1 - _NEAR)
+    ]
+    pairs = zip(of.hours.tolist(), of.drifters_left, of.map_left, strict=True)
+    times += [
         f"{left:.0%} after {in_time(hour)} (by the map {map:.0%})" for hour, left, map in pairs
     ]
     ways = zip(drift.exit, drift.layers[0].mean_by_way, strict=True)

@@ -87,6 +87,7 @@ def distances(
     - `maps`: chains over the cells, or sequences of chains, each with its seconds per step.
     - `sampling`: the points at which drifters begin.
     - `hours`: the times of the comparison, each rounded to whole steps of the map, at least one.
+        The places of drifters are also kept at the times themselves.
 
     **Returns:** the [`Distance`][] of each map.
 
@@ -103,6 +104,7 @@ def distances(
     """
     counts = [sorted({steps_in(3600 * hour, seconds) for hour in hours}) for _, seconds in maps]
     times = [n * seconds for steps, (_, seconds) in zip(counts, maps, strict=True) for n in steps]
+    times += [3600 * hour for hour in hours]
     replay = Replay.of(water, flow, [time / 3600 for time in times], sampling or SAMPLING)
     begin = replay.begin(water.cells)
     results = []
