@@ -137,17 +137,15 @@ def _path(
         matrix = jnp.zeros((robots, vertices, vertices), p.dtype)
         return measure(matrix.at[:, tails, heads].set(p), *arguments)
 
-    def along(p):  # type: ignore[no-untyped-def]
-        """Return projections on relative changes of probabilities that preserve the equalities."""
-        scaled = equalities[None] * p[:, None, :]
-        return jnp.eye(moves)[None] - jnp.linalg.pinv(scaled, rtol=1e-12) @ scaled
-
     def pressed(carry, pressure):  # type: ignore[no-untyped-def]
         p, unit, taken = carry
-        projection = along(p)
+        scaled = equalities[None] * p[:, None, :]
+        inverse = jnp.linalg.pinv(scaled, rtol=1e-12)
 
         def moved(x):  # type: ignore[no-untyped-def]
-            return p * (1 + jnp.einsum("rij,rj->ri", projection, x))
+            """Project relative changes on those that preserve the equalities, and apply them."""
+            broken = jnp.einsum("rej,rj->re", scaled, x)
+            return p * (1 + x - jnp.einsum("rie,re->ri", inverse, broken))
 
         def loss(x):  # type: ignore[no-untyped-def]
             q = moved(x)
