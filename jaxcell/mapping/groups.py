@@ -131,9 +131,9 @@ def follow(
     periodic: Bool[Array | np.ndarray, "cells"],
     weight: Int[Array | np.ndarray, "cells"],
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
-    """Find the smallest cell of the group that each cell reaches, and sum weights along its orbit.
+    """Find the smallest cell of the group of each cell, and sum weights on the way to the group.
 
-    With a weight of 1 for each transient cell the sum is the number of mappings to the group.
+    If all weights are 1, the sum is the number of mappings until the cell is on its group.
     """
     xp = _namespace(image)
     cells = image.shape[0]

@@ -12,7 +12,7 @@ from jaxcell.mapping.generalized import Chain
 
 
 @given(matrices())
-def test_equals_the_definition(matrix):
+def test_persistent_groups_are_components_without_exit(matrix):
     found = persistent_groups(Chain.from_scipy(matrix))
     graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
     leaks = matrix.sum(axis=1) < 1 - 1e-9

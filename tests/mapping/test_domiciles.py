@@ -9,7 +9,7 @@ from jaxcell.mapping.generalized import Chain
 
 
 @given(matrices())
-def test_equals_the_definition(matrix):
+def test_transient_groups_have_the_groups_that_their_cells_reach(matrix):
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)
     group = np.asarray(groups.group)
@@ -32,8 +32,7 @@ def test_equals_the_definition(matrix):
     assert found.single.tolist() == [len(one) == 1 for one in found.domiciles]
 
 
-def test_many_groups():
-    # A line of cells that each may stop in a group of its own: every cell has other domiciles.
+def test_every_cell_of_a_line_with_a_group_per_cell_has_other_domiciles():
     n = 60
     matrix = np.zeros((2 * n, 2 * n))
     matrix[n:, n:] = np.eye(n)

@@ -15,7 +15,7 @@ CELLS, PHASES = 12, 3
 
 
 def sparse(random, leak=0.0):
-    """A random matrix of one to three entries a row, some of which lack `leak` of 1."""
+    """Draw a matrix of one to three entries per row; some rows sum to `1 - leak`."""
     matrix = np.zeros((CELLS, CELLS))
     for row in matrix:
         some = random.choice(CELLS, random.integers(1, 4), replace=False)
@@ -25,7 +25,7 @@ def sparse(random, leak=0.0):
 
 @pytest.fixture(scope="module", params=[(0, 0.0), (5, 0.0), (7, 0.5)], ids=str)
 def tide(request):
-    """Matrices that follow on one another, and the sequence of them."""
+    """Matrices, and the sequence of their chains."""
     seed, leak = request.param
     random = np.random.default_rng(seed)
     matrices = [sparse(random, leak) for _ in range(PHASES)]
@@ -86,7 +86,7 @@ def test_arrivals_equal_iterating_the_matrices(tide):
     there = np.zeros(CELLS, bool)
     there[[0, 5]] = True
     chance = there.astype(float)
-    # Backwards from far ahead, step by step; at the end phase 0 moves next.
+    # Step by step backwards in time, until phase 0 acts next.
     for n in range(1500 * PHASES - 1, -1, -1):
         chance = np.where(there, 1, matrices[n % PHASES] @ chance)
     target = np.tile(there, PHASES)
@@ -95,7 +95,7 @@ def test_arrivals_equal_iterating_the_matrices(tide):
     time = np.asarray(hitting_times(sequence.unrolled, target).value[:CELLS])
     sure = np.asarray(found) == 1
     assert np.isinf(time[~sure]).all()
-    # The mean is the sum over time of the chance not to be there yet.
+    # The mean time is the sum over time of the probability of no arrival yet.
     for start in np.flatnonzero(sure & ~there):
         p, total = np.eye(CELLS)[start], 0.0
         for n in range(600):
