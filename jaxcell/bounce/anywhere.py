@@ -10,11 +10,12 @@ from jaxtyping import Bool, Float, Int
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
 from ..walls import Homing, Trial, WallFilter, alike_places
+from .dynamics import Bounces
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Anywhere(Result):
-    """Simulated robots that start anywhere, with the sets of their filter."""
+    """Simulated robots that start anywhere, and the places where their filter expects them."""
 
     title: ClassVar[str] = "Localization of robots that start anywhere"
     picture: ClassVar[str] = "median_extent"
@@ -24,10 +25,7 @@ class Anywhere(Result):
     filter: WallFilter
     headings: int | None
     "Number of headings that the robots may start with; `None` for any."
-    bounces: Annotated[
-        Float[np.ndarray, "angles"],
-        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
-    ]
+    bounces: Bounces
     radius: Annotated[float, quantity("", "distance within which a robot counts as localized", "m")]
     trial: Trial
 
@@ -130,7 +128,7 @@ class Anywhere(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HomeFromAnywhere(Anywhere):
-    """Simulated robots that start anywhere, find out where they are, and come to a goal."""
+    """Simulated robots that start anywhere, are localized, and go to a goal."""
 
     title: ClassVar[str] = "Navigation of robots that start anywhere"
 

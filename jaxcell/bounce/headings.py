@@ -11,8 +11,8 @@ class Headings:
     """The directions that a robot takes at successive bumps, in independent cycles.
 
     The directions of one cycle differ by multiples of `cycles`. The walls that a robot meets depend
-    on the ways of its directions only. So cycles that have the same ways in the same order have the
-    same groups. It is enough to follow the first of such cycles, whose directions are *leading*.
+    only on the ways of its directions. So cycles that have the same ways in the same order have the
+    same groups, and only the first of them is followed. Its directions are *leading*.
     """
 
     shift: int
@@ -65,7 +65,7 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    "The slot that represents each group, or the group that it equals, in the order of numbers."
+    "The slot that represents each group, or an equal group of another cycle."
     number: Int[np.ndarray, "groups"]
     "For direction `d`, the group that slot `s` represents is `number[begin[d] + place[s]]`."
     begin: Int[np.ndarray, "directions"]

@@ -13,9 +13,9 @@ from .joint import JointImage, joint_orbits, squares_of
 from .trajectory import TeamOutcome, TeamTrajectory
 
 
-# Steps that are simulated at a time: parts are tens to thousands of steps long.
+# Number of steps that are simulated at once; parts are tens to thousands of steps long.
 _CHUNK = 256
-# Fewer lanes take hardly less time, and each number of lanes is compiled once.
+# The least number of lanes: fewer lanes take hardly less time, but another compilation.
 _LANES = 8
 # The longest part by default, because all visited joint states are kept in memory.
 _MAX_PART_STEPS = 100_000
@@ -36,10 +36,10 @@ def team_trajectory(
     The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they repeat a joint state. There
     one part of the trajectory ends, and the next part begins with one robot turned in place by one
     direction, to either side. All such turns that lead to new joint states are tried. The part that
-    visits the most new positions is taken; among equals the part with the fewest collisions, then
-    the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The trajectory ends
-    when all positions that steps in any direction lead to from the starts are visited. Only
-    positions where a step ends count as visited.
+    visits the most new positions is taken; of equal parts, the part with the fewest collisions, and
+    then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The trajectory
+    ends when all positions within reach are visited: those that a sequence of steps in any
+    directions leads to. Only positions where a step ends count as visited.
 
     **Arguments:**
 
@@ -87,11 +87,11 @@ def team_trajectories(
 ) -> list[TeamTrajectory]:
     """Find the joint trajectories of [`team_trajectory`][] from many starts of the same robots.
 
-    All runs are simulated side by side, each with all the turns that it tries.
+    All runs, and all turns that they try, are simulated side by side.
 
     **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
-    is called with the most parts and the fewest positions of a run. **Returns:** a trajectory for
-    each run.
+    is called with the largest number of parts and the smallest number of visited positions of any
+    run. **Returns:** a trajectory for each run.
 
     The number of steps from two pairs of starts in a corridor of three squares:
 
@@ -170,7 +170,7 @@ def _shifts(
 
 
 def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
-    """Count the positions that steps in any direction lead to, with the starts."""
+    """Count the positions to which steps in any directions lead, with the starts."""
     reached = np.zeros(target.shape[1], bool)
     new = position
     while new.size:
@@ -181,7 +181,7 @@ def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, 
 
 
 class _Steps(NamedTuple):
-    """Steps of a joint trajectory: the states after each, with bumps and collisions."""
+    """Steps of a joint trajectory: the state after each step, its bumps and its collisions."""
 
     state: Int[np.ndarray, "steps robots"]
     bumped: Bool[np.ndarray, "steps robots"]
@@ -190,7 +190,7 @@ class _Steps(NamedTuple):
 
 
 class _Run:
-    """A joint trajectory that is extended step by step."""
+    """A joint trajectory that is extended part by part."""
 
     def __init__(
         self, cells: CellSpace, start: Int[np.ndarray, "robots"], reach: int, max_parts: int
@@ -247,7 +247,7 @@ class _Run:
 
 
 class _Part:
-    """A part of a joint trajectory in the making, a candidate to follow the parts of a run."""
+    """A candidate for the next part of a run; it is extended step by step."""
 
     def __init__(self, run: _Run, begin: Int[np.ndarray, "robots"], limit: int) -> None:
         self.run, self.limit = run, limit
@@ -271,7 +271,7 @@ class _Part:
         return int(self.covered.sum() - self.run.covered.sum())
 
     def extend(self, steps: _Steps) -> None:
-        """Add the steps that still belong to the part."""
+        """Add steps, up to the step that ends the part."""
         states = steps.state[: self.limit - self.length]
         stop = len(states)
         self.growing = self.length + stop < self.limit
@@ -295,7 +295,7 @@ class _Part:
 def _simulate(
     orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
 ) -> None:
-    """Complete parts side by side; a part that has ended leaves its lane to others."""
+    """Complete parts side by side, each in a lane; a part that has ended frees its lane."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
         # A power of two, so that few programs are compiled.

@@ -61,7 +61,7 @@ class TeamTrajectory(Result):
         Int[np.ndarray, "parts"],
         quantity("part", "first time of the part", "mappings", kind="index"),
     ]
-    "Each part except the first begins with one robot turned by one direction."
+    "Each part except the first begins with a turn of one robot by one direction."
     uncovered_positions: Annotated[
         Int[np.ndarray, "uncovered"],
         quantity(

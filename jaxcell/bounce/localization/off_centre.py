@@ -1,4 +1,4 @@
-"""The shares of robots that start anywhere in the cells and that a filter of cells loses.
+"""Robots that start anywhere in the cells, and the shares of them that a filter of cells loses.
 
 The filter assumes a robot at the centre of a cell. A walker that knows the heading moves a robot
 that is off the centre by the same number of cells. So the robot stays off the centre, and walls
@@ -24,12 +24,12 @@ OBSERVATIONS = 60
 
 
 class Shares(NamedTuple):
-    """The shares of robots whose cell is not among the possible cells."""
+    """The shares of robots that a filter or a policy does not locate."""
 
     lost: float
-    "Robots with observations that cannot occur on the map."
+    "Robots with observations that cannot occur on the map of the filter."
     wrong: float
-    "All other such robots."
+    "Robots whose observations can occur, but whose cell is none of the possible cells."
 
 
 @dataclasses.dataclass(eq=False)
@@ -140,12 +140,12 @@ def filter_shares(
 def policy_shares(
     policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Motion
 ) -> Shares:
-    """Measure the shares of a policy, by its possible cells at the last bump.
+    """Measure the shares of robots that a policy loses, by its possible cells at their last bump.
 
-    `shifts` has the number of directions of each angle.
+    `shifts` has the angles as numbers of directions.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
-    # The next bumps in the order of this key, and a last key that no robot has.
+    # Next bumps are listed in the order of this key; the last key belongs to no robot.
     width = int(policy.steps.max()) + OBSERVATIONS + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
     keys = np.append(owner * width + policy.steps, policy.turn.size * width)

@@ -49,7 +49,7 @@ class States(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LocalizationFilter(States):
-    """A localization filter, and numbers of the filter.
+    """The localization filter of a map, with its states and knowledge cycles.
 
     The configurations of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
     knowledge cycle `c`, in their order, are `cycle_state[cycle_offset[c]:cycle_offset[c + 1]]`.
@@ -141,7 +141,7 @@ class Candidates(Result):
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:
-        """The cells that are left."""
+        """The cells where the robot may be at the end."""
         raise NotImplementedError
 
     @derived("candidate", "x", "m")
@@ -162,7 +162,7 @@ class RunOnMap(Candidates):
 
     run: Localization
     may_lose: ClassVar[bool] = False
-    "True if the robot may be in none of the possible cells, which is reported without a limit."
+    "True if the robot may be in none of the possible cells; then the check has no limit."
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:

@@ -60,7 +60,7 @@ class AllPlans:
     "The routes to all entries, or the store that holds them."
 
     def plan(self, start: int, goal: int) -> Plan:
-        """Find the plan of [`jaxcell.bounce.plan`][]."""
+        """Find the cheapest plan from a cell to a goal, as [`jaxcell.bounce.plan`][] does."""
         roadmap = self.roadmap
         start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
         return read_plan(self.cells, roadmap, self._routes(roadmap.entry_of[[goal]]), start, goal)
@@ -139,7 +139,7 @@ class AllPlans:
     def _goals(
         self, goals: Int[np.ndarray, "goals"] | None
     ) -> tuple[Int[np.ndarray, "goals"], Int[np.ndarray, "some"], Int[np.ndarray, "goals"]]:
-        """List the goals, the entries that lead to them, and the index of the entry of each."""
+        """List the goals, the entries that lead to them, and the entry index of each goal."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:

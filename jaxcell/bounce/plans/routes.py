@@ -17,7 +17,7 @@ class Routes:
 
     A robot at wall `w` that wants to reach entry `e` starts in layer `layer[e, w]`; at a bump in
     layer `i` it turns by angle `turn[e, i, w]`. In the exact search the layer is the angle in use,
-    so the next layer is the angle it turned by; in the layered search it stays.
+    so the next layer is the angle of the turn; in the layered search the layer stays the same.
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
@@ -67,7 +67,7 @@ def costs(
 ) -> Shaped[np.ndarray, "cells goals"]:
     """Compute the costs of the cheapest plans from all cells to goals, -1 for no plan.
 
-    `route_costs` are those of the routes to the entry of each goal, -1 for no route.
+    `route_costs` are the costs of the routes to the entry of each goal, -1 for no route.
     """
     length = roadmap.length.astype(route_costs.dtype) * roadmap.number.type(roadmap.keep)
     past_entry = length[roadmap.entry[roadmap.entry_of[goals]]] - length[goals]
@@ -89,7 +89,7 @@ def _never(number: np.dtype) -> np.number:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Bump:
-    """The result of a bump, by angle and wall; goals come last, so that rows are contiguous."""
+    """The walls and costs after a bump. Goals are the last axis, so that rows are contiguous."""
 
     onward: Int[np.ndarray, "angles walls"]
     "The next wall."
@@ -124,7 +124,7 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """Compute the cost of a bump by angle `k` and of the way on, from the costs at walls."""
+        """Compute the cost of a bump by angle `k` and of the route after it, from `value`."""
         # With mode "raise" NumPy copies the result again.
         np.take(value, self.onward[k], axis=0, out=out, mode="clip")
         np.add(out, self.price[k], out=out)
@@ -132,7 +132,7 @@ class _Bump:
 
 
 def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the value and the turn of every state if the layer is the angle in use."""
+    """Find the cost and the turn of every state, a wall and the angle in use."""
     value = np.full_like(bump.arrival, bump.never)
     after = np.empty_like(value)
 
@@ -156,7 +156,7 @@ def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[n
 def _layered(
     bump: _Bump,
 ) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the value and the turn of every state if a layer is the roadmap of one angle."""
+    """Find the cost and the turn of every state, a wall in the graph of one angle."""
     value = np.full_like(bump.arrival, bump.never)
     turn = np.empty(value.shape, np.int64)
     after = np.empty_like(value)

@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -134,7 +134,8 @@ def slipping_run(
     seed: int = 0,
     step: float | None = None,
     limit: int = 400,
-    **about: Any,
+    fine_side: float,
+    fine_directions: int,
 ) -> Slipped:
     """Drive a simulated robot that slips from a cell until its belief has a small credible set.
 
@@ -146,7 +147,8 @@ def slipping_run(
     - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
-    - `about`: `fine_side` and `fine_directions` of the result.
+    - `fine_side`, `fine_directions`: the side of a fine cell in metres, and the number of fine
+        directions, which the result repeats.
 
     **Returns:** [`Slipped`][], the run and its beliefs.
 
@@ -200,7 +202,8 @@ def slipping_run(
         bounces=np.asarray(bounces, float),
         slip=slip,
         hidden=hidden,
-        **about,
+        fine_side=fine_side,
+        fine_directions=fine_directions,
         observations=np.array(observations, np.int8),
         turned_by=turned_by,
         pose=np.stack(poses),
