@@ -24,7 +24,7 @@ class Anywhere(Result):
     cells: CellSpace
     filter: WallFilter
     headings: int | None
-    "Number of headings that the robots may start with; `None` for any."
+    "Number of possible start headings, or `None` for any heading."
     bounces: Bounces
     radius: Annotated[float, quantity("", "distance within which a robot counts as localized", "m")]
     trial: Trial

@@ -26,7 +26,7 @@ Target: TypeAlias = npt.ArrayLike | Callable[[Any, Any], Any] | None
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CoveragePolicy(Result):
-    """A mixture of bouncing angles, by shares of time, that covers a room as nearly as wanted."""
+    """The mixture of bouncing angles whose coverage of a room is nearest to a target."""
 
     title: ClassVar[str] = "Coverage by a mixture of bouncing policies"
     picture: ClassVar[str] = "mixture"

@@ -171,7 +171,7 @@ def motion_violations(
 ) -> Bool[np.ndarray, "times-1 robots"]:
     """Find the moves in which a robot does not keep its direction, or its position at a bump.
 
-    `turn` is the number of directions of a turn in place, or `None` if that is not known.
+    `turn` is the number of directions of a turn in place, or `None` if it is unknown.
     """
     direction, position = np.divmod(path, cells.positions)
     stays = position[1:] == position[:-1]

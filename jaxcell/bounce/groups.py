@@ -43,7 +43,7 @@ class _AtWalls:
     lead: Int[Array | np.ndarray, "*angles slots"]
     number: Int[Array | np.ndarray, "*angles groups"]
     period: Int[Array | np.ndarray, "*angles groups"]
-    "Zeros past `count`."
+    "The period of each group; zeros past `count`."
     count: Int[Array | np.ndarray, "*angles"]
 
 
@@ -166,7 +166,8 @@ def group_summary(
 ) -> GroupSummary:
     """Count the periodic groups of a bounce map, with their periods, basins and transients.
 
-    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]. **Returns:** numbers of each group.
+    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]. **Returns:** the number of groups, and
+    the period, the basin and the longest transient of each group.
 
     A corridor of three squares, whose six cells are one periodic group:
 

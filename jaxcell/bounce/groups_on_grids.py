@@ -37,10 +37,10 @@ def grid_groups(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> GroupTotals:
-    """Total the periodic groups of many grids of one shape, each with many bouncing angles.
+    """Compute totals of the periodic groups of many grids, each with many bouncing angles.
 
-    **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
-    1 m; bouncing angles in radians, counter-clockwise; and as for [`walls`][].
+    **Arguments:** masks of the free squares of grids of one shape; bouncing angles in radians,
+    counter-clockwise; the other arguments are those of [`walls`][].
 
     **Returns:** the totals of [`jaxcell.bounce.group_summary`][] of the shape `[*rooms, angles]`,
     or `[*rooms]` for a single angle.
@@ -70,7 +70,7 @@ def grid_groups(
 
 
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
-    """Total the periodic groups of grids with known walls.
+    """Compute totals of the periodic groups of grids from their walls.
 
     **Arguments:** the walls, and the turns at bumps as numbers of directions. **Returns:** totals
     of the shape `[grids, angles]`.
@@ -139,7 +139,7 @@ def _measure(
 ) -> Int[np.ndarray, "6 cycles"]:
     """Compute the fields of `GroupTotals` for cycles of headings, each in one grid.
 
-    A place is a cycle and a slot of a layer, as one number.
+    A place is the pair of a cycle and a slot of a layer, as one number.
     """
     cycles, slots = len(ways), tables.behind.shape[1]
     layer = (grid[:, None] * tables.ways + ways).T

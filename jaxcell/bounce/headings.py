@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 import math
 
 import numpy as np
@@ -22,7 +21,7 @@ class Headings:
     like: Int[np.ndarray, "cycles"]
     "The first cycle that has the same ways as each cycle."
     alike: Int[np.ndarray, "directions"]
-    "The leading direction that represents each direction; a leading one represents itself."
+    "The leading direction that represents each direction, also itself."
 
     @property
     def leading(self) -> Bool[np.ndarray, "directions"]:
@@ -32,15 +31,21 @@ class Headings:
     @classmethod
     def of(cls, way: Int[np.ndarray, "directions"], shift: int) -> "Headings":
         """Find the cycles of a robot that turns by `shift` directions at a bump."""
-        return _headings(way.tobytes(), way.dtype.str, shift)
+        cycles = math.gcd(shift, way.size)
+        first: dict[bytes, int] = {}
+        # Corresponding directions of two cycles differ by the same number.
+        rows = map(bytes, np.ascontiguousarray(way.reshape(-1, cycles).T))
+        like = np.array([first.setdefault(row, cycle) for cycle, row in enumerate(rows)])
+        cycle = np.arange(way.size) % cycles
+        return cls(shift, cycles, like, np.arange(way.size) - cycle + like[cycle])
 
     def spread(
         self, leads: Bool[np.ndarray, "slots"], lowest: Int[np.ndarray, "slots"], positions: int
     ) -> "SpreadGroups":
         """Number the groups of all cycles by their smallest cells.
 
-        Slots of the section in the mask `leads` represent a group each, whose smallest cell is
-        `lowest`. A direction has `positions` cells.
+        Each slot in the mask `leads` represents a group, whose smallest cell is `lowest`. A
+        direction has `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]
@@ -70,15 +75,3 @@ class SpreadGroups:
     "For direction `d`, the group that slot `s` represents is `number[begin[d] + place[s]]`."
     begin: Int[np.ndarray, "directions"]
     place: Int[np.ndarray, "slots"]
-
-
-@functools.lru_cache(maxsize=1024)
-def _headings(ways: bytes, kind: str, shift: int) -> Headings:
-    way = np.frombuffer(ways, kind)
-    cycles = math.gcd(shift, way.size)
-    first: dict[bytes, int] = {}
-    # Corresponding directions of two cycles differ by the same number.
-    rows = map(bytes, np.ascontiguousarray(way.reshape(-1, cycles).T))
-    like = np.array([first.setdefault(row, cycle) for cycle, row in enumerate(rows)])
-    cycle = np.arange(way.size) % cycles
-    return Headings(shift, cycles, like, np.arange(way.size) - cycle + like[cycle])

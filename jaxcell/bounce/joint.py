@@ -19,13 +19,13 @@ _FAR = 2**14
 class JointImage:
     """The result of one step of several robots."""
 
-    image: Int[Array, "*batch robots"]
+    image: Int[Array | np.ndarray, "*batch robots"]
     "The cell of each robot after the step."
-    bumped: Bool[Array, "*batch robots"]
+    bumped: Bool[Array | np.ndarray, "*batch robots"]
     "A mask of the robots that stayed and turned."
-    collided: Bool[Array, "*batch robots"]
+    collided: Bool[Array | np.ndarray, "*batch robots"]
     "A mask of the robots that ran into another robot, or into which another robot ran."
-    collisions: Int[Array, "*batch"]
+    collisions: Int[Array | np.ndarray, "*batch"]
     "Number of pairs of robots that collided."
 
 

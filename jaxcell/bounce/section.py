@@ -24,7 +24,7 @@ class CellsOfDirection:
 
     image: Int32[np.ndarray, "positions"]
     group: Int32[np.ndarray, "positions"]
-    "The periodic group that each cell reaches, numbered from 0 by their smallest cells."
+    "The periodic group that each cell reaches; groups are numbered by their smallest cells."
     step: Int32[np.ndarray, "positions"]
     "Mappings until the cell is on its periodic group, 0 on it."
 

@@ -1,11 +1,10 @@
 import functools
 import operator
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..space import CELL_BY_CELL, CellSpace, Motion
 from .dynamics import bounce_shift, moves as moves_of
@@ -180,15 +179,6 @@ def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, 
     return int(reached.sum())
 
 
-class _Steps(NamedTuple):
-    """Steps of a joint trajectory: the state after each step, its bumps and its collisions."""
-
-    state: Int[np.ndarray, "steps robots"]
-    bumped: Bool[np.ndarray, "steps robots"]
-    collided: Bool[np.ndarray, "steps robots"]
-    collisions: Int[np.ndarray, "steps"]
-
-
 class _Run:
     """A joint trajectory that is extended part by part."""
 
@@ -225,15 +215,16 @@ class _Run:
     def trajectory(self) -> TeamTrajectory:
         assert self.outcome is not None
         steps = (steps for part in self.parts for steps in part.steps)
-        path, bumped, collided, collisions = map(np.concatenate, zip(*steps, strict=True))
+        joint = jax.tree.map(lambda *fields: np.concatenate(fields), *steps)
+        path = joint.image
         position, first = np.unique(path % self.cells.positions, return_index=True)
         new = np.bincount(first // path.shape[1], minlength=len(path))
         return TeamTrajectory(
             cells=self.cells,
             # The entry of the start is no step.
-            bumped=bumped[1:],
-            collided=collided[1:],
-            collisions=collisions[1:],
+            bumped=joint.bumped[1:],
+            collided=joint.collided[1:],
+            collisions=joint.collisions[1:],
             cell=path,
             covered=np.cumsum(new).astype(np.int32),
             part_begin=np.cumsum(
@@ -253,7 +244,7 @@ class _Part:
         self.run, self.limit = run, limit
         # The first entry turns one robot, and no robot bumps.
         none = np.zeros((1, len(begin)), bool)
-        self.steps = [_Steps(begin[None], none, none, np.zeros(1, np.int32))]
+        self.steps = [JointImage(begin[None], none, none, np.zeros(1, np.int32))]
         self.length = self.collisions = 0
         self.visited = {begin.tobytes()}
         self.covered = run.covered.copy()
@@ -263,16 +254,16 @@ class _Part:
     @property
     def state(self) -> Int[np.ndarray, "robots"]:
         """The last joint state."""
-        return self.steps[-1].state[-1]
+        return np.asarray(self.steps[-1].image[-1])
 
     @property
     def gain(self) -> int:
         """Number of positions that no earlier part visits."""
         return int(self.covered.sum() - self.run.covered.sum())
 
-    def extend(self, steps: _Steps) -> None:
+    def extend(self, steps: JointImage) -> None:
         """Add steps, up to the step that ends the part."""
-        states = steps.state[: self.limit - self.length]
+        states = np.asarray(steps.image[: self.limit - self.length])
         stop = len(states)
         self.growing = self.length + stop < self.limit
         whole = np.ascontiguousarray(states)
@@ -287,7 +278,7 @@ class _Part:
         self.covered[position] = True
         if self.covered.sum() == self.run.reach:
             stop, self.growing = int(first.max()) // states.shape[1] + 1, False
-        self.steps.append(_Steps(*(field[:stop] for field in steps)))
+        self.steps.append(jax.tree.map(lambda field: field[:stop], steps))
         self.length += stop
         self.collisions += int(steps.collisions[:stop].sum())
 
@@ -301,7 +292,6 @@ def _simulate(
         # A power of two, so that few programs are compiled.
         lanes = max(_LANES, 1 << (len(growing) - 1).bit_length())
         states = np.resize(states, (lanes, states.shape[1]))
-        joint = orbits(jax.device_put(states))
-        fields = jax.device_get((joint.image, joint.bumped, joint.collided, joint.collisions))
+        joint = jax.device_get(orbits(jax.device_put(states)))
         for lane, part in enumerate(growing):
-            part.extend(_Steps(*(field[:, lane] for field in fields)))
+            part.extend(jax.tree.map(lambda field, lane=lane: field[:, lane], joint))

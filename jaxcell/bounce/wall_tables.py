@@ -16,8 +16,8 @@ class Walls:
 
     Directions with equal steps share a *way* (see [`jaxcell.bounce.Moves`][]), and a wall of a way
     is a free square where a step of that way bumps. At a wall of way `v` the robot turns. If it
-    goes on in way `w`, it next bumps at a wall of `w`. Each wall has the number of a slot. Every
-    way and grid has the same number of slots, and the last slot is never in use.
+    goes on in way `w`, it next bumps at a wall of `w`. The *slot* of a wall is its number among the
+    walls of its way. All ways and grids have equally many slots, and the last slot is never in use.
     """
 
     way: Int[np.ndarray, "directions"]

@@ -30,7 +30,7 @@ class TransientGroups:
     group: Int[Array, "cells"]
     "The transient group of each cell, from 0 in the order of `domiciles`; -1 if persistent."
     domiciles: tuple[tuple[int, ...], ...]
-    "The domiciles of each transient group, in ascending order; groups with few domiciles precede."
+    "The domiciles of each transient group, ascending; groups with fewer domiciles come first."
     size: Int[Array, "groups"]
     "Number of cells of each transient group."
 
@@ -123,23 +123,23 @@ def _outermost(
     earlier = chain.to_scipy().tocsc()
     persistent = np.flatnonzero(group >= 0)
     _, first = np.unique(group[persistent], return_index=True)
-    doors = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
+    seeds = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
-    def first_door(doors: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
-        """Find the first list from which each cell is reached against the steps.
+    def first_seed(seeds: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
+        """Find the first list of seeds from which each cell is reached against the steps.
 
         Strong components are numbered as a depth-first search finishes them. Each list has a node
         in front of the cells. The search from this node numbers all cells that it newly reaches.
         """
-        ends = np.cumsum([0, *map(len, doors)])
+        ends = np.cumsum([0, *map(len, seeds)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])
-        to = np.concatenate([*doors, earlier.indices]) + len(doors)
+        to = np.concatenate([*seeds, earlier.indices]) + len(seeds)
         graph = scipy.sparse.csr_array((np.ones(to.size), to, start), shape=(start.size - 1,) * 2)
         _, label = csgraph.connected_components(graph, connection="strong")
-        of_label = np.repeat(np.arange(len(doors)), np.diff(label[: len(doors)], prepend=-1))
-        return of_label[label[len(doors) :]]
+        of_label = np.repeat(np.arange(len(seeds)), np.diff(label[: len(seeds)], prepend=-1))
+        return of_label[label[len(seeds) :]]
 
-    return first_door(doors), groups - first_door(doors[::-1])
+    return first_seed(seeds), groups - first_seed(seeds[::-1])
 
 
 def _unions(

@@ -160,8 +160,10 @@ def _kept(array: Any, kind: Any) -> Any:
 def slots_of(
     rows: scipy.sparse.csr_array,
 ) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
-    """Return the images of each cell and their probabilities, from a transition matrix, whose
-    duplicate entries are summed and zeros removed in place."""
+    """Return the images of each cell and their probabilities from a transition matrix.
+
+    Duplicate entries of the matrix are summed, and zeros are removed, in place.
+    """
     rows.sum_duplicates()
     rows.eliminate_zeros()
     cells = rows.shape[0]

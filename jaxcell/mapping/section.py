@@ -32,7 +32,7 @@ class Section:
 
 
 def bucket(size: int) -> int:
-    """Round a size up to one of four per octave, so that many lengths share a program."""
+    """Round a size up to one of four sizes per octave, so that many sizes share one program."""
     unit = 1 << max(0, (size - 1).bit_length() - 3)
     return -(-size // unit) * unit
 

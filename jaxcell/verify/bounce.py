@@ -12,7 +12,7 @@ from .comparison import Comparison, sample
 
 
 _IMAGES = 200
-# Distance in cells. A step is a clear case if it avoids or crosses walls by more than this.
+# A step is a clear case if it avoids or crosses walls by more than this distance, in cells.
 _NEAR = 1e-7
 
 
@@ -87,7 +87,7 @@ def _targets(
 def compare_straight(
     cells: CellSpace, only: Int[np.ndarray, "some"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
-    """Make the cell map of steps straight ahead, and compare it with steps by shapely."""
+    """Make the cell map of the bouncing angle 0, and compare it with steps by shapely."""
     straight = bouncing.bounce_map(cells, 0.0, motion=motion)
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 

@@ -24,7 +24,7 @@ def lab(name):
 
 @settings(max_examples=15)
 @given(GRIDS, ANGLES, st.sampled_from(["cell", "position", "class"]), st.data())
-def test_a_robot_is_localized_as_far_as_its_angles_tell(free, shifts, goal, data):
+def test_a_policy_localizes_as_far_as_its_angles_distinguish_cells(free, shifts, goal, data):
     cells = CellSpace.of_grid(free, 8)
     bounces = np.array(shifts) * math.pi / 4
     aim = data.draw(st.sampled_from(["worst", "mean"]))
@@ -50,7 +50,7 @@ def test_a_robot_is_localized_as_far_as_its_angles_tell(free, shifts, goal, data
     assert run.run.truth_is_a_candidate
     assert run.run.bumps == run.bumps_needed.ravel()[run.run.start]
     assert all(value <= limit for value, limit in run.checks().values())
-    # All cells, moved one step at a time.
+    # The cells that are left, by moving all cells one step at a time.
     left, state = np.arange(cells.size), found.policy.start()
     for time, observation in enumerate(run.run.observations.tolist()):
         np.testing.assert_array_equal(run.beliefs[time], left)
@@ -67,7 +67,7 @@ def test_a_robot_is_localized_as_far_as_its_angles_tell(free, shifts, goal, data
     ("name", "worst", "mean", "fixed"), [("lab_a", 11, 970, 12), ("lab_b", 9, 680, 10)]
 )
 def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, fixed):
-    # With one angle their filters leave up to four (Alam 2018, Table 2.2).
+    # With one angle, the filters of these maps leave up to four cells (Alam 2018, Table 2.2).
     cells = lab(name)
     found = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT)
     assert (found.classes, found.largest_uncertainty, found.localized_to_one) == (152, 1, 1.0)
@@ -81,7 +81,7 @@ def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, f
     assert best.mean_bumps <= found.mean_bumps
 
 
-def test_the_machine_of_walls_is_that_of_cells():
+def test_decisions_on_walls_take_as_many_bumps_as_a_policy_of_cells():
     cells = lab("lab_b")
     images, lengths, behind = Walls.of(Steps.of(cells, Motion())).machine([1, 3])
     assert behind.size + behind.sum() == cells.size
@@ -93,7 +93,7 @@ def test_the_machine_of_walls_is_that_of_cells():
     assert sum(upper) + cells.size == mean.bumps_needed.sum()
 
 
-def test_one_angle_tells_less_and_says_so():
+def test_a_policy_of_one_angle_remarks_that_cells_stay_indistinguishable():
     found = localization_policy(lab("lab_a"), [math.radians(45)], motion=ENDPOINT)
     assert (found.classes, found.largest_uncertainty, found.answered) == (94, 4, False)
     assert "no choice" in found.remarks[0].lower()
@@ -102,7 +102,7 @@ def test_one_angle_tells_less_and_says_so():
     assert known.worst_bumps == found.worst_bumps
 
 
-def test_a_search_that_ends_at_its_limit_says_what_holds():
+def test_a_search_that_ends_at_its_limit_remarks_the_bounds():
     cells = lab("lab_a")
     cut = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT, limit=100)
     assert not cut.optimal
@@ -112,7 +112,7 @@ def test_a_search_that_ends_at_its_limit_says_what_holds():
     assert compare_policy(cut)[-1].agrees
 
 
-def test_refuses_angles_that_are_no_turns():
+def test_angles_that_are_no_turns_are_refused():
     cells = lab("lab_a")
     for bounces, message in (
         ([50], "bounces: 50 deg is not a whole number of the 8 directions"),
@@ -127,8 +127,8 @@ def test_refuses_angles_that_are_no_turns():
         policy.drive(152)
 
 
-def test_a_sequence_that_must_be_stopped_at_one_place_says_so():
-    # An angle of two corridors: the last turns lead robots of one place to two places.
+def test_a_fixed_sequence_that_has_to_stop_early_is_remarked():
+    # Two corridors at a right angle: the last turns lead robots from one place to two places.
     cells = CellSpace.of_grid(np.array([[1, 1, 1], [0, 0, 1], [0, 0, 1]], bool), 4)
     bounces = np.array([1, 2]) * math.pi / 2
     found = localization_policy(cells, bounces, "position")

@@ -2,7 +2,6 @@ import dataclasses
 import itertools
 import math
 
-import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse
@@ -40,7 +39,7 @@ def two_rooms():
 
 
 def moves_of(cells, bounces, **options):
-    """Every move there is: cell, next cell, and the angle chosen, None for a step forward."""
+    """List all moves: the cell, the next cell, and the angle at a bump or `None` for a step."""
     for k, bounce in enumerate(bounces):
         simple = bounce_map(cells, bounce, **options)
         pairs = zip(np.asarray(simple.image).tolist(), np.asarray(simple.bumped), strict=True)
@@ -51,57 +50,26 @@ def moves_of(cells, bounces, **options):
                 yield z, image, None
 
 
-def literal_roadmap(cells, bounces, keep, change, **options):
-    """The graph over cells and the angle in use; None before the first bump."""
-    graph = nx.DiGraph()
-    graph.add_nodes_from((z, None) for z in range(cells.size))
-    for z, image, k in moves_of(cells, bounces, **options):
-        for used in (None, *range(len(bounces))):
-            if k is None:
-                graph.add_edge((z, used), (image, used), weight=keep)
-            else:
-                weight = keep if used in (None, k) else change
-                graph.add_edge((z, used), (image, k), weight=weight)
-    return graph
+def literal_costs(cells, bounces, keep, change, method="exact", **options):
+    """Compute the costs between all pairs of cells, -1 for no path, by Dijkstra's algorithm.
 
-
-def literal_layers(cells, bounces, keep, change):
-    """The graph of each angle, as Alg. 3.1 makes it."""
-    graphs = []
-    for i in range(len(bounces)):
-        graph = nx.DiGraph()
-        graph.add_nodes_from((z, None) for z in range(cells.size))
-        for z, image, k in moves_of(cells, bounces):
-            weight = keep if k in (None, i) else change
-            graph.add_edge((z, None), (image, None), weight=weight)
-        graphs.append(graph)
-    return graphs
-
-
-def cheapest(graphs, start, size):
-    """Compute the costs from a cell to every cell, -1 for no path."""
-    costs = np.full(size, np.inf)
-    for graph in graphs:
-        found = nx.single_source_dijkstra_path_length(graph, (start, None))
-        for (z, _), cost in found.items():
-            costs[z] = min(costs[z], cost)
-    return np.where(np.isinf(costs), -1, costs)
-
-
-def full_costs(cells, bounces, keep, change, **options):
-    """The costs between all pairs of cells by scipy's Dijkstra on the literal roadmap."""
-    layers = len(bounces) + 1
+    The graph has a layer of cells for each angle. The exact search changes the layer with the angle
+    in use, and starts in a last layer. Alg. 3.1 stays in the layer in which it starts.
+    """
+    layers = len(bounces) + (method == "exact")
     rows, columns, weights = [], [], []
     for z, image, k in moves_of(cells, bounces, **options):
-        for used in range(layers):
-            rows.append(used * cells.size + z)
-            columns.append((used if k is None else k) * cells.size + image)
-            weights.append(keep if k in (None, used) or used == layers - 1 else change)
+        for layer in range(layers):
+            to = k if method == "exact" and k is not None else layer
+            rows.append(layer * cells.size + z)
+            columns.append(to * cells.size + image)
+            weights.append(keep if k in (None, layer) or layer == len(bounces) else change)
     shape = (layers * cells.size,) * 2
     graph = scipy.sparse.csr_array((np.array(weights, float), (rows, columns)), shape=shape)
-    starts = (layers - 1) * cells.size + np.arange(cells.size)
-    costs = scipy.sparse.csgraph.dijkstra(graph, indices=starts)
-    costs = costs.reshape(cells.size, layers, cells.size).min(axis=1)
+    starts = np.arange(layers * cells.size).reshape(layers, -1)
+    starts = starts[-1:] if method == "exact" else starts
+    costs = scipy.sparse.csgraph.dijkstra(graph, indices=starts.ravel())
+    costs = costs.reshape(-1, cells.size, layers, cells.size).min(axis=(0, 2))
     return np.where(np.isinf(costs), -1, costs)
 
 
@@ -115,7 +83,7 @@ def cost_of(actions, keep, change, method="exact"):
 
 
 def check(cells, found, keep, change, method="exact", **options):
-    """A plan leads to its goal at its cost, or claims to be none."""
+    """Check that a plan leads to its goal at its cost, or reports that no plan exists."""
     if found.found:
         path = replay(cells, found.start, found.actions, **options)
         np.testing.assert_array_equal(path, found.visited)
@@ -134,17 +102,13 @@ weights = st.tuples(st.integers(1, 4), st.integers(0, 20)).map(lambda w: (w[0], 
 
 
 @given(GRIDS, angle_sets, weights, st.sampled_from(["exact", "layered"]), st.randoms())
-def test_plans_are_cheapest_paths_of_the_literal_roadmap(free, shifts, weights, method, random):
+def test_plans_are_cheapest_paths_of_the_literal_graph(free, shifts, weights, method, random):
     cells = CellSpace.of_grid(free, 8)
     bounces = 2 * np.pi * np.array(shifts) / 8
-    if method == "exact":
-        graphs = [literal_roadmap(cells, bounces, *weights)]
-    else:
-        graphs = literal_layers(cells, bounces, *weights)
     plans = all_plans(cells, bounces, *weights, method=method)
     costs, actions, used = plans.costs(), plans.actions(), plans.angles_used()
+    np.testing.assert_array_equal(costs, literal_costs(cells, bounces, *weights, method))
     for start in random.sample(range(cells.size), min(6, cells.size)):
-        np.testing.assert_array_equal(costs[start], cheapest(graphs, start, cells.size))
         for goal in random.sample(range(cells.size), min(6, cells.size)):
             found = plans.plan(start, goal)
             check(cells, found, *weights, method)
@@ -170,7 +134,7 @@ def test_all_costs_are_those_of_dijkstra(cells, bounces, options):
     plans = all_plans(cells, bounces, 2, 31, **options)
     costs = plans.costs()
     assert costs.dtype == np.int32
-    np.testing.assert_array_equal(costs, full_costs(cells, bounces, 2, 31, **options))
+    np.testing.assert_array_equal(costs, literal_costs(cells, bounces, 2, 31, **options))
     assert (costs >= 0).any()
     for start, goal in np.random.default_rng(0).integers(cells.size, size=(60, 2)).tolist():
         check(cells, plans.plan(start, goal), 2, 31, **options)
@@ -186,7 +150,7 @@ def assert_same(one, other):
 def test_costs_need_not_be_whole():
     cells = room(6, 9)
     plans = all_plans(cells, LAB, 0.3, 7.7)
-    expected = full_costs(cells, LAB, 0.3, 7.7)
+    expected = literal_costs(cells, LAB, 0.3, 7.7)
     np.testing.assert_allclose(plans.costs(), expected, rtol=1e-12)
     np.testing.assert_array_equal(plans.costs() < 0, expected < 0)
     for start, goal in np.random.default_rng(0).integers(cells.size, size=(40, 2)).tolist():

@@ -17,6 +17,7 @@ from ...space import CELL_BY_CELL, CellSpace, Motion
 from ...space.cells import TOLERANCE
 from ...space.segments import displacement
 from ...space.strides import stride_legs
+from ..joint import squares_of
 
 
 STARTS = 1_000
@@ -34,7 +35,7 @@ class Shares(NamedTuple):
 
 @dataclasses.dataclass(eq=False)
 class OffCentre:
-    """Robots at points of cells, moved by the steps of the cells."""
+    """Robots at any points of cells, which move by whole cells."""
 
     cells: CellSpace
     motion: Motion
@@ -186,18 +187,13 @@ def _draw(
 ) -> tuple[Float[np.ndarray, "robots 2"], Int[np.ndarray, "robots 2"], Int[np.ndarray, "robots"]]:
     """Draw the place in the square, the square, and the direction of robots."""
     direction, position = np.divmod(rng.integers(cells.size, size=count), cells.positions)
-    row, column = np.divmod(cells.square[position], cells.free.shape[1])
-    return rng.uniform(size=(count, 2)), np.stack([column, row], axis=1), direction
+    return rng.uniform(size=(count, 2)), squares_of(cells).T[position], direction
 
 
 def _free_space(cells: CellSpace) -> shapely.Geometry:
     """Make the free space with the tolerance of the cells, so that a step may graze a corner."""
     if cells.workspace is None:
-        row, column = np.divmod(cells.square, cells.free.shape[1])
-        x, y = (
-            start + cells.cell * side
-            for start, side in zip(cells.origin, (column, row), strict=True)
-        )
+        x, y = np.array(cells.origin)[:, None] + cells.cell * squares_of(cells)
         free = shapely.union_all(shapely.box(x, y, x + cells.cell, y + cells.cell))
     else:
         free = cells.workspace.free_space

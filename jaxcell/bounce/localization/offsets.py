@@ -24,6 +24,7 @@ from ...base.quantities import derived, from_part
 from ...mapping import SimpleMap
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
+from ..joint import squares_of
 from .off_centre import OffCentre, Shares, filter_shares, walker_path
 from .result import LocalizationFilter
 
@@ -43,7 +44,7 @@ class Offsets:
     offset: Float[np.ndarray, "classes 2"]
     "An offset of each class, from 0 to 1."
     bumped: Bool[np.ndarray, "classes cells"]
-    "The cells where a robot of each class bumps."
+    "A mask of the cells where a robot of each class bumps."
 
     @classmethod
     def of(
@@ -63,13 +64,12 @@ class Offsets:
         drawn = _faces(lines) if few else np.random.default_rng(0).uniform(size=(4 * limit, 2))
         robots = OffCentre.drawn(cells, cells.size, 0, motion=motion, walker=True)
         direction, position = np.divmod(np.arange(cells.size), cells.positions)
-        row, column = np.divmod(cells.square[position], cells.free.shape[1])
         classes: dict[bytes, tuple] = {}
         for offset in drawn:
             robots = dataclasses.replace(
                 robots,
                 offset=np.tile(offset, (cells.size, 1)),
-                square=np.stack([column, row], axis=1),
+                square=squares_of(cells).T[position],
                 direction=direction,
             )
             bumped = robots.advance()

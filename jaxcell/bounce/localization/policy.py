@@ -42,7 +42,7 @@ class LocalizationPolicy(States):
     roadmap: Roadmap
     "The cells where the robot bumps, and the cells after each bump."
     least: Annotated[float, quantity("", "lower bound of the bumps of any policy")]
-    "The worst case over the starts, or their mean, by `aim`."
+    "A bound of the worst case over the starts, or of their mean, depending on `aim`."
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
     wall_class: Int[np.ndarray, "walls"]
@@ -98,7 +98,7 @@ class LocalizationPolicy(States):
 
     @property
     def _fixed_places(self) -> int:
-        """The most places that are left at the end of the one sequence, over all observations."""
+        """The largest number of places that are left at the end of the fixed sequence."""
         wall, observed = self.roadmap.wall, self.roadmap.length
         for number in self.fixed.inputs.tolist():
             turned = self.roadmap.turned[number, wall]
@@ -169,7 +169,7 @@ class LocalizationPolicy(States):
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot by the policy until it is localized.
 
-        The result has the state of the last bump over time.
+        The states of the result are those of the policy at the last bump before each time.
         """
         roadmap = self.roadmap
         cell, state = roadmap.check_cell(start, "start"), self.policy.start()

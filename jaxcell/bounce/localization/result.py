@@ -243,7 +243,7 @@ class RunOnMap(Candidates):
 class Localized(RunOnMap, LocalizationFilter):
     """A localization filter of a map, and a robot that it localizes.
 
-    The constructor checks that filter and run are of these cells.
+    The constructor checks that filter and run belong to these cells.
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot by its bumps"
@@ -280,7 +280,7 @@ class Localized(RunOnMap, LocalizationFilter):
 
     @functools.cached_property
     def groups(self) -> BounceGroups:
-        """The periodic groups, in which the robot ends."""
+        """The periodic groups of the map; the robot ends in one of them."""
         return BounceGroups.of(self.cells, self.bounce, motion=self.motion)
 
     @derived("", "periodic groups", "1", kind="count")

@@ -24,7 +24,7 @@ class Plan(Result):
 
     cells: CellSpace
     roadmap: Roadmap
-    "The costs and the angles of the plan."
+    "The roadmap, with the costs and the angles of the plan."
     start: Annotated[int, quantity("", "start", kind="cell")]
     goal: Annotated[int, quantity("", "goal", kind="cell")]
     cost: Annotated[int | float, quantity("", "cost of the plan, -1 if there is no path")]
@@ -38,12 +38,12 @@ class Plan(Result):
             source="Alam 2018, section 3.4.1",
         ),
     ]
-    "The action string."
+    "The action string of the plan."
     visited: Annotated[
         Int[np.ndarray, "steps+1"],
         quantity("time", "cells that the robot visits", kind="cell", listed=True),
     ]
-    "Only the start if there is no path."
+    "The visited cells; only the start if there is no path."
     reaching: Bool[np.ndarray, "cells"]
     "A mask of the cells from which the goal can be reached, with the goal."
 

@@ -42,7 +42,7 @@ class Roadmap:
     wall: Int[np.ndarray, "cells"]
     "The wall that each cell runs to."
     length: Int[np.ndarray, "cells"]
-    "Steps to that wall."
+    "Number of steps to that wall."
     turned: Int[np.ndarray, "angles walls"]
     "The cell after a bump at each wall by each angle."
     bounces: Float[np.ndarray, "angles"]

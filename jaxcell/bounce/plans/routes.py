@@ -21,10 +21,10 @@ class Routes:
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
-    "Cost of the route with the bump at the wall; -1 for no route."
+    "Cost of each route, with the bump at the wall; -1 for no route."
     layer: Integer[np.ndarray, "entries walls"]
     turn: Integer[np.ndarray, "entries angles walls"]
-    "-1 for no route."
+    "The angle of each turn; -1 for no route."
 
     @classmethod
     def joined(cls, parts: Sequence["Routes"]) -> "Routes":

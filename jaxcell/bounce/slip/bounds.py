@@ -163,7 +163,7 @@ def _possible(
 def _at(
     centre: Float[np.ndarray, "squares 2"], box: Float[np.ndarray, "4"], half: float
 ) -> Shaped[np.ndarray, "squares"]:
-    """Make a box for each square that contains a box around any start in the square."""
+    """Make the union of the boxes around all starts in each square."""
     x, y = centre.T
     around = half - _TOUCH
     left, bottom, right, top = box + np.array([-around, -around, around, around])

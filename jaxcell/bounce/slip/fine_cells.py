@@ -36,7 +36,7 @@ _BYTES = 1000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FineCells:
-    """The cells of a map cut into finer cells, among which a robot that slips is followed.
+    """The finer cells of a map, in which a robot that slips is followed.
 
     The heading of a robot that slips differs from the direction that it believes, and its steps
     depend on the latter. So a fine cell is a square, a direction of the map that the robot
@@ -53,7 +53,7 @@ class FineCells:
     """
 
     cells: CellSpace
-    "The cells of the map, through which the robot believes to step."
+    "The cells of the map, by which the robot believes that it moves."
     fine: CellSpace
     "The fine squares, and the fine directions."
     reach: int
@@ -124,7 +124,7 @@ class FineCells:
 
     @functools.cached_property
     def believed(self) -> Int[np.ndarray, "fine"]:
-        """The direction that the robot believes, in each cell."""
+        """The direction that the robot believes in each fine cell."""
         return np.arange(self.size) // self.fine.positions // (2 * self.reach + 1)
 
     @functools.cached_property
@@ -147,7 +147,7 @@ class FineCells:
     def index(
         self, pose: Float[np.ndarray, "*batch 3"], believed: Int[np.ndarray, "..."] | int
     ) -> Int[np.ndarray, "*batch"]:
-        """Find the fine cells of poses with believed directions; outside the map, the nearest."""
+        """Find the fine cell, or the nearest, of each pose and believed direction."""
         square = nearest_cell(self.fine, pose[..., 0], pose[..., 1], 0.0)
         turn, number = 2 * np.pi / self.fine.directions, self.fine.directions
         theta = pose[..., 2] - believed * (2 * np.pi / self.cells.directions)
@@ -273,7 +273,7 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
 
 
 def most_cells(error: float) -> int:
-    """Choose the largest number of fine cells: more for small errors, which coarse cells blur."""
+    """Choose the largest number of fine cells, larger for small errors, which need fine cells."""
     return int(MAX_CELLS * min(max(1.0, 0.02 / max(error, 1e-9)), 4.0))
 
 

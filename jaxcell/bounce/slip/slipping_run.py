@@ -144,7 +144,7 @@ def slipping_run(
     **Arguments:**
 
     - `hidden`: the map of the belief; its configurations are the cells.
-    - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
+    - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses one.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
     - `fine_side`, `fine_directions`: the side of a fine cell in metres, and the number of fine
