@@ -67,8 +67,6 @@ def bounce_shift(
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
     turn. **Returns:** numbers of directions, at least 0 and less than a full turn.
 
-    **Raises:** `ValueError` for an angle that is not a whole number of directions.
-
     Of eight directions, three make 135 degrees:
 
         >>> import math

@@ -59,9 +59,6 @@ class BounceGroups(Result):
     ) -> "BounceGroups":
         """Find the periodic groups of the bounce map of each angle.
 
-        **Raises:** `ValueError` for an angle that is not a whole number of directions;
-        `MemoryError` if the computation would exceed the free memory.
-
         A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
             >>> import math

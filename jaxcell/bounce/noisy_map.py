@@ -29,9 +29,6 @@ def noisy_bounce_map(
     counter-clockwise, both whole numbers of directions; a reliability above 0 and at most 1; and a
     motion. **Returns:** a chain without sink.
 
-    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.bounce_map`][]; `RuntimeError` if
-    JAX is set to 32 bits.
-
     Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are by 180
     degrees, one is to the North, and one to the South:
 

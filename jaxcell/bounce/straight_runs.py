@@ -78,11 +78,6 @@ class Runs:
         wall = np.arange(direction.size) + (self.begin[way] - first)[direction]
         return first.astype(np.int32), direction, wall
 
-    @property
-    def way(self) -> Int[np.ndarray, "walls"]:
-        """The way of each wall."""
-        return np.repeat(np.arange(self.begin.size - 1), np.diff(self.begin))
-
     def followed(
         self, way: int
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:

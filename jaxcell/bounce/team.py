@@ -50,9 +50,6 @@ def team_trajectory(
 
     **Returns:** [`TeamTrajectory`][], the cells of all robots over time.
 
-    **Raises:** `ValueError` for starts, angles or numbers that do not fit, and as
-    [`jaxcell.bounce.moves`][].
-
     Robots at both ends of a corridor of three squares meet in the middle and turn round. Their
     state at the ends repeats, so one robot is turned, and the middle is visited:
 

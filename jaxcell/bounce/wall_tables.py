@@ -35,7 +35,8 @@ class Walls:
     def of(cls, steps: Steps) -> "Walls":
         """Tabulate the walls of grids. The tables grow with the square of the number of ways."""
         runs, ways, grids = Runs.of(steps), len(steps.offset), len(steps.free)
-        way, grid = runs.way, runs.square // steps.free[0].size
+        way = np.repeat(np.arange(ways), np.diff(runs.begin))
+        grid = runs.square // steps.free[0].size
         count = np.bincount(way * grids + grid, minlength=ways * grids).reshape(ways, grids)
         first = np.cumsum(count, axis=1) - count
         slots = bucket(int(count.max(initial=0)) + 1)

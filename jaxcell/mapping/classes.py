@@ -60,10 +60,7 @@ class PersistentGroups:
         return PersistentGroups(group, self.count, size, self._matrix, self.group)
 
     def reaching(self, group: int) -> Bool[Array, "cells"]:
-        """Return a mask of the cells that can reach a group: one row of `domicile`.
-
-        **Raises:** `ValueError` if the group does not exist.
-        """
+        """Return a mask of the cells that can reach a group: one row of `domicile`."""
         if not 0 <= group < self.count:
             raise ValueError(f"group {group} does not exist; there are {self.count}")
         return jax.device_put(self._reaching(group))

@@ -68,8 +68,6 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     **Arguments:** a chain, and its persistent groups. **Returns:** the transient group of each
     cell, and the domiciles of each group.
 
-    **Raises:** `ValueError` if the groups belong to another chain.
-
     A random walk that stops at both ends of a line of four cells:
 
         >>> from jaxcell import examples, mapping

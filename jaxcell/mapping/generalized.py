@@ -48,9 +48,8 @@ class Chain:
     def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
         """Copy and check two arrays of the shape `[branches, cells]`.
 
-        **Raises:** `ValueError` for arrays of other shapes or types, an image that does not exist,
-        and probabilities that are negative, not numbers, or sum to more than 1. Values are checked
-        only outside `jit`. `RuntimeError` where JAX is set to 32 bits.
+        **Raises:** `ValueError` for arrays that are no chain; their values are checked only outside
+        `jit`. `RuntimeError` if JAX is set to 32 bits.
         """
         require_x64("a chain")
         _check_arrays(image, probability)
@@ -64,8 +63,6 @@ class Chain:
 
         Row `i` has the probabilities of the images of cell `i`. The rest of a row, up to 1, is the
         probability of the sink.
-
-        **Raises:** `ValueError` if the matrix is not square, and as the constructor.
         """
         rows = scipy.sparse.csr_array(matrix, copy=True)
         if rows.shape[0] != rows.shape[1]:

@@ -39,10 +39,7 @@ class ChainSequence:
 
     @classmethod
     def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
-        """Make a sequence from chains, one for each phase.
-
-        **Raises:** `ValueError` for no chains, or chains over different cells.
-        """
+        """Make a sequence from chains, one for each phase."""
         sizes = {chain.cells for chain in chains}
         if len(sizes) != 1:
             raise ValueError(

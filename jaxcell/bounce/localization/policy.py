@@ -332,10 +332,7 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
 
     @classmethod
     def of(cls, policy: LocalizationPolicy, start: int) -> "AdaptivelyLocalized":
-        """Drive a simulated robot from a cell until a policy has localized it.
-
-        **Raises:** `ValueError` if the cell does not exist.
-        """
+        """Drive a simulated robot from a cell until a policy has localized it."""
         fields = {field.name: getattr(policy, field.name) for field in dataclasses.fields(policy)}
         return cls(**fields, run=policy.drive(start))
 

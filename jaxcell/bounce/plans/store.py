@@ -40,8 +40,6 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
 
     The folder, such as `plans.zarr`, is replaced. The routes lead to all entries, and come a few at
     a time.
-
-    **Raises:** `FileNotFoundError` if the parent folder does not exist.
     """
     angles, walls = roadmap.turned.shape
     entries = roadmap.entry.size
@@ -89,10 +87,7 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
 
 
 def read_roadmap(path: Path, cells: CellSpace) -> Roadmap:
-    """Read the roadmap of a store of plans.
-
-    **Raises:** `ValueError` if it is not a store of plans, or of other cells; `FileNotFoundError`.
-    """
+    """Read the roadmap of a store of plans."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:

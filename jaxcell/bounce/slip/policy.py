@@ -36,7 +36,7 @@ def slip_policy(
     """Find the policy that certainly brings a robot to a goal, in the least mean time.
 
     The robot is assumed to know its fine cell. Value iteration bounds the times from both sides.
-    The times `T` after a sweep are lower bounds. If one more sweep adds at most `d` to any of them,
+    The times `T` after a sweep are lower bounds. If another sweep adds at most `d` to any of them,
     `T / (1 - d)` are upper bounds, and prove that the policy arrives.
 
     **Arguments:** a hidden map, and masks of the goal and the start; only cells that can be reached
