@@ -34,7 +34,7 @@ def emulated(cell: int, **fields: Any) -> tuple[Walker, Body]:
 
 @pytest.mark.parametrize("degrees", [0, 15, 30, 45, 60])
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_bump_turns_toward_the_wall_by_twice_the_sine_of_the_incidence(degrees, side):
+def test_a_bump_turns_toward_the_wall_by_the_sine_of_twice_the_incidence(degrees, side):
     walls = space.felt_walls(ROOM, 0.0)
     heading = side * math.radians(degrees)
     pose = np.array([[3.5, 1.5, heading]])
@@ -42,7 +42,7 @@ def test_a_bump_turns_toward_the_wall_by_twice_the_sine_of_the_incidence(degrees
         pose, np.array([[2.0, 0, 0]]), 0.0, np.zeros((1, 9)), walls, space.Slip(bump_turn=0.05)
     )
     assert bumped.all()
-    # The wall to the East is on the side to which the robot does not turn away from it.
+    # A robot that heads to the left of East turns right, toward the wall.
     expected = -0.05 * math.sin(2 * heading)
     assert after[0, 2] - heading == pytest.approx(expected, abs=1e-9)
 

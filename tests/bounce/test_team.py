@@ -1,7 +1,6 @@
 import functools
 import itertools
 import math
-import types
 from fractions import Fraction
 
 import jax
@@ -34,14 +33,9 @@ def states_of(cells, robots, seed, count):
 
 def orbits(cells, shift, states, *, step):
     """Follow joint states for 40 steps; only one length, because each is compiled."""
-    joint = joint_orbits(
-        moves(cells, motion=Motion(step)),
-        *jax.device_put(
-            (squares_of(cells), np.asarray(shift, np.int32), np.asarray(states, np.int32))
-        ),
-        steps=40,
-    )
-    return types.SimpleNamespace(**jax.device_get(vars(joint)))
+    arrays = squares_of(cells), np.asarray(shift, np.int32), np.asarray(states, np.int32)
+    possible = moves(cells, motion=Motion(step))
+    return jax.device_get(joint_orbits(possible, *jax.device_put(arrays), steps=40))
 
 
 def one_step(cells, shift, state, step=None):
@@ -102,58 +96,53 @@ class Oracle:
         )
 
     def reach(self, start):
-        target = {
-            (z % self.cells.positions, self.image[z] % self.cells.positions)
-            for z in range(self.cells.size)
-        }
-        reached = {z % self.cells.positions for z in start}
+        cells = range(self.cells.size)
+        steps = {(self.place(z), self.place(self.image[z])) for z in cells}
+        reached = {*map(self.place, start)}
         for _ in range(self.cells.positions):
-            reached |= {q for p, q in target if p in reached}
+            reached |= {q for p, q in steps if p in reached}
         return reached
 
+    def place(self, z):
+        return z % self.cells.positions
+
     def part(self, begin, visited, covered, reach, limit):
-        states, events, covered = [begin], [], covered | {z % self.cells.positions for z in begin}
-        known = visited | {tuple(begin)}
+        states, events, known = [begin], [], visited | {tuple(begin)}
+        covered = covered | {*map(self.place, begin)}
         while covered != reach and len(events) < limit:
             image, *event = self.step(states[-1])
             states.append(image)
             events.append(event)
-            covered = covered | {z % self.cells.positions for z in image}
+            covered |= {*map(self.place, image)}
             if tuple(image) in known:
                 break
             known.add(tuple(image))
         return states, events, covered, known
 
+    def begins(self, last):
+        for i in range(len(last)):
+            for turn in 1, -1:
+                begin = list(last)
+                begin[i] = (begin[i] + turn * self.cells.positions) % self.cells.size
+                yield begin
+
     def trajectory(self, start, max_parts, limit):
-        reach = self.reach(start)
+        reach, none = self.reach(start), [False] * len(start)
         states, events, covered, visited = self.part(start, set(), set(), reach, limit)
-        parts = [0]
-        while True:
-            if covered == reach:
-                everywhere = len(reach) == self.cells.positions
-                outcome = TeamOutcome.COVERED if everywhere else TeamOutcome.OUT_OF_REACH
-                break
-            if len(parts) == max_parts:
-                outcome = TeamOutcome.OUT_OF_PARTS
-                break
-            best, best_rank = None, None
-            for i in range(len(start)):
-                for turn in 1, -1:
-                    begin = list(states[-1])
-                    begin[i] = (begin[i] + turn * self.cells.positions) % self.cells.size
-                    if tuple(begin) in visited:
-                        continue
-                    part = self.part(begin, visited, covered, reach, limit)
-                    rank = len(part[2]), -sum(event[2] for event in part[1])
-                    if best is None or rank > best_rank:
-                        best, best_rank = part, rank
-            if best is None:
+        parts, outcome = [0], TeamOutcome.OUT_OF_PARTS
+        while covered != reach and len(parts) < max_parts:
+            begins = [begin for begin in self.begins(states[-1]) if tuple(begin) not in visited]
+            if not begins:
                 outcome = TeamOutcome.STUCK
                 break
+            tries = [self.part(begin, visited, covered, reach, limit) for begin in begins]
+            best = max(tries, key=lambda part: (len(part[2]), -sum(event[2] for event in part[1])))
             parts.append(len(states))
-            none = [False] * len(start)
             events = [*events, [none, none, 0], *best[1]]
             states, covered, visited = states + best[0], best[2], best[3]
+        if covered == reach:
+            everywhere = len(reach) == self.cells.positions
+            outcome = TeamOutcome.COVERED if everywhere else TeamOutcome.OUT_OF_REACH
         return states, events, parts, covered, outcome
 
 
@@ -162,13 +151,10 @@ def test_joint_map_follows_its_rules(cells, robots, step, seed):
     states = states_of(cells, robots, seed, 32)
     shift = np.random.default_rng(seed).integers(8, size=robots)
     oracle = Oracle(cells, shift.tolist(), step)
-    found = orbits(cells, shift, states, step=step)
+    joint = orbits(cells, shift, states, step=step)
+    fields = joint.image, joint.bumped, joint.collided, joint.collisions
     for i, state in enumerate(states.tolist()):
-        image, bumped, collided, collisions = oracle.step(state)
-        assert found.image[0, i].tolist() == image
-        assert found.bumped[0, i].tolist() == bumped
-        assert found.collided[0, i].tolist() == collided
-        assert found.collisions[0, i] == collisions
+        assert tuple(field[0, i].tolist() for field in fields) == oracle.step(state)
 
 
 @given(SPACES, NUMBERS, st.sampled_from([1.0, 2.5]), st.integers(0, 2**32))

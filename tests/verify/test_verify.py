@@ -245,7 +245,7 @@ def test_altered_patrols_of_a_map_do_not_agree():
 
 @pytest.mark.parametrize("edge", ["uniform", "exit"])
 def test_altered_drifters_do_not_agree(edge):
-    # As the current changes, some drifters stay almost forever, which no solve is certified for.
+    # In the changing current, some drifters stay almost forever, and no solve is certified.
     currents = drift.open_currents(DATA / "ocean" / "gyres.nc", time=0).isel(layer=slice(2, 3))
     result = drift.SeaDrift.of(currents, drift.DriftStep(3400.0, edge=edge), start=0).towards(100)
     (layer,) = result.layers

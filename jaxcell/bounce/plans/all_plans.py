@@ -16,7 +16,7 @@ from .routes import Routes, block_size, costs, solve
 from .store import read_roadmap, read_routes, write_plans
 
 
-# Pairs whose costs are read at a time.
+# Number of pairs whose costs are read at once.
 _PAIRS = 1 << 24
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Int, Integer, Shaped
 from .roadmap import Roadmap
 
 
-# States relaxed at once. Their costs fit the cache, which takes half the time on large maps.
+# Number of states that are relaxed at once: costs that fit the cache take half the time.
 _BLOCK = 2**18
 
 

@@ -132,7 +132,7 @@ def _sector(
     """Make boxes around the possible ends of a stretch with bounded errors of the heading."""
     if gone[-1] < 0:
         gone, angle = -gone, angle + math.pi
-    # The chord of a bent path is shorter.
+    # The chord of a bent path is shorter than the path.
     least, most = gone * (1 - slip.step) * max(math.cos(off), 0.0), gone * (1 + slip.step)
     quarters = np.arange(-8, 9) * math.pi / 2
     turns = math.remainder(angle, 2 * math.pi) + np.array([-off, 0.0, off])

@@ -9,7 +9,7 @@ from ...base.certificate import Certificate
 from ...mapping.classes import reaching
 
 
-# A policy is improved until the relative gap of its mean time is this small, or this often.
+# Sweeps end when the relative gap of the mean times is this small, or after this number.
 _TOLERANCE, _MOST_SWEEPS = 1e-3, 20_000
 
 
