@@ -279,7 +279,7 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
             "number from 0"
         )
     if not worth.any():
-        raise ValueError("target: it is 0 at all positions; expected some share for one of them")
+        raise ValueError("target: it is 0 at all positions; expected more at one of them")
     # Divided by the largest first, so that the sum cannot overflow.
     worth = worth / worth.max()
     return worth / worth.sum()

@@ -22,7 +22,7 @@ class Headings:
     like: Int[np.ndarray, "cycles"]
     "The first cycle that has the same ways as each cycle."
     alike: Int[np.ndarray, "directions"]
-    "The leading direction that represents each direction, also itself."
+    "The leading direction that represents each direction; a leading direction represents itself."
 
     @property
     def leading(self) -> Bool[np.ndarray, "directions"]:

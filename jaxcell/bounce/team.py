@@ -37,13 +37,14 @@ def team_trajectory(
     direction, to either side. All such turns that lead to new joint states are tried. The part that
     visits the most new positions is taken; of equal parts, the part with the fewest collisions, and
     then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The trajectory
-    ends when all positions within reach are visited: those that a sequence of steps in any
-    directions leads to. Only positions where a step ends count as visited.
+    ends when all positions within reach are visited, to which steps in any directions lead from the
+    starts. Only positions where a step ends count as visited.
 
     **Arguments:**
 
     - `starts`: the cell of each robot, no two in one position.
     - `bounces`: bouncing angles in radians, one for all robots or one for each.
+    - `max_parts`: the largest number of parts.
     - `part_steps`: the largest number of steps of a part, because several robots may take millions
         of steps until they repeat a state; by default the number of cells, at most 100,000.
     - `progress`: called after each part with the numbers of parts and of visited positions.

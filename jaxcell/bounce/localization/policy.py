@@ -169,7 +169,7 @@ class LocalizationPolicy(States):
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot by the policy until it is localized.
 
-        The states of the result are those of the policy at the last bump before each time.
+        The result has, at each time, the state of the policy at the last bump up to this time.
         """
         roadmap = self.roadmap
         cell, state = roadmap.check_cell(start, "start"), self.policy.start()

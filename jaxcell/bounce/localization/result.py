@@ -262,8 +262,8 @@ class Localized(RunOnMap, LocalizationFilter):
         first, size = int(self.filter.uncertainty[0]), self.cells.size
         if first != size:
             raise ValueError(
-                f"filter: it starts in doubt over {first} cells, but there are {size}; it is not "
-                "of these cells"
+                f"filter: it starts with {first} possible cells, but there are {size}; expected "
+                "the filter of these cells"
             )
         limits = ("path", "cell", size), ("states", "state", len(self.filter.transition))
         for name, what, count in limits:

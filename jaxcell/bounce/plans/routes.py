@@ -29,8 +29,7 @@ class Routes:
     @classmethod
     def joined(cls, parts: Sequence["Routes"]) -> "Routes":
         """Join the routes to the entries of all parts."""
-        names = ("cost", "layer", "turn")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def block_size(roadmap: Roadmap) -> int:
