@@ -1,6 +1,7 @@
 """Maps of a robot that slips, compared with the emulator and with a robot in plain Python."""
 
 import dataclasses
+import functools
 import itertools
 import math
 
@@ -20,6 +21,7 @@ from jaxcell.robot.emulation.direct import DirectBody
 ROOM = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
 CELLS = space.CellSpace.of(ROOM, 1.0, 8)
 TURN = math.radians(135)
+SLIP = space.Slip.of(0.02, give=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -32,16 +34,16 @@ def hidden(fine):
     return bounce.slip_map(fine, [TURN], space.Slip.of(0.03, give=0.02))
 
 
-def walker_of(cell, noise, seed, cells=CELLS):
+def walker_of(cell, noise, seed):
     """An emulated robot in a cell, and its body."""
-    body = Body.in_cell(cells, cell, noise, np.random.default_rng(seed))
-    strides = space.cell_strides(cells.directions, 1.0, 1.0)
-    direction = cell // cells.positions
+    body = Body.in_cell(CELLS, cell, noise, np.random.default_rng(seed))
+    strides = space.cell_strides(8, 1.0, 1.0)
+    direction = cell // CELLS.positions
     return Walker(DirectBody(body), 1.0, strides=strides, direction=direction), body
 
 
-def run_of_the_emulator(cell, noise, steps, seed, cells=CELLS):
-    walker, body = walker_of(cell, noise, seed, cells)
+def run_of_the_emulator(cell, noise, steps, seed):
+    walker, body = walker_of(cell, noise, seed)
     observed = []
     for _ in range(steps):
         observed.append(int(walker.step()))
@@ -115,9 +117,7 @@ def test_the_credible_set_holds_the_emulated_robot(fine, hidden):
     for seed in range(60):
         cell = int(rng.integers(CELLS.size))
         observed, pose = run_of_the_emulator(cell, 0.03, 15, seed)
-        state = belief.start()
-        for observation in observed:
-            state = belief.observe(state, observation)
+        state = functools.reduce(belief.observe, observed, belief.start())
         held.append(int(space.nearest_cell(CELLS, *pose)) in belief.estimate(state).cells)
         assert state.nowhere < 0.5
     assert np.mean(held) > 0.85
@@ -140,30 +140,26 @@ def test_a_robot_that_chooses_its_angle_is_localized_sooner(fine):
     assert bumps[2] < 0.8 * bumps[1]
 
 
-def bounded_run(cells, legs, felt, cell, errors, slip):
+def bounded_run(cell, errors):
     """The observations and poses of a robot by shapely; `errors` are shares of their bounds."""
-    x, y, theta = (float(v) for v in cells.centre(cell))
-    direction, observed = cell // cells.positions, []
+    felt = ROOM.free_space.buffer(SLIP.give, join_style="mitre")
+    x, y, theta = (float(v) for v in CELLS.centre(cell))
+    direction = cell // CELLS.positions
     for along, veer, turn, back in errors:
-        told = float(legs[direction, 0])
-        length, chord = told * (1 + slip.step * along), theta + slip.heading * told * veer / 2
+        leg = space.stride_legs(8, 1.0, 1.0)[direction, 0].item()
+        length, chord = leg * (1 + SLIP.step * along), theta + SLIP.heading * leg * veer / 2
         end = x + length * math.cos(chord), y + length * math.sin(chord)
         line = shapely.LineString([(x, y), end])
         if felt.covers(line):
-            (x, y), theta = end, theta + slip.heading * told * veer
-            observed.append(0)
+            (x, y), theta = end, theta + SLIP.heading * leg * veer
+            yield 0, (x, y, theta)
         else:
-            way = line.intersection(felt.boundary).distance(shapely.Point(x, y))
-            gap = way * (1 - (1 + slip.step * back) / (1 + slip.step * along))
+            to_wall = line.intersection(felt.boundary).distance(shapely.Point(x, y))
+            gap = to_wall * (1 - (1 + SLIP.step * back) / (1 + SLIP.step * along))
             x, y = x + gap * math.cos(chord), y + gap * math.sin(chord)
-            theta += TURN * (1 + slip.turn * turn)
-            direction = (direction + 3) % cells.directions
-            observed.append(1)
-        yield observed[-1], (x, y, theta)
-
-
-share = st.floats(-1, 1)
-SLIP = space.Slip(step=0.02, turn=0.02, heading=0.02, give=0.02)
+            theta += TURN * (1 + SLIP.turn * turn)
+            direction = (direction + 3) % CELLS.directions
+            yield 1, (x, y, theta)
 
 
 @pytest.fixture(scope="module")
@@ -176,13 +172,11 @@ def sets():
 @settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, CELLS.size - 1),
-    st.lists(st.tuples(share, share, share, share), min_size=1, max_size=25),
+    st.lists(st.tuples(*4 * [st.floats(-1, 1)]), min_size=1, max_size=25),
 )
 def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
-    felt = ROOM.free_space.buffer(0.02, join_style="mitre")
-    legs = space.stride_legs(8, 1.0, 1.0)
     state = sets.start()
-    for observation, pose in bounded_run(CELLS, legs, felt, cell, errors, SLIP):
+    for observation, pose in bounded_run(cell, errors):
         state = sets.observe(state, observation)
         assert int(space.nearest_cell(CELLS, *pose)) in sets.estimate(state).cells
 
@@ -190,9 +184,8 @@ def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
 def test_sets_of_a_robot_without_errors_exclude_most_cells():
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=2)
     sets = bounce.bounded_map(fine, TURN, space.Slip(give=0.02))
-    state = sets.start()
-    for observation in run_of_the_emulator(0, 0.0, 12, 0)[0]:
-        state = sets.observe(state, observation)
+    observed, _ = run_of_the_emulator(0, 0.0, 12, 0)
+    state = functools.reduce(sets.observe, observed, sets.start())
     assert 1 <= sets.estimate(state).cells.size < CELLS.size / 3
 
 
@@ -200,9 +193,7 @@ def test_particles_find_the_emulated_robot():
     cloud, held = Particles(CELLS, TURN, space.Slip.of(0.03, give=0.02), count=2000), []
     for seed in range(12):
         observed, pose = run_of_the_emulator(seed * 6, 0.03, 12, seed)
-        state = cloud.start()
-        for observation in observed:
-            state = cloud.observe(state, observation)
+        state = functools.reduce(cloud.observe, observed, cloud.start())
         held.append(int(space.nearest_cell(CELLS, *pose)) in cloud.estimate(state).cells)
     assert np.mean(held) > 0.8
 
