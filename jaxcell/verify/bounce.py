@@ -21,10 +21,10 @@ def compare_images(
     simple_map: SimpleMap,
     bounce: float,
     *,
-    only: Int[np.ndarray, "some"] | None = None,
+    only: Int[np.ndarray, "cells"] | None = None,
     motion: Motion = CELL_BY_CELL,
 ) -> Comparison:
-    """Compare the images of some cells with steps computed by shapely in the free space.
+    """Compare the images of a sample of cells with steps that shapely computes in the free space.
 
     **Arguments:**
 
@@ -85,7 +85,7 @@ def _targets(
 
 
 def compare_straight(
-    cells: CellSpace, only: Int[np.ndarray, "some"] | None = None, motion: Motion = CELL_BY_CELL
+    cells: CellSpace, only: Int[np.ndarray, "cells"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
     """Make the cell map of the bouncing angle 0, and compare it with steps by shapely."""
     straight = bouncing.bounce_map(cells, 0.0, motion=motion)

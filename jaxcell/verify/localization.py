@@ -23,22 +23,22 @@ def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Co
     states, size = len(filter.transition), image.size
     shape, ones = (states, size), np.ones(filter.members.size, np.int32)
     member = scipy.sparse.csr_array((ones, filter.members, filter.offsets), shape=shape)
-    some = sample(states, _STATES)
+    sampled = sample(states, _STATES)
     wrong = []
     for observation in (0, 1):
         senses = np.flatnonzero(np.asarray(simple_map.bumped) == observation)
         entries = np.ones(senses.size, np.int32), (senses, image[senses])
         follows = scipy.sparse.csr_array(entries, shape=(size, size))
-        after = filter.transition[some, observation]
+        after = filter.transition[sampled, observation]
         ours = member[np.maximum(after, 0)].multiply((after >= 0)[:, None]) != 0
-        again = member[some] @ follows != 0
+        again = member[sampled] @ follows != 0
         wrong += [
-            f"state {some[i]} and observation {observation}: the next state has other cells than "
-            "the images have"
+            f"state {sampled[i]} and observation {observation}: the next state has other cells "
+            "than the images have"
             for i in np.flatnonzero((ours != again).sum(axis=1)).tolist()
         ]
     what = "states of the filter, by products of sparse matrices"
-    compared = [Comparison.exact(what, wrong, 2 * some.size)]
+    compared = [Comparison.exact(what, wrong, 2 * sampled.size)]
 
     # The trap, the state after observations that cannot occur on the map, is left out.
     known = states - filter.open_world

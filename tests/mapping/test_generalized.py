@@ -93,8 +93,8 @@ def test_chain_works_under_jit_and_vmap():
         return chain.push(chain.push(p))
 
     matrix = chain.to_scipy().toarray()
-    found = jax.vmap(two_steps, in_axes=(None, 0))(chain, ps)
-    np.testing.assert_allclose(found, matrix @ matrix, rtol=1e-14)
+    moved = jax.vmap(two_steps, in_axes=(None, 0))(chain, ps)
+    np.testing.assert_allclose(moved, matrix @ matrix, rtol=1e-14)
     scaled = jax.tree.map(lambda x: x, chain)
     assert isinstance(scaled, Chain)
     # Two chains of one shape, as one batch.

@@ -96,8 +96,8 @@ def test_section_gives_the_groups_of_all_cells(image, data):
     # Few sizes, since each is compiled once.
     slots = CELLS + 3
     section, slot, wait = section_of(image, sorted(chosen), slots)
-    found = jax.tree.leaves(section_cycles(section))
-    leader, leads, lead, period, lowest = map(np.asarray, found)
+    fields = jax.tree.leaves(section_cycles(section))
+    leader, leads, lead, period, lowest = map(np.asarray, fields)
     leaders = np.flatnonzero(leads)
     leaders = leaders[np.argsort(lowest[leaders])]
     number = np.full(slots, -1)

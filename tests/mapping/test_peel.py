@@ -86,8 +86,8 @@ def test_peeling_takes_16_bytes_per_cell_beside_map_and_groups(monkeypatch):
     peel.groups_on_host(image)
     tracemalloc.start()
     try:
-        found = peel.groups_on_host(image)
+        groups = peel.groups_on_host(image)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak - found.group.nbytes - found.step.nbytes <= 16 * cells
+    assert peak - groups.group.nbytes - groups.step.nbytes <= 16 * cells

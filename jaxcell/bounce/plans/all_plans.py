@@ -131,7 +131,7 @@ class AllPlans:
         """
         return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
-    def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "some"], _Goals]:
+    def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "entries"], _Goals]:
         """List the goals, the entries that lead to them, and the entry index of each goal."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
@@ -139,7 +139,7 @@ class AllPlans:
             self.roadmap.check_cell(wrong, "goals")
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
-    def _routes(self, entries: Int[np.ndarray, "some"]) -> Routes:
+    def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
         """Find the routes to entries in ascending order; no route leads to entry -1."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
@@ -211,7 +211,7 @@ def all_plans(
     return AllPlans(cells, roadmap, Routes.joined(list(solved())))
 
 
-def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
+def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "entries"]]:
     """Split the entries into blocks that are solved at once."""
     size = block_size(roadmap)
     entries = np.arange(roadmap.entry.size)

@@ -37,7 +37,7 @@ def block_size(roadmap: Roadmap) -> int:
     return max(16, _BLOCK // roadmap.turned.size)
 
 
-def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Routes:
+def solve(roadmap: Roadmap, entries: Int[np.ndarray, "entries"]) -> Routes:
     """Find the cheapest routes to entries by relaxing costs from all walls until none changes.
 
     No route leads to entry -1. A round looks one bump ahead from every wall in every layer, so
