@@ -70,7 +70,7 @@ class Anywhere(Result):
     def median_extent(self) -> Float[np.ndarray, "bumps"]:
         return np.median(self.extent, axis=0)
 
-    @derived("bump", "extent that nine robots of ten have or less", "m")
+    @derived("bump", "extent that nine of ten robots do not exceed", "m")
     def extent_of_nine_tenths(self) -> Float[np.ndarray, "bumps"]:
         return np.quantile(self.extent, 0.9, axis=0)
 
@@ -83,7 +83,7 @@ class Anywhere(Result):
         "trial.held", "robot bump", "whether the robot is where its filter says", kind="flag"
     )
 
-    @derived("robot", "bumps until the robot is localized for good", kind="time")
+    @derived("robot", "bumps until the robot stays localized", kind="time")
     def bumps_until_known(self) -> Float[np.ndarray, "robots"]:
         return _first_of_the_last(self.trial.extent <= 2 * self.radius)
 
@@ -153,7 +153,7 @@ class HomeFromAnywhere(Anywhere):
     def median_bumps_until_home(self) -> float:
         return float(np.median(self.bumps_until_home))
 
-    @derived("", "length of the way home of those that arrive, in the median", "m")
+    @derived("", "length of the way home of robots that arrive, in the median", "m")
     def median_metres(self) -> float:
         ways = np.cumsum(self.trial.run, axis=1)[self.trial.arrived.cumsum(axis=1) == 1]
         return float(np.median(ways)) if ways.size else np.inf

@@ -66,7 +66,7 @@ class Slipped(Candidates):
         quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
     ]
     candidate_probability: Annotated[
-        Float[np.ndarray, "candidates"], quantity("candidate", "how probable", kind="share")
+        Float[np.ndarray, "candidates"], quantity("candidate", "probability", kind="share")
     ]
 
     @property
@@ -105,7 +105,7 @@ class Slipped(Candidates):
     def end(self) -> int:
         return int(self.truth[-1])
 
-    @derived("", "whether the belief says that it is nowhere on the map", kind="flag")
+    @derived("", "whether the robot is nowhere on the map, by the belief", kind="flag")
     def is_nowhere(self) -> bool:
         return bool(self.nowhere[-1] > NOWHERE)
 
