@@ -10,11 +10,12 @@ from jaxtyping import Bool, Float, Int
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
 from ..walls import Homing, Trial, WallFilter, alike_places
+from .dynamics import Bounces
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Anywhere(Result):
-    """Simulated robots that start anywhere, with the sets of their filter."""
+    """Simulated robots that start anywhere, and the places where their filter expects them."""
 
     title: ClassVar[str] = "Localization of robots that start anywhere"
     picture: ClassVar[str] = "median_extent"
@@ -23,11 +24,8 @@ class Anywhere(Result):
     cells: CellSpace
     filter: WallFilter
     headings: int | None
-    "Number of headings that the robots may start with; `None` for any."
-    bounces: Annotated[
-        Float[np.ndarray, "angles"],
-        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
-    ]
+    "Number of possible start headings, or `None` for any heading."
+    bounces: Bounces
     radius: Annotated[float, quantity("", "distance within which a robot counts as localized", "m")]
     trial: Trial
 
@@ -72,7 +70,7 @@ class Anywhere(Result):
     def median_extent(self) -> Float[np.ndarray, "bumps"]:
         return np.median(self.extent, axis=0)
 
-    @derived("bump", "extent that nine robots of ten have or less", "m")
+    @derived("bump", "extent that nine of ten robots do not exceed", "m")
     def extent_of_nine_tenths(self) -> Float[np.ndarray, "bumps"]:
         return np.quantile(self.extent, 0.9, axis=0)
 
@@ -85,7 +83,7 @@ class Anywhere(Result):
         "trial.held", "robot bump", "whether the robot is where its filter says", kind="flag"
     )
 
-    @derived("robot", "bumps until the robot is localized for good", kind="time")
+    @derived("robot", "bumps until the robot stays localized", kind="time")
     def bumps_until_known(self) -> Float[np.ndarray, "robots"]:
         return _first_of_the_last(self.trial.extent <= 2 * self.radius)
 
@@ -130,7 +128,7 @@ class Anywhere(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HomeFromAnywhere(Anywhere):
-    """Simulated robots that start anywhere, find out where they are, and come to a goal."""
+    """Simulated robots that start anywhere, are localized, and go to a goal."""
 
     title: ClassVar[str] = "Navigation of robots that start anywhere"
 
@@ -155,7 +153,7 @@ class HomeFromAnywhere(Anywhere):
     def median_bumps_until_home(self) -> float:
         return float(np.median(self.bumps_until_home))
 
-    @derived("", "length of the way home of those that arrive, in the median", "m")
+    @derived("", "length of the way home of robots that arrive, in the median", "m")
     def median_metres(self) -> float:
         ways = np.cumsum(self.trial.run, axis=1)[self.trial.arrived.cumsum(axis=1) == 1]
         return float(np.median(ways)) if ways.size else np.inf

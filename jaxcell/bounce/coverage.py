@@ -17,7 +17,7 @@ from ..mapping import PersistentGroups, persistent_groups
 from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
-from .dynamics import moves as moves_of
+from .dynamics import Bounces, moves as moves_of
 from .noisy_map import noisy_chain, noisy_turns
 
 
@@ -26,17 +26,14 @@ Target: TypeAlias = npt.ArrayLike | Callable[[Any, Any], Any] | None
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CoveragePolicy(Result):
-    """The shares of time of bouncing angles with which a robot covers a room as wanted."""
+    """The mixture of bouncing angles whose coverage of a room is nearest to a target."""
 
     title: ClassVar[str] = "Coverage by a mixture of bouncing policies"
     picture: ClassVar[str] = "mixture"
     tables: ClassVar[Mapping[str, str]] = {"bounce": "policies"}
 
     cells: CellSpace
-    bounce: Annotated[
-        Float[np.ndarray, "angles"],
-        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
-    ]
+    bounce: Bounces
     alpha: Annotated[
         Float[Array, "angles"],
         quantity("bounce", "share of time", "1", kind="distribution", source="Alam 2018, Eq. 3.7"),
@@ -150,7 +147,7 @@ class CoveragePolicy(Result):
 
 
 def _padded(rows: list[Any]) -> np.ndarray:
-    """Make a matrix of rows of different lengths, filled up with 0."""
+    """Make a matrix of rows of different lengths, padded with 0."""
     padded = np.zeros((len(rows), max(map(len, rows))), np.asarray(rows[0]).dtype)
     for line, row in zip(padded, rows, strict=True):
         line[: len(row)] = row
@@ -181,7 +178,7 @@ def coverage_policy(
         [`jaxcell.markov.limiting_distribution`][].
     - `progress`: called with the number of finished angles.
 
-    **Returns:** [`CoveragePolicy`][], with the mixture and what it is made from.
+    **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle.
 
     **Raises:** `RuntimeError` if a solve stalls, or if JAX is set to 32 bits; `MemoryError` if the
     noisy maps do not fit the free memory.
@@ -238,10 +235,10 @@ def coverage_policy(
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray, "positions"]:
     """Make a target for coverage, as a distribution over the positions.
 
-    **Arguments:** a cell space, and the worth of each position, in any unit: `None` for equal
-    worth; a function of arrays `x, y` of centres in metres; an array over the positions; or an
-    image `[rows, columns]`, its first row at the top, which is stretched over all squares of the
-    map and read at the centres.
+    **Arguments:** a cell space, and the worth of each position, in any unit. The worth is `None`
+    if all positions are equal; a function of arrays `x, y` of centres in metres; an array over the
+    positions; or an image `[rows, columns]`, whose first row is at the top. The image is stretched
+    over all squares of the map and read at the centres.
 
     **Returns:** shares that sum to 1.
 
@@ -266,7 +263,7 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
         height, width = cells.free.shape
         right = (x - cells.origin[0]) / (width * cells.cell)
         up = (y - cells.origin[1]) / (height * cells.cell)
-        # Rounded, so that a centre on an edge between pixels is in the same one on every platform.
+        # Rounded, so that a centre on an edge between pixels is in the same pixel everywhere.
         column, row = (np.floor(np.round(v, 9)).astype(int) for v in (right * columns, up * rows))
         worth = worth[rows - 1 - row, column]
     if worth.shape != (cells.positions,):
@@ -282,7 +279,7 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
             "number from 0"
         )
     if not worth.any():
-        raise ValueError("target: it is 0 at all positions; expected some share for one of them")
-    # First by the largest, so that the sum cannot overflow.
+        raise ValueError("target: it is 0 at all positions; expected more at one of them")
+    # Divided by the largest first, so that the sum cannot overflow.
     worth = worth / worth.max()
     return worth / worth.sum()

@@ -1,17 +1,22 @@
 import dataclasses
 import functools
 import math
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.quantities import quantity
 from ..mapping import SimpleMap
 from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates
 from ..space.steps import Steps
 
 
+Bounces: TypeAlias = Annotated[
+    Float[np.ndarray, "angles"],
+    quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
+]
 _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 
 
@@ -21,7 +26,7 @@ class Moves:
     """The end of one step from every position in every direction, for any bouncing angle.
 
     Directions in which all positions have the same target share a *way*: on a grid, 360 directions
-    make 16 ways. So everything that depends on the walls alone is computed once per way.
+    have 16 ways. So the steps are computed once per way.
     """
 
     target: Int[Array, "ways positions"]
@@ -32,7 +37,7 @@ class Moves:
 
 @functools.lru_cache(maxsize=4)
 def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
-    """Find the end of one step from the centre of every cell. The last few answers are kept.
+    """Find the end of one step from the centre of every cell. The last few results are cached.
 
     **Arguments:** a cell space and a motion. **Returns:** [`Moves`][], for any bouncing angle.
 
@@ -49,7 +54,7 @@ def moves(cells: CellSpace, *, motion: Motion = CELL_BY_CELL) -> Moves:
     """
     estimates.check_cells(cells, motion, estimates.moves, "moves of all cells")
     steps = Steps.of(cells, motion)
-    # Under `jit` too this is a constant.
+    # The result is a constant, under `jit` too.
     with jax.ensure_compile_time_eval():
         return Moves(*jax.device_put((steps.targets(cells), steps.way)))
 
@@ -60,9 +65,7 @@ def bounce_shift(
     """Express bouncing angles as numbers of directions.
 
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
-    turn. **Returns:** numbers from 0 and less than that number.
-
-    **Raises:** `ValueError` for an angle that is not a whole number of directions.
+    turn. **Returns:** numbers of directions, at least 0 and less than a full turn.
 
     Of eight directions, three make 135 degrees:
 
@@ -73,7 +76,7 @@ def bounce_shift(
     """
     shift = np.asarray(bounce, float) * directions / (2 * math.pi)
     whole = np.round(shift)
-    # Infinity less itself is no number, and beyond 2^53 every float64 is whole.
+    # Infinity minus infinity is NaN, and beyond 2^53 every float64 is whole.
     with np.errstate(invalid="ignore"):
         wrong = ~((np.abs(shift - whole) < 1e-6) & (np.abs(shift) < 2**53))
     if wrong.any():
@@ -127,7 +130,7 @@ def bounce_map(
 
 @jax.jit
 def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
-    """Compute the bounce map of known moves, under `jit` and under `vmap` over both arguments.
+    """Compute the bounce map from the moves, under `jit` and under `vmap` over both arguments.
 
     **Arguments:** the moves, and the number of directions by which the robot turns at a bump.
     **Returns:** a map over all cells.
@@ -144,13 +147,13 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
 
 def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
-    """Compute the images of all cells and the bumps, with the arrays of NumPy or of JAX."""
+    """Compute the image of each cell, and a mask of the bumps, in NumPy or JAX like `target`."""
     xp = target.__array_namespace__()
     directions, positions = way.shape[0], target.shape[1]
     direction = xp.arange(directions, dtype=xp.int32)
     turned = (direction + shift) % directions
     bumped = target == xp.arange(positions, dtype=xp.int32)[None]
-    # A bump adds the same number to the cells of all directions, unless they turn past the last.
+    # A bump adds the same number to all cells, unless they turn past the last direction.
     bump = bumped.astype(xp.int32)
     turns = xp.stack([target + bump * (by * positions) for by in (shift, shift - directions)])
     image = turns[(turned < direction).astype(xp.int32), way]
@@ -166,7 +169,7 @@ def motion_violations(
 ) -> Bool[np.ndarray, "times-1 robots"]:
     """Find the moves in which a robot does not keep its direction, or its position at a bump.
 
-    `turn` is the number of directions of a turn in place, or `None` if that is not known.
+    `turn` is the number of directions of a turn in place, or `None` if it is unknown.
     """
     direction, position = np.divmod(path, cells.positions)
     stays = position[1:] == position[:-1]

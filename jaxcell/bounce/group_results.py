@@ -10,7 +10,7 @@ from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..mapping import GroupTotals, PeriodicGroups
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ..space.steps import Steps
-from .dynamics import bounce_map, bounce_shift
+from .dynamics import Bounces, bounce_map, bounce_shift
 from .groups import bounce_groups
 from .groups_on_grids import wall_groups
 from .localization.filter_size import heading_filter_sizes
@@ -27,7 +27,7 @@ _PADDING = "-1: no such group"
 class BounceGroups(Result):
     """The periodic groups of a bouncing robot, for one or several bouncing angles.
 
-    The numbers of cells and of single groups are computed on first use.
+    Quantities of single cells and of single groups are computed on first use.
     """
 
     title: ClassVar[str] = "Periodic groups of a bouncing robot"
@@ -35,10 +35,7 @@ class BounceGroups(Result):
 
     cells: CellSpace
     motion: Motion
-    bounce: Annotated[
-        Float[np.ndarray, "angles"],
-        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
-    ]
+    bounce: Bounces
     count: Annotated[_Numbers, quantity("bounce", "periodic groups", "1", kind="count")]
     longest_transient: Annotated[
         _Numbers, quantity("bounce", "longest transient", "mappings", kind="count")
@@ -62,9 +59,6 @@ class BounceGroups(Result):
     ) -> "BounceGroups":
         """Find the periodic groups of the bounce map of each angle.
 
-        **Raises:** `ValueError` for an angle that is not a whole number of directions;
-        `MemoryError` if the computation would exceed the free memory.
-
         A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
             >>> import math
@@ -84,9 +78,9 @@ class BounceGroups(Result):
         return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
 
     def by_angle(self) -> Iterator[AngleGroups]:
-        """Find the groups of each angle, from which cells follow one direction at a time.
+        """Find the groups of each angle, without the arrays of all cells.
 
-        [`jaxcell.record.save_cells`][] uses this to write arrays that do not fit the memory.
+        [`jaxcell.record.save_cells`][] writes the cells from them, one direction at a time.
         """
         steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
@@ -153,7 +147,7 @@ class BounceGroups(Result):
     def checks(self) -> Checks:
         # Basins hold all cells. A group has as many periodic cells as its period. Each basin has a
         # cell at every step up to the farthest. Each image is in the same group, one step nearer to
-        # it. The numbers that were found at walls are those of all cells.
+        # it. The totals from the walls equal those of all cells.
         angles = len(self.bounce)
         group, step = (one.reshape(angles, -1) for one in (self.group, self.step))
         image = np.asarray(bounce_map(self.cells, self.bounce, motion=self.motion).image)
@@ -199,7 +193,7 @@ def _by_angle(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RoomGroups(BounceGroups):
-    """The periodic groups in a room, and the filter of a robot that knows its heading there."""
+    """The periodic groups in a room, and the filter sizes of a robot that knows its heading."""
 
     title: ClassVar[str] = "Periodic groups of a bouncing robot in a random room"
 
@@ -224,7 +218,7 @@ class RoomGroups(BounceGroups):
         *,
         motion: Motion = CELL_BY_CELL,
     ) -> "RoomGroups":
-        """Find the periodic groups and the filters in a room.
+        """Find the periodic groups in a room, and the sizes of its filters.
 
         Row 0 of the squares is the lowest. `directions` and `motion` are as for
         [`jaxcell.bounce.walls`][].

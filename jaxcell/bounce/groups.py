@@ -21,7 +21,7 @@ from .straight_runs import Runs
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _ToWalls:
-    """The run of each cell to a wall, which is the same for all bouncing angles."""
+    """The straight run of each cell to a wall, which is the same for all bouncing angles."""
 
     way: Int[Array | np.ndarray, "directions"]
     wall: Int[Array | np.ndarray, "ways positions"]
@@ -34,7 +34,7 @@ class _ToWalls:
 class _AtWalls:
     """The fields of [`AngleGroups`][] for a batch of angles, padded with zeros to equal lengths.
 
-    The group of slot `s` of direction `d` has the number `number[begin[d] + place[s]]`.
+    The group of slot `s`, a wall of direction `d`, has the number `number[begin[d] + place[s]]`.
     """
 
     begin: Int[Array | np.ndarray, "*angles directions"]
@@ -43,12 +43,12 @@ class _AtWalls:
     lead: Int[Array | np.ndarray, "*angles slots"]
     number: Int[Array | np.ndarray, "*angles groups"]
     period: Int[Array | np.ndarray, "*angles groups"]
-    "Zeros past `count`."
+    "The period of each group; zeros past `count`."
     count: Int[Array | np.ndarray, "*angles"]
 
 
 def _over_angles(function: Callable[[Any], Any], angles: tuple[int, ...]) -> Callable[[Any], Any]:
-    """Batch a function over angles; a single angle is computed without `vmap`, which is faster."""
+    """Batch a function over angles, without `vmap` for a single angle, because that is faster."""
     if math.prod(angles) != 1:
         for _ in angles:
             function = jax.vmap(function)
@@ -63,13 +63,13 @@ def _over_angles(function: Callable[[Any], Any], angles: tuple[int, ...]) -> Cal
 
 @functools.partial(jax.jit, static_argnames="walls")
 def _expand(to: _ToWalls, at: _AtWalls, *, walls: int) -> PeriodicGroups:
-    """Expand the groups to all cells; no direction has more than `walls` walls."""
+    """Expand the groups from the walls to all cells; a direction has at most `walls` walls."""
 
     def expand(groups):  # type: ignore[no-untyped-def]
         slot = groups.first[:, None] + jnp.arange(walls, dtype=jnp.int32)[None]
         number = groups.number[groups.begin[:, None] + groups.place[slot]]
 
-        # One direction at a time, because its few hundred walls fit the nearest cache.
+        # One direction at a time, because its few hundred walls fit the fastest cache.
         def along(direction):  # type: ignore[no-untyped-def]
             way, group, lead = direction
             wall = to.wall[way]
@@ -90,7 +90,7 @@ def _runs(cells: CellSpace, motion: Motion) -> Runs:
 @functools.lru_cache(maxsize=4)
 def _to_walls(cells: CellSpace, motion: Motion) -> _ToWalls:
     runs = _runs(cells, motion)
-    # Under `jit` too this is a constant.
+    # The result is a constant, under `jit` too.
     with jax.ensure_compile_time_eval():
         return jax.device_put(_ToWalls(runs.steps.way, *runs.of_cells(cells)))
 
@@ -119,12 +119,12 @@ def bounce_groups(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> PeriodicGroups:
-    """Find the periodic groups of a bounce map, by way of the section of its bumps.
+    """Find the periodic groups of a bounce map, from the cells where the robot bumps.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][], with its errors.
 
-    **Returns:** the result of [`jaxcell.mapping.periodic_groups`][] for the image of that map, many
-    times faster: the rows `groups` of the benchmarks.
+    **Returns:** the result of [`jaxcell.mapping.periodic_groups`][] for that map, but many times
+    faster (the rows `groups` of the benchmarks).
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -166,7 +166,8 @@ def group_summary(
 ) -> GroupSummary:
     """Count the periodic groups of a bounce map, with their periods, basins and transients.
 
-    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]. **Returns:** numbers of each group.
+    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]. **Returns:** the number of groups, and
+    the period, the basin and the longest transient of each group.
 
     A corridor of three squares, whose six cells are one periodic group:
 

@@ -1,16 +1,16 @@
 """The totals of the periodic groups of many grids and bouncing angles at once, in NumPy.
 
 Headings do not depend on the walls. At every bump the heading grows by the bouncing angle, and
-after `360 / gcd(360, angle)` bumps (in degrees) it is the first one again. So the section of bumps
-falls apart into independent cycles of headings. Each cycle is a ring of layers of walls: the walls
-of one layer lead to those of the next. The map from the first layer to itself has the periodic
-groups of all layers. That map depends on the ways of the headings alone, so cycles of the same ways
-are followed once.
+after `360 / gcd(360, angle)` bumps (in degrees) it is the first heading again. So the headings form
+independent cycles. Each cycle is a ring of layers of walls: the walls of one layer lead to the
+walls of the next layer. The map from the first layer to itself has the periodic groups of all
+layers. It depends on the ways of the headings alone, so cycles with the same ways are followed
+once.
 
-This stands beside `section`, which lists each group, because sweeps over rooms and angles need
-totals only. It takes 0.6 of the time for the rooms of Figure 2.7 (the row `group_study` of the
-benchmarks), and a third of the time for all angles of a room (`chapter_2/angle_study.py` of the
-experiments).
+The module `section` finds the same groups, and lists each of them. Sweeps over rooms and angles
+need only totals. Here these take 0.6 of its time for the rooms of Figure 2.7 (the row `group_study`
+of the benchmarks), and a third of its time for all angles of a room (`chapter_2/angle_study.py` of
+the experiments).
 """
 
 import dataclasses
@@ -37,10 +37,10 @@ def grid_groups(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> GroupTotals:
-    """Total the periodic groups of many grids of one shape, each with many bouncing angles.
+    """Compute totals of the periodic groups of many grids, each with many bouncing angles.
 
-    **Arguments:** masks of free squares, whose row 0 is the lowest and whose squares have sides of
-    1 m; bouncing angles in radians, counter-clockwise; and as for [`walls`][].
+    **Arguments:** masks of the free squares of grids of one shape; bouncing angles in radians,
+    counter-clockwise; the other arguments are those of [`walls`][].
 
     **Returns:** the totals of [`jaxcell.bounce.group_summary`][] of the shape `[*rooms, angles]`,
     or `[*rooms]` for a single angle.
@@ -48,8 +48,8 @@ def grid_groups(
     **Raises:** `ValueError` for an angle that is not a whole number of directions, a step shorter
     than a square, and a grid without a free square.
 
-    In an open room of two rows of three squares, a robot that turns right about stays in its row or
-    column:
+    In an open room of two rows of three squares, a robot that turns by 180 degrees stays in its row
+    or column:
 
         >>> import math
         >>> import numpy as np
@@ -70,12 +70,12 @@ def grid_groups(
 
 
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
-    """Total the periodic groups of grids with known walls.
+    """Compute totals of the periodic groups of grids from their walls.
 
     **Arguments:** the walls, and the turns at bumps as numbers of directions. **Returns:** totals
     of the shape `[grids, angles]`.
 
-    An open room of two rows of three squares, with turns to the left and right about:
+    An open room of two rows of three squares, with turns by 90 and by 180 degrees:
 
         >>> import numpy as np
         >>> from jaxcell import bounce
@@ -88,7 +88,7 @@ def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
     orders = directions // np.gcd(shift, directions)
     for order in np.unique(orders).tolist():
         angles = np.flatnonzero(orders == order)
-        # A heading of every cycle, and the headings that it leads to.
+        # The first heading of every cycle, and the headings after it.
         first = np.arange(directions // order)
         bumps = np.arange(order) * shift[angles, None, None]
         ways = walls.way[(first[:, None] + bumps) % directions]
@@ -109,7 +109,7 @@ def _measured(
     grids = len(walls.count)
     tables = _Tables.of(walls)
     fields = np.empty((6, grids * len(cycles)), np.int64)
-    # As many cycles at a time as make a layer that fits a cache.
+    # The places of one layer, in all cycles that are measured together, fit a cache.
     block = max(1, _BLOCK // walls.slots)
     for begin in range(0, fields.shape[1], block):
         part = np.arange(begin, min(begin + block, fields.shape[1]))
@@ -129,7 +129,7 @@ class _Tables:
 
     @classmethod
     def of(cls, walls: Walls) -> "_Tables":
-        # NumPy converts indices to 64 bits each time unless they have 64 already.
+        # NumPy converts other indices to 64 bits each time.
         tables = walls.next.astype(np.int64), walls.length, walls.behind
         return cls(walls.behind.shape[1], *(x.reshape(-1, walls.slots) for x in tables))
 
@@ -139,7 +139,7 @@ def _measure(
 ) -> Int[np.ndarray, "6 cycles"]:
     """Compute the fields of `GroupTotals` for cycles of headings, each in one grid.
 
-    A place is a cycle and a slot of a layer, as one number.
+    A place is the pair of a cycle and a slot of a layer, as one number.
     """
     cycles, slots = len(ways), tables.behind.shape[1]
     layer = (grid[:, None] * tables.ways + ways).T
@@ -150,7 +150,7 @@ def _measure(
     periodic = live & periodic_cells(image)
 
     # As in `jaxcell.mapping.section`: `into` is the number of cells of a group on the last run to a
-    # periodic place, its own included.
+    # periodic place, with the place itself.
     at = np.flatnonzero(periodic)
     groups: list[tuple[np.ndarray, np.ndarray]] = []
     cells = np.zeros(live.size)
@@ -167,7 +167,7 @@ def _measure(
     lead[at] = 1 - into
     none = np.zeros(live.size, bool)
     around, transient = _pull(tables, layer, turn, groups, lead, none)
-    # A place whose first return is periodic may have come to its group before that return.
+    # A place whose first return is periodic may reach its group before that return.
     weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
     leader, lead = follow(image, periodic, weight)
     lead[at] = 1 - into
@@ -202,7 +202,7 @@ def _once_around(
         run = there[cycle] * slots + slot
         slot = following[run]
         mappings += 1 + length[run]
-        # Orbits that have met stay together, and most meet soon.
+        # Orbits that have met stay together, so each is followed once; most meet soon.
         if bumps in (4, 8, 16, 32, 64, 128):
             place, which = np.unique(cycle * slots + slot, return_inverse=True)
             merged.append((which, mappings))
@@ -222,11 +222,11 @@ def _pull(
     lead: Int[np.ndarray, "places"],
     wanted: Bool[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
-    """Go backwards through the layers, from the mappings from the first layer to its groups.
+    """Compute the mappings from the places of each layer to their groups, from the last layer on.
 
-    Layers that lead to none of the `wanted` places of the first layer are left out, unless none is
-    wanted. Returns the mappings from places of the first layer, one round before, and the longest
-    transient of each cycle, among the layers that were not left out.
+    `lead` has the mappings of the first layer. Layers that lead to none of the `wanted` places of
+    the first layer are left out, unless no place is wanted. Returns the mappings of the first layer
+    one round before, and the longest transient of each cycle, without the layers left out.
     """
     cycles, slots = layer.shape[1], tables.behind.shape[1]
     base = (np.arange(cycles) * slots)[:, None]

@@ -11,8 +11,8 @@ class Headings:
     """The directions that a robot takes at successive bumps, in independent cycles.
 
     The directions of one cycle differ by multiples of `cycles`. The walls that a robot meets depend
-    on the ways of its directions only. So cycles that have the same ways in the same order have the
-    same groups. It is enough to follow the first of such cycles, whose directions are *leading*.
+    only on the ways of its directions. So cycles that have the same ways in the same order have the
+    same groups, and only the first of them is followed. Its directions are *leading*.
     """
 
     shift: int
@@ -22,7 +22,7 @@ class Headings:
     like: Int[np.ndarray, "cycles"]
     "The first cycle that has the same ways as each cycle."
     alike: Int[np.ndarray, "directions"]
-    "The leading direction that represents each direction; a leading one represents itself."
+    "The leading direction that represents each direction; a leading direction represents itself."
 
     @property
     def leading(self) -> Bool[np.ndarray, "directions"]:
@@ -39,8 +39,8 @@ class Headings:
     ) -> "SpreadGroups":
         """Number the groups of all cycles by their smallest cells.
 
-        Slots of the section in the mask `leads` represent a group each, whose smallest cell is
-        `lowest`. A direction has `positions` cells.
+        Each slot in the mask `leads` represents a group, whose smallest cell is `lowest`. A
+        direction has `positions` cells.
         """
         leaders = np.flatnonzero(leads)
         lowest = lowest[leaders]
@@ -65,7 +65,7 @@ class SpreadGroups:
     """The groups of all cycles of headings, derived from the groups of the leading directions."""
 
     slot: Int[np.ndarray, "groups"]
-    "The slot that represents each group, or the group that it equals, in the order of numbers."
+    "The slot that represents each group, or an equal group of another cycle."
     number: Int[np.ndarray, "groups"]
     "For direction `d`, the group that slot `s` represents is `number[begin[d] + place[s]]`."
     begin: Int[np.ndarray, "directions"]

@@ -10,7 +10,7 @@ from ..space import CellSpace
 from .dynamics import Moves
 
 
-# Robots farther apart than any step do not meet. Squares of larger offsets overflow 32 bits.
+# Larger offsets are clipped, because their squares overflow 32 bits; such robots never meet.
 _FAR = 2**14
 
 
@@ -19,18 +19,18 @@ _FAR = 2**14
 class JointImage:
     """The result of one step of several robots."""
 
-    image: Int[Array, "*batch robots"]
+    image: Int[Array | np.ndarray, "*batch robots"]
     "The cell of each robot after the step."
-    bumped: Bool[Array, "*batch robots"]
+    bumped: Bool[Array | np.ndarray, "*batch robots"]
     "A mask of the robots that stayed and turned."
-    collided: Bool[Array, "*batch robots"]
+    collided: Bool[Array | np.ndarray, "*batch robots"]
     "A mask of the robots that ran into another robot, or into which another robot ran."
-    collisions: Int[Array, "*batch"]
+    collisions: Int[Array | np.ndarray, "*batch"]
     "Number of pairs of robots that collided."
 
 
 def squares_of(cells: CellSpace) -> Int[np.ndarray, "2 positions"]:
-    """Find the column and the row of each position, which show where robots meet."""
+    """Find the column and the row of each position."""
     row, column = np.divmod(cells.square, cells.free.shape[1])
     return np.stack([column, row])
 
@@ -48,19 +48,19 @@ def joint_image(
     centre of the next. A robot bumps if
 
     - a wall blocks its step, as in [`jaxcell.bounce.bounce_map`][];
-    - on its way it would meet a robot that sets out too: at the same end, changing places, or
-        crossing on diagonals (and, with steps of several cells, anywhere between);
+    - it would meet another robot on its way: at the same end, by changing places, or by crossing on
+        diagonals (and, with steps of several cells, anywhere between);
     - a robot that bumps stands on its way, and so on along a queue.
 
-    No other robot bumps. A robot that bumps stays, and turns by its bouncing angle once, however
-    many robots and walls it meets. So robots in different positions never come to share one, and
-    the order of the robots makes no difference. Two robots *collide* if they would meet, or if a
-    robot that bumps stands in the step of the other. Robots are points here: discs wider than a
-    cell are not kept apart.
+    A robot that bumps stays, and turns by its bouncing angle once, however many robots and walls it
+    meets. So two robots never come to one position, and the order of the robots makes no
+    difference. Two robots *collide* if they would meet, or if a robot that bumps stands in the step
+    of the other. Robots are points: discs wider than a cell are not kept apart.
 
-    Works under `jit`, and under `vmap` over any of the arguments.
+    The function works under `jit`, and under `vmap` over any of the arguments.
 
-    No two robots are in one position. `squares` are those of [`squares_of`][].
+    **Arguments:** the moves; the columns and rows of [`squares_of`][]; the turn of each robot as a
+    number of directions; and the cells of the robots, no two in one position.
     """
     directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction, position = state // positions, state % positions
@@ -107,7 +107,7 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """Follow many joint states side by side. The result has batch axes (steps, lanes)."""
+    """Follow many joint states side by side. The result has the batch axes `steps, lanes`."""
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 
     def step(states, _):  # type: ignore[no-untyped-def]

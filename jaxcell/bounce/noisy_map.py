@@ -22,18 +22,15 @@ def noisy_bounce_map(
     """Make the generalized map of a robot that turns imprecisely (Alam 2018, section 3.3.3).
 
     The robot moves as in [`jaxcell.bounce.bounce_map`][]. At a wall it turns by the bouncing angle
-    with probability `reliability`. Otherwise it turns by another angle that differs by at most
-    `error`, all whole directions with equal probability (Alg. 3.3).
+    with probability `reliability`. Otherwise it turns to another direction that differs by at most
+    `error`; all such directions are equally probable (Alg. 3.3).
 
-    **Arguments:** a cell space; angles in radians, counter-clockwise, of which the error is a whole
-    number of directions; and a reliability above 0 and at most 1. **Returns:** a chain without
-    sink.
+    **Arguments:** a cell space; the bouncing angle and the largest error in radians,
+    counter-clockwise, both whole numbers of directions; a reliability above 0 and at most 1; and a
+    motion. **Returns:** a chain without sink.
 
-    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.bounce_map`][]; `RuntimeError` if
-    JAX is set to 32 bits.
-
-    Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are right
-    about, and one each is to the North and the South:
+    Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are by 180
+    degrees, one is to the North, and one to the South:
 
         >>> import math
         >>> import numpy as np
@@ -51,12 +48,12 @@ def noisy_bounce_map(
 def noisy_turns(
     bounce: float, error: float, reliability: float, directions: int
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
-    """List the turns at a wall, in directions, the turn without error first.
+    """List the turns at a wall as numbers of directions; the turn without error is the first.
 
     **Arguments:** as for [`noisy_bounce_map`][]. **Returns:** the turns, and the probability of
     each.
 
-    Mostly to the left, one in ten times a direction farther, and one in ten times a direction less:
+    Of ten turns, eight are to the left, one is a direction farther, and one a direction less:
 
         >>> import math
         >>> from jaxcell import bounce
@@ -93,17 +90,13 @@ def noisy_turns(
     )
 
 
+@jax.jit
 def noisy_chain(
-    moves: Moves, turns: Int[np.ndarray, "branches"], probability: Float[np.ndarray, "branches"]
+    moves: Moves,
+    turns: Int[Array | np.ndarray, "branches"],
+    probability: Float[Array | np.ndarray, "branches"],
 ) -> Chain:
     """Make the chain of moves with turns at a wall; the first turn is the turn without error."""
-    return Chain(*_slots(moves, turns, probability))
-
-
-@jax.jit
-def _slots(
-    moves: Moves, turns: Int[Array, "branches"], probability: Float[Array, "branches"]
-) -> tuple[Int[Array, "branches cells"], Float[Array, "branches cells"]]:
     directions, positions = moves.way.shape[0], moves.target.shape[1]
     direction = jnp.arange(directions, dtype=jnp.int32)[:, None]
     position = jnp.arange(positions, dtype=jnp.int32)[None]
@@ -118,4 +111,4 @@ def _slots(
         return image.ravel(), jnp.where(bumped, share, first.astype(share.dtype)).ravel()
 
     first = jnp.arange(turns.shape[0]) == 0
-    return jax.vmap(slot)(turns, probability, first)
+    return Chain(*jax.vmap(slot)(turns, probability, first))

@@ -1,7 +1,7 @@
 """The periodic groups of a bouncing robot, found on the section of its bumps.
 
 Between two bumps a robot runs straight. So the cells where it bumps are a section that every orbit
-meets, and every other cell is a known number of steps before one of them, in its own direction.
+meets. Every other cell leads to one of them, in its own direction, after a known number of steps.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ class CellsOfDirection:
 
     image: Int32[np.ndarray, "positions"]
     group: Int32[np.ndarray, "positions"]
-    "The periodic group that each cell reaches, numbered from 0 by their smallest cells."
+    "The periodic group that each cell reaches; groups are numbered by their smallest cells."
     step: Int32[np.ndarray, "positions"]
     "Mappings until the cell is on its periodic group, 0 on it."
 
@@ -48,7 +48,7 @@ class AngleGroups:
     leader: Int32[np.ndarray, "slots"]
     "The slot that represents the group of each slot."
     lead: Int32[np.ndarray, "slots"]
-    "The number to add to the steps to the wall, as in [`jaxcell.mapping.SectionCycles`][]."
+    "The number of mappings from each slot to its group, as in [`jaxcell.mapping.SectionCycles`][]."
     groups: SpreadGroups
     "The groups of all directions."
     period: Int32[np.ndarray, "groups"]
@@ -57,7 +57,7 @@ class AngleGroups:
         """Measure the periods, the basins and the longest transients of the groups."""
         behind, slot = self.runs.behind[self.wall], self.groups.slot
         basin = np.bincount(self.leader, behind + 1)[slot].astype(np.int32)
-        # Of the type of the collected numbers: NumPy is slow where types differ.
+        # The type is that of `behind`, because NumPy is slow if types differ.
         transient = np.zeros(self.wall.size, behind.dtype)
         np.maximum.at(transient, self.leader, behind + self.lead)
         longest = transient[slot].astype(np.int32)
@@ -126,7 +126,7 @@ def _returns(
     turned = (direction + shift) % cells.directions
     way, place = runs.steps.way[turned], runs.place[wall]
     ahead = runs.ahead[way, place]
-    # Squares rise or fall all along a run, so its smallest cell is at one of the ends.
+    # Along a run, the numbers of squares only rise or only fall, so its smallest is at an end.
     least = np.minimum(runs.bump[place], runs.square[runs.begin[way] + ahead])
     own, used = np.arange(slots, dtype=np.int32), slice(wall.size)
     successor, duration, lowest = own.copy(), np.ones_like(own), np.zeros_like(own)

@@ -11,7 +11,7 @@ from ..space.steps import Steps
 
 
 AT_ONCE = 2**20
-"""Squares that are followed to their walls at once."""
+"""Number of squares that are followed to their walls at once."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,11 +78,6 @@ class Runs:
         wall = np.arange(direction.size) + (self.begin[way] - first)[direction]
         return first.astype(np.int32), direction, wall
 
-    @property
-    def way(self) -> Int[np.ndarray, "walls"]:
-        """The way of each wall."""
-        return np.repeat(np.arange(self.begin.size - 1), np.diff(self.begin))
-
     def followed(
         self, way: int
     ) -> Iterator[tuple[Int[np.ndarray, "part"], Int[np.ndarray, "part"], Int[np.ndarray, "part"]]]:
@@ -103,8 +98,9 @@ class Runs:
     def of_cells(
         self, cells: CellSpace
     ) -> tuple[Int32[np.ndarray, "ways positions"], Int32[np.ndarray, "ways positions"]]:
-        """Find the run of each position in each way: its wall, counted from the first one, and its
-        steps.
+        """Find the wall to which the robot runs from each position in each way, and the steps.
+
+        Walls are counted from the first wall of the way.
         """
         ends, lengths = np.empty((2, self.begin.size - 1, cells.positions), np.int32)
         position = cells.position_of_square.ravel()

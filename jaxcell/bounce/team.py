@@ -1,11 +1,10 @@
 import functools
 import operator
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..space import CELL_BY_CELL, CellSpace, Motion
 from .dynamics import bounce_shift, moves as moves_of
@@ -13,9 +12,9 @@ from .joint import JointImage, joint_orbits, squares_of
 from .trajectory import TeamOutcome, TeamTrajectory
 
 
-# Steps that are simulated at a time: parts are tens to thousands of steps long.
+# Number of steps that are simulated at once; parts are tens to thousands of steps long.
 _CHUNK = 256
-# Fewer lanes take hardly less time, and each number of lanes is compiled once.
+# The least number of lanes: fewer lanes take hardly less time, but another compilation.
 _LANES = 8
 # The longest part by default, because all visited joint states are kept in memory.
 _MAX_PART_STEPS = 100_000
@@ -36,23 +35,21 @@ def team_trajectory(
     The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they repeat a joint state. There
     one part of the trajectory ends, and the next part begins with one robot turned in place by one
     direction, to either side. All such turns that lead to new joint states are tried. The part that
-    visits the most new positions is taken; among equals the part with the fewest collisions, then
-    the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The trajectory ends
-    when all positions that steps in any direction lead to from the starts are visited. Only
-    positions where a step ends count as visited.
+    visits the most new positions is taken; of equal parts, the part with the fewest collisions, and
+    then the first part (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The trajectory
+    ends when all positions within reach are visited, to which steps in any directions lead from the
+    starts. Only positions where a step ends count as visited.
 
     **Arguments:**
 
     - `starts`: the cell of each robot, no two in one position.
     - `bounces`: bouncing angles in radians, one for all robots or one for each.
+    - `max_parts`: the largest number of parts.
     - `part_steps`: the largest number of steps of a part, because several robots may take millions
         of steps until they repeat a state; by default the number of cells, at most 100,000.
     - `progress`: called after each part with the numbers of parts and of visited positions.
 
     **Returns:** [`TeamTrajectory`][], the cells of all robots over time.
-
-    **Raises:** `ValueError` for starts, angles or numbers that do not fit, and as
-    [`jaxcell.bounce.moves`][].
 
     Robots at both ends of a corridor of three squares meet in the middle and turn round. Their
     state at the ends repeats, so one robot is turned, and the middle is visited:
@@ -87,11 +84,11 @@ def team_trajectories(
 ) -> list[TeamTrajectory]:
     """Find the joint trajectories of [`team_trajectory`][] from many starts of the same robots.
 
-    All runs are simulated side by side, each with all the turns that it tries.
+    All runs, and all turns that they try, are simulated side by side.
 
     **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
-    is called with the most parts and the fewest positions of a run. **Returns:** a trajectory for
-    each run.
+    is called with the largest number of parts and the smallest number of visited positions of any
+    run. **Returns:** a trajectory for each run.
 
     The number of steps from two pairs of starts in a corridor of three squares:
 
@@ -170,7 +167,7 @@ def _shifts(
 
 
 def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
-    """Count the positions that steps in any direction lead to, with the starts."""
+    """Count the positions to which steps in any directions lead, with the starts."""
     reached = np.zeros(target.shape[1], bool)
     new = position
     while new.size:
@@ -180,17 +177,8 @@ def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, 
     return int(reached.sum())
 
 
-class _Steps(NamedTuple):
-    """Steps of a joint trajectory: the states after each, with bumps and collisions."""
-
-    state: Int[np.ndarray, "steps robots"]
-    bumped: Bool[np.ndarray, "steps robots"]
-    collided: Bool[np.ndarray, "steps robots"]
-    collisions: Int[np.ndarray, "steps"]
-
-
 class _Run:
-    """A joint trajectory that is extended step by step."""
+    """A joint trajectory that is extended part by part."""
 
     def __init__(
         self, cells: CellSpace, start: Int[np.ndarray, "robots"], reach: int, max_parts: int
@@ -225,15 +213,16 @@ class _Run:
     def trajectory(self) -> TeamTrajectory:
         assert self.outcome is not None
         steps = (steps for part in self.parts for steps in part.steps)
-        path, bumped, collided, collisions = map(np.concatenate, zip(*steps, strict=True))
+        joint = jax.tree.map(lambda *fields: np.concatenate(fields), *steps)
+        path = joint.image
         position, first = np.unique(path % self.cells.positions, return_index=True)
         new = np.bincount(first // path.shape[1], minlength=len(path))
         return TeamTrajectory(
             cells=self.cells,
             # The entry of the start is no step.
-            bumped=bumped[1:],
-            collided=collided[1:],
-            collisions=collisions[1:],
+            bumped=joint.bumped[1:],
+            collided=joint.collided[1:],
+            collisions=joint.collisions[1:],
             cell=path,
             covered=np.cumsum(new).astype(np.int32),
             part_begin=np.cumsum(
@@ -247,13 +236,13 @@ class _Run:
 
 
 class _Part:
-    """A part of a joint trajectory in the making, a candidate to follow the parts of a run."""
+    """A candidate for the next part of a run; it is extended step by step."""
 
     def __init__(self, run: _Run, begin: Int[np.ndarray, "robots"], limit: int) -> None:
         self.run, self.limit = run, limit
         # The first entry turns one robot, and no robot bumps.
         none = np.zeros((1, len(begin)), bool)
-        self.steps = [_Steps(begin[None], none, none, np.zeros(1, np.int32))]
+        self.steps = [JointImage(begin[None], none, none, np.zeros(1, np.int32))]
         self.length = self.collisions = 0
         self.visited = {begin.tobytes()}
         self.covered = run.covered.copy()
@@ -263,16 +252,16 @@ class _Part:
     @property
     def state(self) -> Int[np.ndarray, "robots"]:
         """The last joint state."""
-        return self.steps[-1].state[-1]
+        return np.asarray(self.steps[-1].image[-1])
 
     @property
     def gain(self) -> int:
         """Number of positions that no earlier part visits."""
         return int(self.covered.sum() - self.run.covered.sum())
 
-    def extend(self, steps: _Steps) -> None:
-        """Add the steps that still belong to the part."""
-        states = steps.state[: self.limit - self.length]
+    def extend(self, steps: JointImage) -> None:
+        """Add steps, up to the step that ends the part."""
+        states = np.asarray(steps.image[: self.limit - self.length])
         stop = len(states)
         self.growing = self.length + stop < self.limit
         whole = np.ascontiguousarray(states)
@@ -287,7 +276,7 @@ class _Part:
         self.covered[position] = True
         if self.covered.sum() == self.run.reach:
             stop, self.growing = int(first.max()) // states.shape[1] + 1, False
-        self.steps.append(_Steps(*(field[:stop] for field in steps)))
+        self.steps.append(jax.tree.map(lambda field: field[:stop], steps))
         self.length += stop
         self.collisions += int(steps.collisions[:stop].sum())
 
@@ -295,13 +284,12 @@ class _Part:
 def _simulate(
     orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
 ) -> None:
-    """Complete parts side by side; a part that has ended leaves its lane to others."""
+    """Complete parts side by side, each in a lane; a part that has ended frees its lane."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
         # A power of two, so that few programs are compiled.
         lanes = max(_LANES, 1 << (len(growing) - 1).bit_length())
         states = np.resize(states, (lanes, states.shape[1]))
-        joint = orbits(jax.device_put(states))
-        fields = jax.device_get((joint.image, joint.bumped, joint.collided, joint.collisions))
+        joint = jax.device_get(orbits(jax.device_put(states)))
         for lane, part in enumerate(growing):
-            part.extend(_Steps(*(field[:, lane] for field in fields)))
+            part.extend(jax.tree.map(lambda field, lane=lane: field[:, lane], joint))

@@ -18,7 +18,7 @@ _SOURCE = "Alam 2018, section 3.4.4"
 
 
 class TeamOutcome(enum.Enum):
-    """The end of the search for a joint trajectory, as a sentence."""
+    """The reason for the end of the search for a joint trajectory, as a sentence."""
 
     COVERED = "every position was visited"
     OUT_OF_REACH = (
@@ -52,7 +52,7 @@ class TeamTrajectory(Result):
         Int[np.ndarray, "steps+1 robots"],
         quantity("time robot", "cell that the robot is in", kind="cell", source=_SOURCE),
     ]
-    "Before the first step and after each."
+    "The cells of the robots before the first step and after each step."
     covered: Annotated[
         Int[np.ndarray, "steps+1"],
         quantity("time", "positions visited so far", "positions", kind="count"),
@@ -61,14 +61,14 @@ class TeamTrajectory(Result):
         Int[np.ndarray, "parts"],
         quantity("part", "first time of the part", "mappings", kind="index"),
     ]
-    "Each part except the first begins with one robot turned by one direction."
+    "The first time of each part. Later parts begin with a turn of one robot by one direction."
     uncovered_positions: Annotated[
         Int[np.ndarray, "uncovered"],
         quantity(
             "uncovered_index", "positions that are never visited", kind="position", listed=True
         ),
     ]
-    "In ascending order."
+    "The positions that are never visited, in ascending order."
     outcome: Annotated[TeamOutcome, quantity("", "outcome", kind="text")]
 
     @property

@@ -14,10 +14,10 @@ from .straight_runs import Runs
 class Walls:
     """The wall that follows each wall, in grids of one shape and for any bouncing angle.
 
-    Directions whose steps do the same share a *way* (see [`jaxcell.bounce.Moves`][]), and a wall of
-    a way is a free square where a step of that way bumps. At a wall of way `v` the robot turns. If
-    it goes on in way `w`, it next bumps at a wall of `w`. The walls of a way are numbered by slots.
-    Every way and grid has the same number of slots, and the last slot is never in use.
+    Directions with equal steps share a *way* (see [`jaxcell.bounce.Moves`][]), and a wall of a way
+    is a free square where a step of that way bumps. At a wall of way `v` the robot turns. If it
+    goes on in way `w`, it next bumps at a wall of `w`. The *slot* of a wall is its number among the
+    walls of its way. All ways and grids have equally many slots, and the last slot is never in use.
     """
 
     way: Int[np.ndarray, "directions"]
@@ -25,17 +25,18 @@ class Walls:
     count: Int32[np.ndarray, "grids ways"]
     "Number of walls of each way."
     behind: Int32[np.ndarray, "grids ways slots"]
-    "Number of squares from which the robot runs into a wall, without its own; -1 for no wall."
+    "Number of squares from which the robot runs into the wall, without its square; -1: no wall."
     next: Int32[np.ndarray, "grids ways ways slots"]
-    "`next[:, v, w]` is the slot of the wall of way `w` after each wall of way `v`."
+    "`next[:, v, w]` has the slot of the wall of way `w` that follows each wall of way `v`."
     length: Int32[np.ndarray, "grids ways ways slots"]
-    "Steps that the robot makes between these walls, -1 for no wall."
+    "Number of steps between these walls; -1: no wall."
 
     @classmethod
     def of(cls, steps: Steps) -> "Walls":
-        """Tabulate the walls of some grids. The tables grow with the square of the ways."""
+        """Tabulate the walls of grids. The tables grow with the square of the number of ways."""
         runs, ways, grids = Runs.of(steps), len(steps.offset), len(steps.free)
-        way, grid = runs.way, runs.square // steps.free[0].size
+        way = np.repeat(np.arange(ways), np.diff(runs.begin))
+        grid = runs.square // steps.free[0].size
         count = np.bincount(way * grids + grid, minlength=ways * grids).reshape(ways, grids)
         first = np.cumsum(count, axis=1) - count
         slots = bucket(int(count.max(initial=0)) + 1)
@@ -61,7 +62,7 @@ class Walls:
     ) -> tuple[
         Int[np.ndarray, "shifts walls"], Int[np.ndarray, "shifts walls"], Int[np.ndarray, "walls"]
     ]:
-        """Make the walls of all directions of one grid the states of a machine.
+        """Make a finite-state machine whose states are the walls of all directions of one grid.
 
         At a bump the robot may turn by `shifts` directions. Returns the next wall after each turn,
         the steps to it, and the squares behind each wall.

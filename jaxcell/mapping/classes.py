@@ -17,10 +17,10 @@ LARGEST_TABLE = 2**32
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PersistentGroups:
-    """The persistent groups of a chain and what reaches them (Alam 2018, Definition 3.3.3)."""
+    """The persistent groups of a chain, and the cells that reach them (Alam 2018, Def. 3.3.3)."""
 
     group: Int[Array, "cells"]
-    "The persistent group of each cell, from 0 in the order of smallest cells; -1 if transient."
+    "The persistent group of each cell, numbered by smallest cells; -1 if transient."
     count: int
     "Number of persistent groups."
     size: Int[Array, "groups"]
@@ -53,24 +53,21 @@ class PersistentGroups:
         return jax.device_put(table)
 
     def first(self, cells: int) -> "PersistentGroups":
-        """Restrict the groups of an unrolled sequence to its first cells, those at phase 0."""
+        """Restrict the groups of an unrolled sequence of chains to its cells at phase 0."""
         group = np.asarray(self.group)[:cells]
         size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
         group, size = jax.device_put((group, size))
         return PersistentGroups(group, self.count, size, self._matrix, self.group)
 
     def reaching(self, group: int) -> Bool[Array, "cells"]:
-        """Return a mask of the cells that can reach a group: one row of `domicile`.
-
-        **Raises:** `ValueError` if the group does not exist.
-        """
+        """Return a mask of the cells that can reach a group: one row of `domicile`."""
         if not 0 <= group < self.count:
             raise ValueError(f"group {group} does not exist; there are {self.count}")
         return jax.device_put(self._reaching(group))
 
     @functools.cached_property
     def period(self) -> Int[Array, "groups"]:
-        """The greatest common divisor of the lengths of the circuits of each group."""
+        """The period of each group: the greatest common divisor of the lengths of its circuits."""
         return self._circuits[0]
 
     @functools.cached_property
@@ -129,7 +126,8 @@ def next_cells(
 ) -> Int[np.ndarray, "cells"]:
     """Return the next cell of a shortest path from each cell to a set.
 
-    It is the number of cells in the set itself, and negative without a path.
+    A cell of the set has no next cell: its entry is the number of all cells. A cell without a path
+    has a negative entry.
     """
     cells = target.size
     goals = np.flatnonzero(target)
@@ -150,10 +148,10 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     other cells are transient. They are found on the host, in time proportional to the number of
     edges.
 
-    **Arguments:** a chain, or a sequence of chains, of which the groups are those of its period
-    map. That map is not computed: its groups are the components of the unrolled chain at phase 0.
+    **Arguments:** a chain, or a sequence of chains. The groups of a sequence are those of its
+    period map, which is not computed: they are the components of the unrolled chain at phase 0.
 
-    **Returns:** the group of each cell, and what reaches it.
+    **Returns:** the group of each cell, and the cells that can reach each group.
 
     Cells 1 and 2 change places, cell 3 stays, and cell 0 leads to both groups:
 

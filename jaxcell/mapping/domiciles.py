@@ -30,7 +30,7 @@ class TransientGroups:
     group: Int[Array, "cells"]
     "The transient group of each cell, from 0 in the order of `domiciles`; -1 if persistent."
     domiciles: tuple[tuple[int, ...], ...]
-    "The domiciles of each transient group, ascending; groups with fewer come first, then smaller."
+    "The domiciles of each transient group, ascending; groups with fewer domiciles come first."
     size: Int[Array, "groups"]
     "Number of cells of each transient group."
 
@@ -42,7 +42,7 @@ class TransientGroups:
     @property
     def single(self) -> Bool[np.ndarray, "groups"]:
         """A mask of the transient groups with one domicile."""
-        return np.array([len(homes) == 1 for homes in self.domiciles], bool)
+        return np.array([len(domiciles) == 1 for domiciles in self.domiciles], bool)
 
     def first(self, cells: int) -> "TransientGroups":
         """Restrict the groups to the first cells, as [`PersistentGroups.first`][]."""
@@ -50,26 +50,23 @@ class TransientGroups:
         used, number = np.unique(group[group >= 0], return_inverse=True)
         group = group.copy()
         group[group >= 0] = number
-        homes = tuple(self.domiciles[place] for place in used)
+        domiciles = tuple(self.domiciles[place] for place in used)
         size = np.bincount(number, minlength=used.size)
         group, size = jax.device_put((group, size.astype(np.int32)))
-        return TransientGroups(group, homes, size)
+        return TransientGroups(group, domiciles, size)
 
 
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.
 
-    A search backwards from the ends in their order, and one in the reverse order, meet each cell
-    first from its first and from its last domicile. If these are equal, it is the only one. Among
-    the other cells, strongly connected cells have the same domiciles, and those of a component are
-    the union of those of the components that it leads to. Unions are formed backwards, and equal
-    sets are stored once; so the number of groups is not limited by the memory of a table of groups
-    and cells.
+    Two searches against the steps, from the domiciles in ascending and in descending order, meet
+    each cell first from its smallest and from its largest domicile. If these are equal, the cell
+    has no other domicile. Among the other cells, strongly connected cells have the same domiciles:
+    the union of the domiciles of the components that they lead to. Equal unions are stored once, so
+    no table of groups and cells is needed.
 
-    **Arguments:** a chain, and its persistent groups. **Returns:** the group of each cell, and the
-    domiciles of each group.
-
-    **Raises:** `ValueError` if the groups belong to another chain.
+    **Arguments:** a chain, and its persistent groups. **Returns:** the transient group of each
+    cell, and the domiciles of each group.
 
     A random walk that stops at both ends of a line of four cells:
 
@@ -92,20 +89,20 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     tails = np.repeat(np.arange(inner.shape[0]), np.diff(inner.indptr))
     leaving = np.flatnonzero(chain.can_leave[several])
     components, label = csgraph.connected_components(inner[:, several], connection="strong")
-    # A node for each home precedes the components, and steps lead to preceding nodes.
-    homes = groups.count + 1
+    # A node for each domicile precedes the components, and steps lead to preceding nodes.
+    domiciles = groups.count + 1
     node = least.copy()
-    node[several] = label + homes
-    source = np.concatenate([label[tails], label[leaving]]) + homes
+    node[several] = label + domiciles
+    source = np.concatenate([label[tails], label[leaving]]) + domiciles
     target = np.concatenate([node[inner.indices], np.zeros(leaving.size, int)])
     between = source != target
     # scipy numbers components backwards along the steps, but does not guarantee it.
     assert (source >= target).all()
     later = scipy.sparse.csr_array(
         (np.ones(between.sum(), bool), (source[between], target[between])),
-        shape=(components + homes,) * 2,
+        shape=(components + domiciles,) * 2,
     )
-    number, sets = _unions(later, homes)
+    number, sets = _unions(later, domiciles)
     cells = np.flatnonzero(group < 0)
     count = np.bincount(number[node[cells]], minlength=len(sets))
     order = sorted(np.flatnonzero(count).tolist(), key=lambda n: (len(sets[n]), sets[n]))
@@ -120,43 +117,42 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
 def _outermost(
     chain: Chain, group: Int[np.ndarray, "cells"], groups: int
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
-    """Find the first and the last home of each cell, counted from the sink."""
+    """Find the smallest and the largest domicile of each cell: 0 is the sink, `k + 1` group `k`."""
     earlier = chain.to_scipy().tocsc()
     persistent = np.flatnonzero(group >= 0)
     _, first = np.unique(group[persistent], return_index=True)
-    doors = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
+    seeds = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
-    def first_door(doors: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
-        """Find the first list from which each cell is reached against the steps.
+    def first_seed(seeds: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
+        """Find the first list of seeds from which each cell is reached against the steps.
 
-        Strong components are numbered when a depth-first search, node after node, has finished
-        them. So with one node per list in front, the nodes that its search finds have the next
-        numbers.
+        Strong components are numbered as a depth-first search finishes them. Each list has a node
+        in front of the cells. The search from this node numbers all cells that it newly reaches.
         """
-        ends = np.cumsum([0, *map(len, doors)])
+        ends = np.cumsum([0, *map(len, seeds)])
         start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])
-        to = np.concatenate([*doors, earlier.indices]) + len(doors)
+        to = np.concatenate([*seeds, earlier.indices]) + len(seeds)
         graph = scipy.sparse.csr_array((np.ones(to.size), to, start), shape=(start.size - 1,) * 2)
         _, label = csgraph.connected_components(graph, connection="strong")
-        of_label = np.repeat(np.arange(len(doors)), np.diff(label[: len(doors)], prepend=-1))
-        return of_label[label[len(doors) :]]
+        of_label = np.repeat(np.arange(len(seeds)), np.diff(label[: len(seeds)], prepend=-1))
+        return of_label[label[len(seeds) :]]
 
-    return first_door(doors), groups - first_door(doors[::-1])
+    return first_seed(seeds), groups - first_seed(seeds[::-1])
 
 
 def _unions(
-    later: scipy.sparse.csr_array, homes: int
+    later: scipy.sparse.csr_array, domiciles: int
 ) -> tuple[Int[np.ndarray, "nodes"], list[tuple[int, ...]]]:
-    """Find the sets of homes to which the nodes of a graph lead.
+    """Find the set of domiciles to which each node of a graph leads.
 
-    Each edge leads to a preceding node, and the first nodes, without edges, are the `homes`: the
-    sink, and the groups in their order. Returns the number of the set of each node, and the sets.
+    The first nodes have no edges and are the domiciles: the sink, and the groups in their order.
+    All edges lead to preceding nodes. Returns the number of the set of each node, and the sets.
     """
-    number = list(range(homes))
-    sets: list[tuple[int, ...]] = [(home + SINK,) for home in range(homes)]
-    known = {homes_of_set: place for place, homes_of_set in enumerate(sets)}
+    number = list(range(domiciles))
+    sets: list[tuple[int, ...]] = [(place + SINK,) for place in range(domiciles)]
+    known = {one: place for place, one in enumerate(sets)}
     joined: dict[tuple[int, int], int] = {}
-    for first in range(homes, later.shape[0], _CHUNK):
+    for first in range(domiciles, later.shape[0], _CHUNK):
         ends = later.indptr[first : first + _CHUNK + 1]
         heads = iter(later.indices[ends[0] : ends[-1]].tolist())
         for length in np.diff(ends).tolist():

@@ -23,7 +23,7 @@ class Chain:
     It is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
     `b`-th image of every cell; cells with fewer images are padded with themselves at probability 0,
     which is not an edge of the chain. The probabilities of a cell may sum to less than 1: the rest
-    leaves the space for a *sink*, from which nothing returns. It is never normalised away.
+    leaves the space for a *sink*, from which nothing returns. The rest is never normalised away.
 
     Cell 0 stays or moves to cell 1, which stays; cell 2 leaves the space in one of ten steps:
 
@@ -42,15 +42,14 @@ class Chain:
     image: Int[Array, "branches cells"]
     probability: Float[Array, "branches cells"]
     half: "Chain | None" = None
-    """The chain of half as many samples, for a chain that is made from samples. Its results differ
-    by about the error that the samples cause."""
+    """For a chain that is made from samples, the chain of half as many samples; else `None`. The
+    results of both chains differ by about the sampling error."""
 
     def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
-        """Take arrays `[branches, cells]`, which are copied and checked.
+        """Copy and check two arrays of the shape `[branches, cells]`.
 
-        **Raises:** `ValueError` for arrays of other shapes or types, an image that does not exist,
-        and probabilities that are negative, not numbers, or sum to more than 1. Values are checked
-        only outside `jit`. `RuntimeError` where JAX is set to 32 bits.
+        **Raises:** `ValueError` for arrays that are no chain; their values are checked only outside
+        `jit`. `RuntimeError` if JAX is set to 32 bits.
         """
         require_x64("a chain")
         _check_arrays(image, probability)
@@ -62,9 +61,8 @@ class Chain:
     def from_scipy(cls, matrix: Any) -> "Chain":
         """Make the chain of a transition matrix, sparse or dense.
 
-        Row `i` holds the probabilities of leaving cell `i`, whose rest, up to 1, goes to the sink.
-
-        **Raises:** `ValueError` if it is not square, and as the constructor.
+        Row `i` has the probabilities of the images of cell `i`. The rest of a row, up to 1, is the
+        probability of the sink.
         """
         rows = scipy.sparse.csr_array(matrix, copy=True)
         if rows.shape[0] != rows.shape[1]:
@@ -159,8 +157,10 @@ def _kept(array: Any, kind: Any) -> Any:
 def slots_of(
     rows: scipy.sparse.csr_array,
 ) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
-    """Return the images of each cell and their probabilities, from a transition matrix, whose
-    duplicate entries are summed and zeros removed in place."""
+    """Return the images of each cell and their probabilities from a transition matrix.
+
+    Duplicate entries of the matrix are summed, and zeros are removed, in place.
+    """
     rows.sum_duplicates()
     rows.eliminate_zeros()
     cells = rows.shape[0]

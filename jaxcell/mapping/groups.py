@@ -28,7 +28,8 @@ class PeriodicGroups:
     @property
     def period(self) -> Int[Array | np.ndarray, "*batch cells"]:
         """Period of the group that the cell reaches."""
-        return _namespace(self.group).take_along_axis(self.group_period, self.group, axis=-1)
+        xp = self.group.__array_namespace__()
+        return xp.take_along_axis(self.group_period, self.group, axis=-1)
 
     @property
     def periodic(self) -> Bool[Array | np.ndarray, "*batch cells"]:
@@ -39,14 +40,14 @@ class PeriodicGroups:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class GroupSummary:
-    """The size of each periodic group of a map; slots past `count` hold zeros."""
+    """Period, basin and longest transient of each periodic group; zeros past `count`."""
 
     count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
     period: Int[Array | np.ndarray, "*batch groups"]
     "Period of each group."
     basin: Int[Array | np.ndarray, "*batch groups"]
-    "Number of cells that reach each group, its own included."
+    "Number of cells that reach each group, with the cells of the group."
     transient: Int[Array | np.ndarray, "*batch groups"]
     "Longest transient of each group: number of mappings from the farthest cell of its basin."
 
@@ -71,7 +72,7 @@ class GroupTotals:
     count: Int[np.ndarray, "*batch"]
     "Number of periodic groups."
     longest_transient: Int[np.ndarray, "*batch"]
-    "Number of mappings from the farthest cell to its group."
+    "The largest number of mappings from a cell to its group."
     shortest_period: Int[np.ndarray, "*batch"]
     "The smallest number of cells of a group."
     longest_period: Int[np.ndarray, "*batch"]
@@ -79,7 +80,7 @@ class GroupTotals:
     periodic_cells: Int[np.ndarray, "*batch"]
     "Number of cells of all groups."
     largest_basin: Int[np.ndarray, "*batch"]
-    "The largest number of cells that reach the same group, its own included."
+    "The largest number of cells that reach the same group, with the cells of the group."
 
 
 @jax.jit
@@ -122,7 +123,8 @@ def periodic_cells(
         seen, fewer = images(power)
         return power, seen, fewer, fewer < count
 
-    _, seen, _, _ = _repeat(double, (image, *images(image), _namespace(image).asarray(True)))
+    going = image.__array_namespace__().asarray(True)
+    _, seen, _, _ = _repeat(double, (image, *images(image), going))
     return seen
 
 
@@ -131,11 +133,11 @@ def follow(
     periodic: Bool[Array | np.ndarray, "cells"],
     weight: Int[Array | np.ndarray, "cells"],
 ) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
-    """Find the smallest cell of the group that each cell reaches, and sum weights along its orbit.
+    """Find the smallest cell of the group of each cell, and sum weights on the way to the group.
 
-    With a weight of 1 for each transient cell the sum is the number of mappings to the group.
+    If all weights are 1, the sum is the number of mappings until the cell is on its group.
     """
-    xp = _namespace(image)
+    xp = image.__array_namespace__()
     cells = image.shape[0]
     leader = xp.where(periodic, xp.arange(cells, dtype=image.dtype), cells)
     total = xp.where(periodic, 0, weight)
@@ -151,10 +153,6 @@ def follow(
 
     _, leader, total, _ = _repeat(double, (image, leader, total, xp.asarray(True)))
     return leader, total
-
-
-def _namespace(array: Array | np.ndarray) -> Any:
-    return np if isinstance(array, np.ndarray) else jnp
 
 
 def _repeat(function: Callable[[Any], Any], state: Any) -> Any:

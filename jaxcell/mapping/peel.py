@@ -11,11 +11,11 @@ from .section import bucket
 from .walk import walked_groups
 
 
-# Number of cells from which on peeling can pay.
+# Peeling is tried for maps with at least this number of cells.
 MANY = 1 << 18
-# Share of the remaining cells that a pass over all of them must drop to pay.
+# A pass over all remaining cells is worth its time if it drops this share of them.
 _WORTH = 0.2
-# Number of dropped cells above which peeling from them pays.
+# Peeling goes on from the images of dropped cells while there are more than this number.
 FRONT = 200
 # Number of cells that are computed at once.
 PART = 1 << 20
@@ -26,10 +26,10 @@ _LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 
-    It works on any functional graph, under `jit` and `vmap`. A processor maps every cell once; it
-    first peels cells without preimages off a large map with many, if the map is a concrete array.
-    An accelerator doubles pointers: the number of rounds is about the binary logarithm of the
-    longest transient or period, and each round is a few gathers.
+    It works under `jit` and `vmap`. A processor maps every cell once. If a large map is a concrete
+    array, and many of its cells have no preimage, these cells are peeled off first. An accelerator
+    doubles the map: the number of rounds is about the binary logarithm of the longest transient or
+    period, and each round is a few gathers.
 
     **Arguments:** the image of each cell. **Returns:** the group and the step of each cell.
 
@@ -53,8 +53,8 @@ def periodic_groups(image: Int[Array, "cells"] | Int[np.ndarray, "cells"]) -> Pe
 def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute [`periodic_groups`][jaxcell.mapping.periodic_groups] on the host, in NumPy.
 
-    Beside the image and the result it takes at most 16 bytes per cell. The periods of the groups
-    are not padded with zeros.
+    In addition to the image and the result it takes at most 16 bytes per cell. The periods of the
+    groups are not padded with zeros.
     """
     if _worth_peeling(image):
         groups = peeled_groups(image)
@@ -116,7 +116,7 @@ def peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """Compute the groups of a map padded to one of a few lengths, each of which is compiled once.
 
-    Padding leads to its last cell, a group behind all others.
+    All cells of the padding lead to the last cell, which is the last group.
     """
     size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)
@@ -131,7 +131,7 @@ def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 def _peeled(
     image: Int[np.ndarray, "cells"],
 ) -> tuple[list[Int[np.ndarray, "_"]], Int[np.ndarray, "left"]]:
-    """Split cells into transient cells, those without preimages first, and the other cells."""
+    """Split the cells into lists of transient cells, in order of peeling, and the other cells."""
     reached = np.zeros(image.size, bool)
     reached[image] = True
     dropped = [np.flatnonzero(~reached).astype(image.dtype)]

@@ -26,13 +26,13 @@ class Section:
     duration: Int[Array | np.ndarray, "*batch slots"]
     "Number of mappings until the return, at least 1."
     lowest: Int[Array | np.ndarray, "*batch slots"]
-    "The smallest cell of the full space until the return, inclusive."
+    "The smallest cell on the way from each slot to its successor, which is included."
     live: Bool[Array | np.ndarray, "*batch slots"]
     "A mask of the slots in use; other slots return to themselves."
 
 
 def bucket(size: int) -> int:
-    """Round a size up to one of four per octave, so that many lengths share a program."""
+    """Round a size up to one of four sizes per octave, so that many sizes share one program."""
     unit = 1 << max(0, (size - 1).bit_length() - 3)
     return -(-size // unit) * unit
 
@@ -40,25 +40,27 @@ def bucket(size: int) -> int:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class SectionCycles:
-    """The periodic groups of the full space on a section, each identified by its leading slot.
+    """The periodic groups of a map, found on a section. One slot of each group leads the group.
 
     A cell that first meets the section in slot `s`, after `t` mappings, reaches the group of
     `leader[s]` in `max(0, t + lead[s])` mappings.
     """
 
     leader: Int[Array, "*batch slots"]
+    "The slot that leads the group of each slot."
     leads: Bool[Array, "*batch slots"]
     "A mask of the slots that lead a group."
     lead: Int[Array, "*batch slots"]
+    "The number of mappings from each slot to its group; 0 or less for a slot on its group."
     period: Int[Array, "*batch slots"]
-    "The period of each group in mappings of the full space, at its leading slot."
+    "The period of each group in mappings, at its leading slot."
     lowest: Int[Array, "*batch slots"]
     "The smallest cell of each group, at its leading slot."
 
 
 @jax.jit
 def section_cycles(section: Section) -> SectionCycles:
-    """Find the periodic groups of the full space on one section.
+    """Find the periodic groups of a map from its first-return map to a section.
 
     **Arguments:** a section. **Returns:** the group that each of its slots reaches.
 

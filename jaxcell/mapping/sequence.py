@@ -39,10 +39,7 @@ class ChainSequence:
 
     @classmethod
     def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
-        """Make a sequence from chains, one for each phase.
-
-        **Raises:** `ValueError` for no chains, or chains over different cells.
-        """
+        """Make a sequence from chains, one for each phase."""
         sizes = {chain.cells for chain in chains}
         if len(sizes) != 1:
             raise ValueError(
@@ -72,7 +69,7 @@ class ChainSequence:
         return self.phases, self.cells
 
     def at(self, phase: Int[Array, ""] | int) -> Chain:
-        """Return the chain that acts at a phase, modulo their number."""
+        """Return the chain that acts at a phase; phases repeat after all chains have acted."""
         fields = (self.image[phase % self.phases], self.probability[phase % self.phases])
         return Chain.tree_unflatten(None, fields)
 
@@ -91,9 +88,9 @@ class ChainSequence:
     def pushed(
         self, distribution: Float[np.ndarray, "cells"], steps: int, start: int = 0
     ) -> Iterator[Float[np.ndarray, "cells"]]:
-        """Yield the distribution at a phase, and after each of `steps` steps from it.
+        """Yield the distribution at the phase `start`, and after each of the next `steps` steps.
 
-        It is computed on the host, which needs no compilation for each number of cells and phases.
+        It is computed on the host because JAX would compile for each number of cells and phases.
         """
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         yield distribution
@@ -136,7 +133,7 @@ def as_sequence(chain: Chain | ChainSequence) -> ChainSequence:
 def push_on_host(
     chain: Chain | ChainSequence, distribution: Float[np.ndarray, "cells"], steps: int
 ) -> Float[np.ndarray, "cells"]:
-    """The last of [`ChainSequence.pushed`][jaxcell.mapping.ChainSequence.pushed]."""
+    """Compute the distribution `steps` steps after phase 0, on the host."""
     for later in as_sequence(chain).pushed(distribution, steps):
         distribution = later
     return distribution

@@ -1,6 +1,7 @@
 import dataclasses
 
 import jax
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 
@@ -21,7 +22,7 @@ class SimpleMap:
         [2, 0, 1]
     """
 
-    image: Int[Array, "*batch cells"]
+    image: Int[Array | np.ndarray, "*batch cells"]
     "The image of each cell."
-    bumped: Bool[Array, "*batch cells"]
+    bumped: Bool[Array | np.ndarray, "*batch cells"]
     "A mask of the cells from which the robot bumps, observation 1."

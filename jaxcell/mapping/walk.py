@@ -112,7 +112,7 @@ def _chains(
 def _numbered(
     period: Int[Array, "places"],
 ) -> tuple[Int[Array, "places"], Int[Array, "places-1"], Int[Array, ""]]:
-    """Number each group, in its smallest cell; return also the periods in order, and the count."""
+    """Write the number of each group to its smallest cell; list the periods, and count them."""
 
     def step(state: Any) -> Any:
         cell, count, here, number, periods = state
@@ -137,7 +137,7 @@ def _ended(
     place: Int[Array, "cells"],
     number: Int[Array, "places"] | None,
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
-    """Compute the group and the steps of each cell, in place of its chain and its place.
+    """Compute the group and the steps of each cell; they overwrite its chain and its place.
 
     If `number` is `None`, the smallest cell of each group stands for its number.
 

@@ -5,7 +5,7 @@ one cell at a time, with exact geometry, dense algebra or a general-purpose solv
 the functions that made the result. It returns [`jaxcell.verify.Comparison`][]s with the number of
 compared numbers, their largest difference, and a limit for the effect of rounding.
 
-A sample has a fixed size, and is the same in each call.
+The size of a sample is fixed, and the sample is the same in each call.
 """
 
 from ..base.hosted import attach

@@ -12,7 +12,7 @@ from .comparison import Comparison, sample
 
 
 _IMAGES = 200
-# Distance in cells. A step is a clear case if it avoids or crosses walls by more than this.
+# A step is a clear case if it avoids or crosses walls by more than this distance, in cells.
 _NEAR = 1e-7
 
 
@@ -21,10 +21,10 @@ def compare_images(
     simple_map: SimpleMap,
     bounce: float,
     *,
-    only: Int[np.ndarray, "some"] | None = None,
+    only: Int[np.ndarray, "cells"] | None = None,
     motion: Motion = CELL_BY_CELL,
 ) -> Comparison:
-    """Compare the images of some cells with steps computed by shapely in the free space.
+    """Compare the images of a sample of cells with steps that shapely computes in the free space.
 
     **Arguments:**
 
@@ -85,9 +85,9 @@ def _targets(
 
 
 def compare_straight(
-    cells: CellSpace, only: Int[np.ndarray, "some"] | None = None, motion: Motion = CELL_BY_CELL
+    cells: CellSpace, only: Int[np.ndarray, "cells"] | None = None, motion: Motion = CELL_BY_CELL
 ) -> tuple[SimpleMap, Comparison]:
-    """Make the cell map of steps straight ahead, and compare it with steps by shapely."""
+    """Make the cell map of the bouncing angle 0, and compare it with steps by shapely."""
     straight = bouncing.bounce_map(cells, 0.0, motion=motion)
     return straight, compare_images(cells, straight, 0.0, only=only, motion=motion)
 

@@ -26,8 +26,9 @@ def compare_coverage(
 ) -> list[Comparison]:
     """Compare a mixture of bouncing policies with independent matrices and solvers.
 
-    **Arguments:** `policy` is the mixture; the others are as for
-    [`jaxcell.bounce.coverage_policy`][]."""
+    **Arguments:** the mixture; the other arguments are those of
+    [`jaxcell.bounce.coverage_policy`][].
+    """
     cells = policy.cells
     straight, images = compare_straight(cells, motion=motion)
     moved, ends, shares = [], [], []
@@ -42,10 +43,10 @@ def compare_coverage(
                 chance[transient] = solve_transient(P, transient, P[transient] @ chance)
             ends.append(float(chance.mean()))
             shares.append(float(value[group == 0].sum()))
-    what = "what a step changes of limiting distributions, by a sparse matrix of its own"
+    what = "change of limiting distributions by a step, with independent sparse matrices"
     compared = [images, Comparison.close(what, moved, np.zeros(len(moved)), _CLOSE)]
     if ends:
-        what = "the share of the first group, by a sparse direct solve"
+        what = "share of the first group, by a sparse direct solve"
         compared.append(Comparison.close(what, shares, ends, _CLOSE))
     return [*compared, _nearest(policy)]
 
@@ -71,8 +72,8 @@ def _matrix(
 def _nearest(policy: CoveragePolicy) -> Comparison:
     """Compare the distance from the mixture to the target with non-negative least squares.
 
-    An additional row asks for the sum 1. The solution is the best mixture up to a factor, because
-    the best mixture does not depend on the factor.
+    An additional equation requires that the weights sum to 1. Its error only scales the solution,
+    so the normalized solution is the best mixture.
     """
     coverage, target = np.asarray(policy.coverage), np.asarray(policy.target)
     difference = (coverage - target).T

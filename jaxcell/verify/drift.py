@@ -19,16 +19,16 @@ _MAX_PROGRAM = 5000
 
 
 def compare_drift(drift: SeaLayers) -> list[Comparison]:
-    """Compare groups with networkx, ends of drifters with solves, voyages with linear programs."""
+    """Compare groups, ends and voyages with networkx, direct solves and linear programs."""
     compared = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     if not isinstance(drift, SeaDrift):
         return compared
     surface = drift.layers[0].behaviour.chain.to_scipy()
     cells = drift.deployment.cells
     steps = csgraph.dijkstra(surface, indices=cells, unweighted=True, min_only=True)
-    # The least number over all phases of a periodic current.
+    # The least number of steps over all phases of a periodic current.
     steps = steps.reshape(-1, drift.layers[0].cells).min(axis=0)
-    missed = [f"cell {z} is visited from none" for z in np.flatnonzero(np.isinf(steps))]
+    missed = [f"cell {z} is never visited" for z in np.flatnonzero(np.isinf(steps))]
     what = "cells visited from the deployment, by scipy"
     compared.append(Comparison.exact(what, missed, steps.size))
     return compared if drift.surest is None else [*compared, _compare_voyage(drift.surest)]

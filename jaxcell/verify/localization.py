@@ -14,31 +14,33 @@ _COIN, _LOST = 0.5, 1e-4
 
 
 def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
-    """Compare states of a filter with products of sparse matrices, and knowledge cycles of the
-    filter with the closed strong components of its transition graph.
+    """Compare a filter with sparse matrices.
+
+    Its states are compared with products of matrices, and its knowledge cycles with the closed
+    strong components of its transition graph.
     """
     filter, image = result.filter, np.asarray(simple_map.image)
     states, size = len(filter.transition), image.size
     shape, ones = (states, size), np.ones(filter.members.size, np.int32)
     member = scipy.sparse.csr_array((ones, filter.members, filter.offsets), shape=shape)
-    some = sample(states, _STATES)
+    sampled = sample(states, _STATES)
     wrong = []
     for observation in (0, 1):
         senses = np.flatnonzero(np.asarray(simple_map.bumped) == observation)
         entries = np.ones(senses.size, np.int32), (senses, image[senses])
         follows = scipy.sparse.csr_array(entries, shape=(size, size))
-        after = filter.transition[some, observation]
+        after = filter.transition[sampled, observation]
         ours = member[np.maximum(after, 0)].multiply((after >= 0)[:, None]) != 0
-        again = member[some] @ follows != 0
+        again = member[sampled] @ follows != 0
         wrong += [
-            f"state {some[i]} and observation {observation}: the next state has other cells than "
-            "the images have"
+            f"state {sampled[i]} and observation {observation}: the next state has other cells "
+            "than the images have"
             for i in np.flatnonzero((ours != again).sum(axis=1)).tolist()
         ]
     what = "states of the filter, by products of sparse matrices"
-    compared = [Comparison.exact(what, wrong, 2 * some.size)]
+    compared = [Comparison.exact(what, wrong, 2 * sampled.size)]
 
-    # Leave out the trap, the state after observations that cannot occur on the map.
+    # The trap, the state after observations that cannot occur on the map, is left out.
     known = states - filter.open_world
     source, target = np.repeat(np.arange(known), 2), filter.transition[:known].ravel()
     within = (target >= 0) & (target < known)
@@ -58,8 +60,9 @@ def compare_filter(result: LocalizationFilter, simple_map: SimpleMap) -> list[Co
 
 
 def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
-    """Compare a policy with sets of possible cells that move step by step by the images of cells,
-    and compare these images with steps in the free space.
+    """Compare a policy with sets of possible cells that move step by step.
+
+    They move by the images of cells, which are compared with steps in the free space.
     """
     mapped = bounce_map(result.cells, result.bounces, motion=result.motion)
     images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)[0]
@@ -87,7 +90,7 @@ def compare_policy(result: LocalizationPolicy) -> list[Comparison]:
 
 
 def compare_slip(result: Slipped) -> list[Comparison]:
-    """Compare the belief of a run with joint probabilities that are normalised at the end."""
+    """Compare the belief of a run with joint probabilities that are only normalised at the end."""
     hidden, cells = result.hidden, result.cells
     weight = np.append(hidden.start, 0.0)
     for event in result.events.tolist():
@@ -101,9 +104,9 @@ def compare_slip(result: Slipped) -> list[Comparison]:
         hidden.configuration % cells.positions, weight[:-1], minlength=cells.positions
     )
     again = np.append(position, weight[-1])
-    told = np.append(result.belief[-1], result.nowhere[-1])
+    reported = np.append(result.belief[-1], result.nowhere[-1])
     rows = np.asarray((hidden.moves + hidden.bumps[0]).sum(axis=1)).ravel()
     return [
-        Comparison.close("the belief at the end, normalised only there", told, again, 1e-9),
-        Comparison.close("what is probable from each fine cell", rows, np.ones_like(rows), 1e-6),
+        Comparison.close("belief at the end, normalised only there", reported, again, 1e-9),
+        Comparison.close("sum of probabilities per fine cell", rows, np.ones_like(rows), 1e-6),
     ]

@@ -16,8 +16,8 @@ _SEARCH = "cost of the plan, by Dijkstra's algorithm on cells and the angle in u
 def compare_plan(plan: Plan, motion: Motion = CELL_BY_CELL) -> list[Comparison]:
     """Compare a plan of method `"exact"` with steps by geometry, and with a search of all cells.
 
-    The searched graph has a layer of cells for each current angle, and a last layer before the
-    first bump. The checks of the result already compare actions, cells and cost of the plan.
+    The searched graph has a layer of cells for each angle in use, and a last layer before the first
+    bump. Actions, cells and cost of the plan are already compared by the checks of the result.
     """
     straight, images = compare_straight(plan.cells, np.unique(plan.visited), motion)
     directions, size = plan.cells.directions, plan.cells.size

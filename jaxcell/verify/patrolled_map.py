@@ -67,7 +67,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
 
 
 def _commute(patrol: PatrolledMap, policy: Policy) -> float:
-    """Compute the mean commute time: twice the mean resistance, as the weights sum to 1."""
+    """Compute the mean commute time: twice the mean resistance, because the weights sum to 1."""
     used = policy.weights > 0
     if not used.any():
         return 0.0
@@ -79,7 +79,7 @@ def _commute(patrol: PatrolledMap, policy: Policy) -> float:
 
 
 def _compare_sight(patrol: PatrolledMap) -> Comparison:
-    """Compare visibility for pairs of cells, half of them visible; the seen cell is a square."""
+    """Compare the visibility of pairs of cells, half of them visible, with convex hulls."""
     assert patrol.cells.workspace is not None
     environment, side = patrol.cells.workspace.environment, patrol.cells.cell
     if patrol.sight == "centre":

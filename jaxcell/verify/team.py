@@ -21,13 +21,14 @@ def compare_team(
 ) -> list[Comparison]:
     """Compare steps of a joint trajectory with the rule of collisions for each pair of robots.
 
-    **Arguments:** `team` is the trajectory; the others are as for
-    [`jaxcell.bounce.team_trajectory`][]."""
+    **Arguments:** the trajectory; the other arguments are those of
+    [`jaxcell.bounce.team_trajectory`][].
+    """
     cells, visited = team.cells, np.unique(team.cell)
     straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], motion)
     angles = np.broadcast_to(bounces, team.starts.size)
     turns = np.rint(angles * cells.directions / (2 * np.pi)).astype(int)
-    # Leave out the step before each further part, in which one robot turns.
+    # The step before each further part is left out, because in it one robot turns.
     steps = np.setdiff1d(np.arange(team.steps), team.part_begin[1:] - 1)
     wrong, chosen = [], steps[sample(steps.size, _STEPS)].tolist()
     for t in chosen:

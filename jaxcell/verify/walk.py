@@ -64,7 +64,7 @@ def compare_commute(
     if rules and timed is None:
         shares = patrol.weight
         beyond = [max(c.lower - (v := c.coefficients @ shares), v - c.upper, 0) for c in rules]
-        broken = "by how much constraints are broken"
+        broken = "violation of constraints"
         compared.append(Comparison.close(broken, beyond, np.zeros(len(rules)), _CLOSE))
     return compared
 
@@ -74,14 +74,14 @@ def compare_game(game: StrategyGame) -> list[Comparison]:
     paid, best = game.adversary_payoff, -math.inf
     strategies, vertices = paid.shape
     for vertex in range(vertices):
-        # The constraints say that the adversary does not gain by attacking another vertex.
+        # With these constraints the adversary does not gain by attacking another vertex.
         gains, no_gain = (paid - paid[:, [vertex]]).T, np.zeros(vertices)
         shares = np.ones((1, strategies)), [1]
         cost = -game.patroller_payoff[:, vertex]
         solved = scipy.optimize.linprog(cost, gains, no_gain, *shares, method="highs-ipm")
         best = max(best, -solved.fun) if solved.status == 0 else best
     most = float((game.share @ paid).max())
-    what = "what the adversary is paid, by the best of all vertices"
+    what = "payoff of the adversary, by the best of all vertices"
     scale = _TIME * max(1.0, float(np.abs(game.patroller_payoff).max()))
     return [
         Comparison.close("value of the game, by interior points", [game.value], [best], scale),

@@ -51,12 +51,10 @@ def test_a_noisy_map_turns_by_all_angles_near_the_bouncing_angle(free, shift, bi
 @given(GRIDS, st.integers(1, 7))
 def test_without_error_persistent_groups_are_the_periodic_groups(free, shift):
     cells = CellSpace.of_grid(free, 8)
-    chain = noisy_bounce_map(cells, 45 * shift * DEGREE, 0.0, 1.0)
-    policy = persistent_groups(chain)
+    groups = persistent_groups(noisy_bounce_map(cells, 45 * shift * DEGREE, 0.0, 1.0))
     exact = bounce_groups(cells, 45 * shift * DEGREE)
-    assert policy.count == int(exact.count)
-    periodic = np.asarray(exact.periodic)
-    np.testing.assert_array_equal(policy.group, np.where(periodic, exact.group, -1))
+    assert groups.count == int(exact.count)
+    np.testing.assert_array_equal(groups.group, np.where(exact.periodic, exact.group, -1))
 
 
 def test_noisy_maps_extend_bounce_maps_for_both_rules_of_collision():
@@ -71,6 +69,7 @@ def test_noisy_maps_extend_bounce_maps_for_both_rules_of_collision():
 
 
 def time_average(matrix):
+    """The distribution of time from a uniform start, by powers of a dense matrix."""
     matrix = (matrix + np.eye(len(matrix))) / 2
     for _ in range(80):
         matrix = matrix @ matrix
@@ -108,7 +107,7 @@ def test_policies_agree_with_dense_linear_algebra(motion):
     )
 
 
-def test_a_target_that_a_policy_meets_gets_that_policy_alone():
+def test_a_target_that_one_angle_covers_gets_this_angle_alone():
     cells = room()
     bounces = np.radians([45, 135, 270])
     alone = coverage_policy(cells, bounces[1:2], math.pi / 4, 0.7)
@@ -118,15 +117,13 @@ def test_a_target_that_a_policy_meets_gets_that_policy_alone():
     assert policy.distance < 1e-12
 
 
-def test_weights_of_groups_are_passed_on():
+def test_groups_of_an_angle_are_weighted_by_basin_or_by_size():
     # Two rooms without a door.
     free = np.ones((2, 5), bool)
     free[:, 1] = False
     cells = CellSpace.of_grid(free, 8)
     by_basin = coverage_policy(cells, [math.pi / 2], math.pi / 4, 0.5)
     assert by_basin.groups[0].count > 1
-    left = np.flatnonzero(free[:, :1].ravel())
-    assert left.size == 2
     x, _, _ = cells.centre(np.arange(cells.positions))
     assert float(by_basin.mixture[x < 1].sum()) == pytest.approx(2 / 8)
     by_size = coverage_policy(cells, [math.pi / 2], math.pi / 4, 0.5, weights="size")
@@ -148,7 +145,7 @@ def test_targets_of_all_kinds_are_normalised():
     assert coverage_target(cells, np.full(n, 1e308)).sum() == pytest.approx(1)
 
 
-def test_an_image_has_its_first_row_at_the_top():
+def test_an_image_as_a_target_has_its_first_row_at_the_top():
     cells = room()
     image = np.arange(15.0).reshape(3, 5)[::-1]
     worth = np.arange(15.0)[cells.free.ravel()]
@@ -216,7 +213,7 @@ def test_bad_angles_are_refused():
         coverage_policy(room(), np.radians([45, 90, 405]), math.pi / 4, 0.5)
 
 
-def test_the_stand_in_for_the_complex_room_is_as_its_readme_says():
+def test_the_stand_in_for_the_complex_room_has_its_cells_and_one_group_per_angle():
     room = Workspace.load(MAPS / "complex.json")
     assert CellSpace.of(room, room.cell, room.directions).size == 1464
     cells = CellSpace.of(room, 1.0, 360)
@@ -229,7 +226,7 @@ def test_the_stand_in_for_the_complex_room_is_as_its_readme_says():
         assert float(one.value.sum()) == pytest.approx(1, abs=1e-12)
 
 
-def test_progress_is_told():
+def test_progress_counts_the_finished_angles():
     done = []
     angles = np.radians([45, 90, 135])
     coverage_policy(room(), angles, math.pi / 4, 0.5, progress=done.append)

@@ -40,7 +40,7 @@ CURVED = Workspace(
 
 
 def eq_2_4(cells, direction, position, shift):
-    """Eq. 2.4 of Alam 2018 on a grid with the end point rule, in plain Python."""
+    """The image of a cell and its bump by Eq. 2.4 of Alam 2018, with the rule `endpoint`."""
     columns = cells.free.shape[1]
     row, column = divmod(int(cells.square[position]), columns)
     angle = 2 * math.pi * direction / cells.directions
@@ -53,7 +53,7 @@ def eq_2_4(cells, direction, position, shift):
 
 
 @given(DIRECTIONS, st.integers(-30, 30))
-def test_image_follows_the_equation(grid, shift):
+def test_images_follow_eq_2_4(grid, shift):
     free, directions = grid
     cells = CellSpace.of_grid(free, directions)
     result = bounce_map(cells, 2 * math.pi * shift / directions, motion=ENDPOINT)
@@ -71,81 +71,77 @@ def test_image_follows_the_equation(grid, shift):
         (CellSpace.of_grid(np.eye(7) == 0, 24), Motion(1.6, "endpoint")),
     ],
 )
-def test_both_routes_to_the_groups_agree(cells, motion):
+def test_groups_from_walls_are_those_of_all_cells(cells, motion):
     angles = 2 * np.pi * np.arange(24) / 24
-    batch = bounce_groups(cells, angles, motion=motion)
     images = bounce_map(cells, angles, motion=motion).image
-    plain = jax.device_get(jax.jit(jax.vmap(periodic_groups))(images))
+    groups = jax.device_get(jax.jit(jax.vmap(periodic_groups))(images))
+    assert_same_groups(bounce_groups(cells, angles, motion=motion), groups)
+    summary = jax.device_get(group_summary(cells, angles, motion=motion))
+    np.testing.assert_array_equal(summary.count, groups.count)
+    for i, (group, step) in enumerate(zip(groups.group, groups.step, strict=True)):
+        slots = summary.basin.shape[1]
+        longest = np.zeros(slots)
+        np.maximum.at(longest, group, step)
+        np.testing.assert_array_equal(summary.basin[i], np.bincount(group, minlength=slots))
+        np.testing.assert_array_equal(summary.transient[i], longest)
+        on_group = np.bincount(group[step == 0], minlength=slots)
+        np.testing.assert_array_equal(summary.period[i], on_group)
+
+
+def assert_same_groups(groups, expected):
     for name in ("group", "step", "period", "count"):
-        np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name), err_msg=name)
-    summary = vars(group_summary(cells, angles, motion=motion))
-    summary = {name: np.asarray(value) for name, value in summary.items()}
-    counts = plain.count.tolist()
-    for i in range(24):
-        count = counts[i]
-        assert summary["count"][i] == count
-        group, step, period = plain.group[i], plain.step[i], plain.period[i]
-        for g in range(count):
-            members = group == g
-            assert summary["basin"][i, g] == members.sum()
-            assert summary["transient"][i, g] == step[members].max()
-            assert summary["period"][i, g] == period[members][0] == (members & (step == 0)).sum()
-        assert not summary["basin"][i, count:].any()
+        np.testing.assert_array_equal(getattr(groups, name), getattr(expected, name), err_msg=name)
 
 
 @pytest.mark.parametrize("kinds", [1, 2, 3])
 @pytest.mark.parametrize("shift", [0, 1, 3, 4, 6, 8])
-def test_a_direction_is_followed_by_the_same_ways_as_the_one_that_leads(shift, kinds):
+def test_ways_after_a_direction_are_those_after_its_leading_direction(shift, kinds):
     way = np.random.default_rng(shift).permutation(np.arange(12, dtype=np.int32) % kinds)
     headings = Headings.of(way, shift)
 
     def ways(direction):
         return [way[(direction + bumps * shift) % 12] for bumps in range(12)]
 
-    assert [ways(one) for one in headings.alike] == [ways(one) for one in range(12)]
+    assert [ways(leading) for leading in headings.alike] == [ways(one) for one in range(12)]
     np.testing.assert_array_equal(headings.alike[headings.alike], headings.alike)
-    # No two cycles that lead have the same ways.
+    # No two leading cycles have the same ways.
     cycles = np.unique(headings.like)
     assert len({way[one :: headings.cycles].tobytes() for one in cycles}) == len(cycles)
 
 
-def test_totals_are_those_of_the_summary():
+def test_totals_of_a_summary_are_those_of_walls():
     cells = CellSpace.of_grid(np.eye(7) == 0, 24)
     turns = np.array([0, 1, 6, 9])
     angles = 2 * math.pi * turns / 24
     summary = vars(group_summary(cells, angles).totals())
     for name, total in vars(wall_groups(Walls.of(Steps.of(cells, Motion())), turns)).items():
         np.testing.assert_array_equal(summary[name], total[0], err_msg=name)
-    alone = group_summary(cells, angles[1]).totals()
-    assert {name: int(total) for name, total in vars(alone).items()} == {
-        name: int(total[1]) for name, total in summary.items()
-    }
+    alone = vars(group_summary(cells, angles[1]).totals())
+    assert alone == {name: total[1] for name, total in summary.items()}
 
 
 @given(GRIDS, st.integers(0, 7))
 @settings(max_examples=5)
-def test_both_routes_agree_on_random_grids(free, shift):
+def test_groups_of_random_grids_are_those_of_all_cells(free, shift):
     cells = CellSpace.of_grid(free, 8)
     angle = 2 * math.pi * shift / 8
-    fast, plain = bounce_groups(cells, angle), periodic_groups(bounce_map(cells, angle).image)
-    for name in ("group", "step", "period", "count"):
-        np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), err_msg=name)
+    groups = periodic_groups(bounce_map(cells, angle).image)
+    assert_same_groups(bounce_groups(cells, angle), groups)
 
 
-def test_images_of_all_angles_are_mapped_under_vmap():
+def test_images_under_vmap_are_those_of_each_angle():
     cells = CellSpace.of(CURVED, 0.4, 24)
     shift = np.arange(24, dtype=np.int32)
-    found = jax.jit(jax.vmap(bounce_image, (None, 0)))(moves(cells), shift)
+    batch = jax.jit(jax.vmap(bounce_image, (None, 0)))(moves(cells), shift)
     expected = bounce_map(cells, 2 * math.pi * shift / 24)
-    np.testing.assert_array_equal(found.image, expected.image)
-    np.testing.assert_array_equal(found.bumped, expected.bumped)
+    np.testing.assert_array_equal(batch.image, expected.image)
+    np.testing.assert_array_equal(batch.bumped, expected.bumped)
 
 
 def test_an_angle_is_a_whole_number_of_directions():
     np.testing.assert_array_equal(bounce_shift(np.deg2rad([45, 135, -45, 360]), 8), [1, 3, 7, 0])
-    with pytest.raises(
-        ValueError, match=r"bounce: 50 deg is not a whole number of the 8 directions"
-    ):
+    message = "bounce: 50 deg is not a whole number of the 8 directions"
+    with pytest.raises(ValueError, match=message):
         bounce_shift(np.deg2rad(50), 8)
     with pytest.raises(ValueError, match="bounce: nan deg"):
         bounce_shift(math.nan, 8)
@@ -168,7 +164,6 @@ def test_a_step_longer_than_the_map_bumps_everywhere(collision):
             result = bounce_map(cells, math.radians(135), motion=Motion(step, collision))
             np.testing.assert_array_equal(result.image, image)
             assert bool(result.bumped.all())
-    found = bounce_groups(cells, math.radians(135), motion=Motion(1e9, collision))
-    assert (int(found.count), set(found.period.tolist())) == (cells.positions, {8})
-    room = walls(free[None], 8, motion=Motion(1e9, collision))
-    assert room.count.tolist() == [[free.size]]
+    groups = bounce_groups(cells, math.radians(135), motion=Motion(1e9, collision))
+    assert (int(groups.count), set(groups.period.tolist())) == (cells.positions, {8})
+    assert walls(free[None], 8, motion=Motion(1e9, collision)).count.tolist() == [[free.size]]

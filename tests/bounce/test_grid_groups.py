@@ -1,28 +1,22 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
+from oracles.simple_maps import simple_map_groups
 
 from jaxcell import bundled
-from jaxcell.bounce import (
-    Walls,
-    bounce_map,
-    grid_groups,
-    heading_filter_sizes,
-    wall_groups,
-    walls,
-)
-from jaxcell.mapping import periodic_groups
+from jaxcell.bounce import Walls, bounce_map, grid_groups, heading_filter_sizes, wall_groups, walls
 from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, Motion, Workspace
 from jaxcell.space.steps import Steps
 
 
-# One shape, so that little is compiled.
+# Of one shape, because each shape is compiled.
 GRIDS = hnp.arrays(bool, (5, 6), elements=st.sampled_from([True, True, True, False])).filter(np.any)
 MOTIONS = [CELL_BY_CELL, ENDPOINT]
-# Few, because each is compiled.
+# Few settings, because each is compiled.
 SETTINGS = st.sampled_from([(8, CELL_BY_CELL), (7, ENDPOINT), (24, Motion(1.7))])
 
 
@@ -32,45 +26,15 @@ def image_of(free, directions, shift, motion=CELL_BY_CELL):
     return np.asarray(result.image), np.asarray(result.bumped), cells.positions
 
 
-def measured(image):
-    """The fields of `GroupTotals`, by walking from every cell."""
-    image = image.tolist()
-    group, step, periods = [-1] * len(image), [0] * len(image), []
-    for z in range(len(image)):
-        path, on_path = [], {}
-        while group[z] == -1 and z not in on_path:
-            on_path[z] = len(path)
-            path.append(z)
-            z = image[z]
-        if z in on_path:
-            for cell in path[on_path[z] :]:
-                group[cell] = len(periods)
-            periods.append(len(path) - on_path[z])
-            path = path[: on_path[z]]
-        for cell in reversed(path):
-            group[cell], step[cell] = group[image[cell]], step[image[cell]] + 1
-    return (
-        len(periods),
-        max(step),
-        min(periods),
-        max(periods),
-        sum(periods),
-        max(np.bincount(group)),
-    )
+def totals_of_cells(image):
+    """The fields of `GroupTotals`, from the groups of all cells."""
+    group, step, period = simple_map_groups(image)
+    basin = np.bincount(group)
+    return period.size, step.max(), period.min(), period.max(), period.sum(), basin.max()
 
 
-def totals(found, *index):
-    return tuple(
-        int(getattr(found, name)[index])
-        for name in (
-            "count",
-            "longest_transient",
-            "shortest_period",
-            "longest_period",
-            "periodic_cells",
-            "largest_basin",
-        )
-    )
+def totals_at(totals, *index):
+    return tuple(getattr(totals, field.name)[index] for field in dataclasses.fields(totals))
 
 
 @given(GRIDS, SETTINGS, st.data())
@@ -78,26 +42,21 @@ def test_groups_of_all_angles_are_those_of_a_walk(free, setting, data):
     directions, motion = setting
     shift = data.draw(st.integers(0, directions - 1))
     angles = 2 * math.pi * np.arange(directions) / directions
-    found = grid_groups(free, angles, directions, motion=motion)
+    totals = grid_groups(free, angles, directions, motion=motion)
     image, _, _ = image_of(free, directions, shift, motion=motion)
-    assert totals(found, shift) == measured(image)
+    assert totals_at(totals, shift) == totals_of_cells(image)
 
 
-def test_groups_are_those_of_periodic_groups_in_a_larger_room():
+def test_groups_of_larger_rooms_are_those_of_a_walk():
     rng = np.random.default_rng(0)
     free = rng.random((3, 12, 15)) < 0.9
     angles = np.radians([0, 7, 36, 45, 90, 120, 179, 180, 240])
-    found = grid_groups(free, angles, 360)
-    assert found.count.shape == (3, 9)
+    totals = grid_groups(free, angles, 360)
+    assert totals.count.shape == (3, 9)
     for room, angle in ((0, 1), (1, 4), (2, 6), (2, 7)):
         image, _, _ = image_of(free[room], 360, round(math.degrees(angles[angle])))
-        groups = periodic_groups(image)
-        assert found.count[room, angle] == int(groups.count)
-        assert found.longest_transient[room, angle] == int(groups.step.max())
-        assert found.longest_period[room, angle] == int(groups.group_period.max())
-        assert found.largest_basin[room, angle] == np.bincount(np.asarray(groups.group)).max()
-    alone = grid_groups(free[1], angles[4], 360)
-    assert totals(alone) == totals(found, 1, 4)
+        assert totals_at(totals, room, angle) == totals_of_cells(image)
+    assert totals_at(grid_groups(free[1], angles[4], 360)) == totals_at(totals, 1, 4)
 
 
 @given(st.lists(GRIDS, min_size=2, max_size=4), st.sampled_from(MOTIONS))
@@ -109,13 +68,13 @@ def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, motion):
     for i, free in enumerate(rooms):
         alone = grid_groups(free, angles, 8, motion=motion)
         for angle in range(3):
-            assert totals(together, i, angle) == totals(alone, angle)
+            assert totals_at(together, i, angle) == totals_at(alone, angle)
         only = walls(free[None], 8, motion=motion)
         np.testing.assert_array_equal(heading_filter_sizes(only, np.array([1, 3]))[0], sizes[i])
 
 
 @given(GRIDS, SETTINGS, st.data())
-def test_filter_has_the_sets_that_observations_leave(free, setting, data):
+def test_filter_has_a_state_for_each_set_that_observations_leave(free, setting, data):
     directions, motion = setting
     shift = data.draw(st.integers(0, directions - 1))
     image, bumped, positions = image_of(free, directions, shift, motion=motion)
@@ -128,9 +87,10 @@ def test_filter_has_the_sets_that_observations_leave(free, setting, data):
             if following and following not in states:
                 states.add(following)
                 left.append(following)
-    shifts = np.arange(directions)
-    known = walls(free[None], directions, motion=motion)
-    assert heading_filter_sizes(known, shifts)[0, shift] == len(states)
+    sizes = heading_filter_sizes(
+        walls(free[None], directions, motion=motion), np.arange(directions)
+    )
+    assert sizes[0, shift] == len(states)
 
 
 def test_filter_of_a_closed_cell_turns_on_the_spot():
@@ -155,7 +115,7 @@ def test_angles_steps_and_grids_that_do_not_fit_are_refused():
 def test_walls_of_a_map_determine_its_groups(name, cell, directions, motion):
     cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), cell, directions)
     shift = np.arange(directions)
-    found = wall_groups(Walls.of(Steps.of(cells, motion)), shift)
+    totals = wall_groups(Walls.of(Steps.of(cells, motion)), shift)
     for turn in shift.tolist():
         image = bounce_map(cells, 2 * math.pi * turn / directions, motion=motion).image
-        assert totals(found, 0, turn) == measured(np.asarray(image))
+        assert totals_at(totals, 0, turn) == totals_of_cells(image)

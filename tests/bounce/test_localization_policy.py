@@ -24,34 +24,36 @@ def lab(name):
 
 @settings(max_examples=15)
 @given(GRIDS, ANGLES, st.sampled_from(["cell", "position", "class"]), st.data())
-def test_a_robot_is_localized_as_far_as_its_angles_tell(free, shifts, goal, data):
+def test_a_policy_localizes_as_far_as_its_angles_distinguish_cells(free, shifts, goal, data):
     cells = CellSpace.of_grid(free, 8)
     bounces = np.array(shifts) * math.pi / 4
     aim = data.draw(st.sampled_from(["worst", "mean"]))
-    found = localization_policy(cells, bounces, goal, aim=aim)
-    assert found.optimal
-    assert found.least == pytest.approx(found.worst_bumps if aim == "worst" else found.mean_bumps)
-    assert found.fixed_bumps >= found.worst_bumps or aim == "mean"
+    result = localization_policy(cells, bounces, goal, aim=aim)
+    assert result.optimal
+    assert result.least == pytest.approx(
+        result.worst_bumps if aim == "worst" else result.mean_bumps
+    )
+    assert result.fixed_bumps >= result.worst_bumps or aim == "mean"
     mapped = bounce_map(cells, bounces)
     images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)
     classes = equivalence(images, bumped)
-    assert found.classes == classes.count
-    ends = [found.policy.cells(state) for state in found.policy.ends.tolist()]
+    assert result.classes == classes.count
+    ends = [result.policy.cells(state) for state in result.policy.ends.tolist()]
     for end in ends:
         one_class = np.unique(classes.label[end]).size == 1
         one_place = np.unique(end % cells.positions).size == 1
         assert one_class or (goal == "position" and one_place)
     if goal == "cell":
-        assert found.answered == all(end.size == 1 for end in ends)
+        assert result.answered == all(end.size == 1 for end in ends)
         if classes.count == cells.size:
-            assert found.answered
+            assert result.answered
 
-    run = AdaptivelyLocalized.of(found, data.draw(st.integers(0, cells.size - 1)))
+    run = AdaptivelyLocalized.of(result, data.draw(st.integers(0, cells.size - 1)))
     assert run.run.truth_is_a_candidate
     assert run.run.bumps == run.bumps_needed.ravel()[run.run.start]
     assert all(value <= limit for value, limit in run.checks().values())
-    # All cells, moved one step at a time.
-    left, state = np.arange(cells.size), found.policy.start()
+    # The cells that are left, by moving all cells one step at a time.
+    left, state = np.arange(cells.size), result.policy.start()
     for time, observation in enumerate(run.run.observations.tolist()):
         np.testing.assert_array_equal(run.beliefs[time], left)
         assert state.uncertainty == left.size
@@ -67,42 +69,42 @@ def test_a_robot_is_localized_as_far_as_its_angles_tell(free, shifts, goal, data
     ("name", "worst", "mean", "fixed"), [("lab_a", 11, 970, 12), ("lab_b", 9, 680, 10)]
 )
 def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, fixed):
-    # With one angle their filters leave up to four (Alam 2018, Table 2.2).
+    # With one angle, the filters of these maps leave up to four cells (Alam 2018, Table 2.2).
     cells = lab(name)
-    found = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT)
-    assert (found.classes, found.largest_uncertainty, found.localized_to_one) == (152, 1, 1.0)
-    assert (found.worst_bumps, found.optimal, found.fixed_bumps) == (worst, True, fixed)
+    result = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT)
+    assert (result.classes, result.largest_uncertainty, result.localized_to_one) == (152, 1, 1.0)
+    assert (result.worst_bumps, result.optimal, result.fixed_bumps) == (worst, True, fixed)
     for start in range(cells.size):
-        run = found.drive(start)
+        run = result.drive(start)
         assert run.candidates.tolist() == [run.end]
     best = localization_policy(cells, np.radians([45, 135]), aim="mean", motion=ENDPOINT)
     assert best.optimal
     assert best.bumps_needed.sum() == mean
-    assert best.mean_bumps <= found.mean_bumps
+    assert best.mean_bumps <= result.mean_bumps
 
 
-def test_the_machine_of_walls_is_that_of_cells():
+def test_decisions_on_walls_take_as_many_bumps_as_a_policy_of_cells():
     cells = lab("lab_b")
     images, lengths, behind = Walls.of(Steps.of(cells, Motion())).machine([1, 3])
     assert behind.size + behind.sum() == cells.size
     roots = [np.flatnonzero(behind >= steps) for steps in range(int(behind.max()) + 1)]
-    found = localization_policy(cells, np.radians([45, 135]))
-    assert max(adaptive_choice(images, lengths, roots).upper) + 1 == found.worst_bumps
+    result = localization_policy(cells, np.radians([45, 135]))
+    assert max(adaptive_choice(images, lengths, roots).upper) + 1 == result.worst_bumps
     mean = localization_policy(cells, np.radians([45, 135]), aim="mean")
     upper = adaptive_choice(images, lengths, roots, aim="mean").upper
     assert sum(upper) + cells.size == mean.bumps_needed.sum()
 
 
-def test_one_angle_tells_less_and_says_so():
-    found = localization_policy(lab("lab_a"), [math.radians(45)], motion=ENDPOINT)
-    assert (found.classes, found.largest_uncertainty, found.answered) == (94, 4, False)
-    assert "no choice" in found.remarks[0].lower()
+def test_a_policy_of_one_angle_remarks_that_cells_stay_indistinguishable():
+    result = localization_policy(lab("lab_a"), [math.radians(45)], motion=ENDPOINT)
+    assert (result.classes, result.largest_uncertainty, result.answered) == (94, 4, False)
+    assert "no choice" in result.remarks[0].lower()
     known = localization_policy(lab("lab_a"), [math.radians(45)], "class", motion=ENDPOINT)
     assert known.answered
-    assert known.worst_bumps == found.worst_bumps
+    assert known.worst_bumps == result.worst_bumps
 
 
-def test_a_search_that_ends_at_its_limit_says_what_holds():
+def test_a_search_that_ends_at_its_limit_remarks_the_bounds():
     cells = lab("lab_a")
     cut = localization_policy(cells, np.radians([45, 135]), motion=ENDPOINT, limit=100)
     assert not cut.optimal
@@ -112,7 +114,7 @@ def test_a_search_that_ends_at_its_limit_says_what_holds():
     assert compare_policy(cut)[-1].agrees
 
 
-def test_refuses_angles_that_are_no_turns():
+def test_angles_that_are_no_turns_are_refused():
     cells = lab("lab_a")
     for bounces, message in (
         ([50], "bounces: 50 deg is not a whole number of the 8 directions"),
@@ -127,18 +129,18 @@ def test_refuses_angles_that_are_no_turns():
         policy.drive(152)
 
 
-def test_a_sequence_that_must_be_stopped_at_one_place_says_so():
-    # An angle of two corridors: the last turns lead robots of one place to two places.
+def test_a_fixed_sequence_that_has_to_stop_early_is_remarked():
+    # Two corridors at a right angle: the last turns lead robots from one place to two places.
     cells = CellSpace.of_grid(np.array([[1, 1, 1], [0, 0, 1], [0, 0, 1]], bool), 4)
     bounces = np.array([1, 2]) * math.pi / 2
-    found = localization_policy(cells, bounces, "position")
-    assert found.answered
+    result = localization_policy(cells, bounces, "position")
+    assert result.answered
     mapped = bounce_map(cells, bounces)
     images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)
     seen = {}
     for start in range(cells.size):
         cell, observed, places = start, [], []
-        for angle in (*found.fixed.inputs.tolist(), None):
+        for angle in (*result.fixed.inputs.tolist(), None):
             while not bumped[0, cell]:
                 cell, observed = images[0, cell], [*observed, 0]
             observed = [*observed, 1]
@@ -151,5 +153,5 @@ def test_a_sequence_that_must_be_stopped_at_one_place_says_so():
     # There is one place at some bump, and two at the end.
     assert all(min(len(seen[word]) for word in words) == 1 for words in ends)
     assert max(len(seen[words[-1]]) for words in ends) == 2
-    assert "has to stop as soon as one place is left: at the end" in found.remarks[-1]
+    assert "has to stop as soon as one place is left: at the end" in result.remarks[-1]
     assert not any("has to stop" in one for one in localization_policy(cells, bounces).remarks)

@@ -13,7 +13,7 @@ GRIDS = grids(1, (4, 5)) | grids(9, (4, 5)) | grids(15, (4, 5))
 
 
 @given(GRIDS, st.integers(1, 7), st.data())
-def test_a_robot_is_localized_where_it_is(free, shift, data):
+def test_the_cells_left_by_a_filter_contain_the_robot(free, shift, data):
     cells = CellSpace.of_grid(free, 8)
     simple_map = bounce_map(cells, shift * math.pi / 4)
     filter = localization_filter(simple_map)
@@ -23,7 +23,7 @@ def test_a_robot_is_localized_where_it_is(free, shift, data):
     image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
     np.testing.assert_array_equal(run.path[1:], image[run.path[:-1]])
     np.testing.assert_array_equal(run.observations, bumped[run.path[:-1]])
-    # The cells that are consistent with the observations, by trying every start.
+    # The cells that the observations leave, from every start.
     ends = np.arange(cells.size)
     for observation in run.observations:
         ends = image[ends[bumped[ends] == observation]]

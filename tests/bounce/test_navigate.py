@@ -2,7 +2,6 @@ import dataclasses
 import itertools
 import math
 
-import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse
@@ -40,7 +39,7 @@ def two_rooms():
 
 
 def moves_of(cells, bounces, **options):
-    """Every move there is: cell, next cell, and the angle chosen, None for a step forward."""
+    """List all moves: the cell, the next cell, and the angle at a bump or `None` for a step."""
     for k, bounce in enumerate(bounces):
         simple = bounce_map(cells, bounce, **options)
         pairs = zip(np.asarray(simple.image).tolist(), np.asarray(simple.bumped), strict=True)
@@ -51,57 +50,26 @@ def moves_of(cells, bounces, **options):
                 yield z, image, None
 
 
-def literal_roadmap(cells, bounces, keep, change, **options):
-    """The graph over cells and the angle in use; None before the first bump."""
-    graph = nx.DiGraph()
-    graph.add_nodes_from((z, None) for z in range(cells.size))
-    for z, image, k in moves_of(cells, bounces, **options):
-        for used in (None, *range(len(bounces))):
-            if k is None:
-                graph.add_edge((z, used), (image, used), weight=keep)
-            else:
-                weight = keep if used in (None, k) else change
-                graph.add_edge((z, used), (image, k), weight=weight)
-    return graph
+def literal_costs(cells, bounces, keep, change, method="exact", **options):
+    """Compute the costs between all pairs of cells, -1 for no path, by Dijkstra's algorithm.
 
-
-def literal_layers(cells, bounces, keep, change):
-    """The graph of each angle, as Alg. 3.1 makes it."""
-    graphs = []
-    for i in range(len(bounces)):
-        graph = nx.DiGraph()
-        graph.add_nodes_from((z, None) for z in range(cells.size))
-        for z, image, k in moves_of(cells, bounces):
-            weight = keep if k in (None, i) else change
-            graph.add_edge((z, None), (image, None), weight=weight)
-        graphs.append(graph)
-    return graphs
-
-
-def cheapest(graphs, start, size):
-    """Compute the costs from a cell to every cell, -1 for no path."""
-    costs = np.full(size, np.inf)
-    for graph in graphs:
-        found = nx.single_source_dijkstra_path_length(graph, (start, None))
-        for (z, _), cost in found.items():
-            costs[z] = min(costs[z], cost)
-    return np.where(np.isinf(costs), -1, costs)
-
-
-def full_costs(cells, bounces, keep, change, **options):
-    """The costs between all pairs of cells by scipy's Dijkstra on the literal roadmap."""
-    layers = len(bounces) + 1
+    The graph has a layer of cells for each angle. The exact search changes the layer with the angle
+    in use, and starts in a last layer. Alg. 3.1 stays in the layer in which it starts.
+    """
+    layers = len(bounces) + (method == "exact")
     rows, columns, weights = [], [], []
     for z, image, k in moves_of(cells, bounces, **options):
-        for used in range(layers):
-            rows.append(used * cells.size + z)
-            columns.append((used if k is None else k) * cells.size + image)
-            weights.append(keep if k in (None, used) or used == layers - 1 else change)
+        for layer in range(layers):
+            to = k if method == "exact" and k is not None else layer
+            rows.append(layer * cells.size + z)
+            columns.append(to * cells.size + image)
+            weights.append(keep if k in (None, layer) or layer == len(bounces) else change)
     shape = (layers * cells.size,) * 2
     graph = scipy.sparse.csr_array((np.array(weights, float), (rows, columns)), shape=shape)
-    starts = (layers - 1) * cells.size + np.arange(cells.size)
-    costs = scipy.sparse.csgraph.dijkstra(graph, indices=starts)
-    costs = costs.reshape(cells.size, layers, cells.size).min(axis=1)
+    starts = np.arange(layers * cells.size).reshape(layers, -1)
+    starts = starts[-1:] if method == "exact" else starts
+    costs = scipy.sparse.csgraph.dijkstra(graph, indices=starts.ravel())
+    costs = costs.reshape(-1, cells.size, layers, cells.size).min(axis=(0, 2))
     return np.where(np.isinf(costs), -1, costs)
 
 
@@ -114,19 +82,21 @@ def cost_of(actions, keep, change, method="exact"):
     return keep * (len(actions) - changes) + change * changes
 
 
-def check(cells, found, keep, change, method="exact", **options):
-    """A plan leads to its goal at its cost, or claims to be none."""
-    if found.found:
-        path = replay(cells, found.start, found.actions, **options)
-        np.testing.assert_array_equal(path, found.visited)
-        assert path[-1] == found.goal
-        assert found.cost == pytest.approx(cost_of(found.actions, keep, change, method), rel=1e-12)
-        assert found.reaching[found.visited].all()
+def check(cells, result, keep, change, method="exact", **options):
+    """Check that a plan leads to its goal at its cost, or reports that no plan exists."""
+    if result.found:
+        path = replay(cells, result.start, result.actions, **options)
+        np.testing.assert_array_equal(path, result.visited)
+        assert path[-1] == result.goal
+        assert result.cost == pytest.approx(
+            cost_of(result.actions, keep, change, method), rel=1e-12
+        )
+        assert result.reaching[result.visited].all()
     else:
-        assert found.cost == -1
-        assert found.visited.tolist() == [found.start]
-        assert not found.actions.size
-        assert not found.reaching[found.start]
+        assert result.cost == -1
+        assert result.visited.tolist() == [result.start]
+        assert not result.actions.size
+        assert not result.reaching[result.start]
 
 
 angle_sets = st.sets(st.integers(1, 7), min_size=1, max_size=4).map(sorted)
@@ -134,63 +104,51 @@ weights = st.tuples(st.integers(1, 4), st.integers(0, 20)).map(lambda w: (w[0], 
 
 
 @given(GRIDS, angle_sets, weights, st.sampled_from(["exact", "layered"]), st.randoms())
-def test_plans_are_cheapest_paths_of_the_literal_roadmap(free, shifts, weights, method, random):
+def test_plans_are_cheapest_paths_of_the_literal_graph(free, shifts, weights, method, random):
     cells = CellSpace.of_grid(free, 8)
     bounces = 2 * np.pi * np.array(shifts) / 8
-    if method == "exact":
-        graphs = [literal_roadmap(cells, bounces, *weights)]
-    else:
-        graphs = literal_layers(cells, bounces, *weights)
     plans = all_plans(cells, bounces, *weights, method=method)
     costs, actions, used = plans.costs(), plans.actions(), plans.angles_used()
+    np.testing.assert_array_equal(costs, literal_costs(cells, bounces, *weights, method))
     for start in random.sample(range(cells.size), min(6, cells.size)):
-        np.testing.assert_array_equal(costs[start], cheapest(graphs, start, cells.size))
         for goal in random.sample(range(cells.size), min(6, cells.size)):
-            found = plans.plan(start, goal)
-            check(cells, found, *weights, method)
-            np.testing.assert_array_equal(found.reaching, costs[:, goal] >= 0)
-            assert found.cost == costs[start, goal]
-            assert used[start, goal] == (found.angles_used if found.found else -1)
+            result = plans.plan(start, goal)
+            check(cells, result, *weights, method)
+            np.testing.assert_array_equal(result.reaching, costs[:, goal] >= 0)
+            assert result.cost == costs[start, goal]
+            assert used[start, goal] == (result.angles_used if result.found else -1)
             first = -1
-            if found.actions.size:
-                matches = np.flatnonzero(bounces == found.actions[0])
+            if result.actions.size:
+                matches = np.flatnonzero(bounces == result.actions[0])
                 first = 1 + matches[0] if matches.size else 0
             assert actions[start, goal] == first
 
 
 @pytest.mark.parametrize(
-    ("cells", "bounces", "options"),
+    ("cells", "bounces", "weights", "options"),
     [
-        (room(9, 13), LAB, {}),
-        (room(7, 20, seed=1), -LAB, {"motion": ENDPOINT}),
-        (ROUND, np.deg2rad([30, 105, 225]), {"motion": Motion(0.65)}),
+        (room(9, 13), LAB, (2, 31), {}),
+        (room(7, 20, seed=1), -LAB, (2, 31), {"motion": ENDPOINT}),
+        (ROUND, np.deg2rad([30, 105, 225]), (2, 31), {"motion": Motion(0.65)}),
+        (room(6, 9), LAB, (0.3, 7.7), {}),
     ],
 )
-def test_all_costs_are_those_of_dijkstra(cells, bounces, options):
-    plans = all_plans(cells, bounces, 2, 31, **options)
+def test_all_costs_are_those_of_dijkstra(cells, bounces, weights, options):
+    plans = all_plans(cells, bounces, *weights, **options)
     costs = plans.costs()
-    assert costs.dtype == np.int32
-    np.testing.assert_array_equal(costs, full_costs(cells, bounces, 2, 31, **options))
+    assert costs.dtype == (np.int32 if weights == (2, 31) else float)
+    expected = literal_costs(cells, bounces, *weights, **options)
+    np.testing.assert_allclose(costs, expected, rtol=1e-12)
     assert (costs >= 0).any()
     for start, goal in np.random.default_rng(0).integers(cells.size, size=(60, 2)).tolist():
-        check(cells, plans.plan(start, goal), 2, 31, **options)
-    alone = plan(cells, bounces, start, goal, 2, 31, **options)
+        check(cells, plans.plan(start, goal), *weights, **options)
+    alone = plan(cells, bounces, start, goal, *weights, **options)
     assert_same(alone, plans.plan(start, goal))
 
 
 def assert_same(one, other):
     for name in {field.name for field in dataclasses.fields(one)} - {"cells", "roadmap"}:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-
-
-def test_costs_need_not_be_whole():
-    cells = room(6, 9)
-    plans = all_plans(cells, LAB, 0.3, 7.7)
-    expected = full_costs(cells, LAB, 0.3, 7.7)
-    np.testing.assert_allclose(plans.costs(), expected, rtol=1e-12)
-    np.testing.assert_array_equal(plans.costs() < 0, expected < 0)
-    for start, goal in np.random.default_rng(0).integers(cells.size, size=(40, 2)).tolist():
-        check(cells, plans.plan(start, goal), 0.3, 7.7)
 
 
 def test_large_whole_costs_stay_exact():
@@ -202,39 +160,39 @@ def test_large_whole_costs_stay_exact():
     assert changes.max() > 1
 
 
-def test_the_first_bump_changes_nothing():
+def test_the_first_bump_costs_no_change_of_angle():
     cells = CellSpace.of_grid(np.ones((1, 3), bool), 4)
     half, three_quarters = math.pi, 1.5 * math.pi
     east, west, south = 0, 8, 9
-    found = plan(cells, [half, three_quarters], east, west)
-    assert found.actions.tolist() == [0, 0, half]
-    assert (found.cost, found.angles_used, found.changes) == (3, 1, 0)
-    # To the South at the left end by way of the North there; only the last bump is a change.
-    found = plan(cells, [half, three_quarters], east, south)
-    assert found.actions.tolist() == [
+    result = plan(cells, [half, three_quarters], east, west)
+    assert result.actions.tolist() == [0, 0, half]
+    assert (result.cost, result.angles_used, result.changes) == (3, 1, 0)
+    # At the left end the robot turns to the North, then South; only the last bump is a change.
+    result = plan(cells, [half, three_quarters], east, south)
+    assert result.actions.tolist() == [
         *(0, 0, three_quarters, three_quarters),
         *(0, 0, three_quarters, half),
     ]
-    assert (found.cost, found.angles_used, found.changes) == (107, 2, 1)
+    assert (result.cost, result.angles_used, result.changes) == (107, 2, 1)
 
 
 def test_a_goal_is_reached_on_the_way_to_a_wall():
     cells = CellSpace.of_grid(np.ones((1, 5), bool), 4)
-    found = plan(cells, [math.pi], 1, 3)
-    assert (found.cost, found.visited.tolist(), found.changes) == (2, [1, 2, 3], 0)
-    found = plan(cells, [math.pi], 3, 1)
-    assert found.cost == 8
-    assert found.actions.tolist() == [0, math.pi, 0, 0, 0, 0, math.pi, 0]
+    result = plan(cells, [math.pi], 1, 3)
+    assert (result.cost, result.visited.tolist(), result.changes) == (2, [1, 2, 3], 0)
+    result = plan(cells, [math.pi], 3, 1)
+    assert result.cost == 8
+    assert result.actions.tolist() == [0, math.pi, 0, 0, 0, 0, math.pi, 0]
 
 
 def test_there_is_no_path_between_rooms():
     cells = two_rooms()
     goal = int(cells.index(4.5, 1.5))
-    found = plan(cells, np.arange(1, 8) * math.pi / 4, int(cells.index(1.5, 1.5)), goal)
-    check(cells, found, 1, 100)
-    assert not found.found
+    result = plan(cells, np.arange(1, 8) * math.pi / 4, int(cells.index(1.5, 1.5)), goal)
+    check(cells, result, 1, 100)
+    assert not result.found
     x, _, _ = cells.centre(np.arange(cells.size))
-    np.testing.assert_array_equal(found.reaching, x > 4)
+    np.testing.assert_array_equal(result.reaching, x > 4)
 
 
 def test_layers_differ_from_the_exact_search():
@@ -269,9 +227,9 @@ def test_plans_are_the_same_when_read_from_their_store(tmp_path, keep):
         np.testing.assert_array_equal(loaded.angles_used(some), plans.angles_used()[:, some])
         assert vars(loaded.roadmap)["space"] == plans.roadmap.space
         for start, goal in np.random.default_rng(1).integers(cells.size, size=(20, 2)).tolist():
-            found, expected = loaded.plan(start, goal), plans.plan(start, goal)
-            check(cells, found, keep, 9)
-            assert_same(found, expected)
+            result, expected = loaded.plan(start, goal), plans.plan(start, goal)
+            check(cells, result, keep, 9)
+            assert_same(result, expected)
 
 
 def test_the_store_explains_how_to_read_a_cost(tmp_path):

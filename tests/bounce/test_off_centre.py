@@ -1,4 +1,4 @@
-"""Robots off the centres of cells against rays, and the shares of them that a filter loses."""
+"""Robots off the centres of cells, compared with rays, and the shares that a filter loses."""
 
 import dataclasses
 import math
@@ -9,22 +9,19 @@ from oracles.rays import INSIDE, Room
 
 from jaxcell.base.bundled import bundled
 from jaxcell.bounce import bounce_map, localization_filter, localization_policy
+from jaxcell.bounce.joint import squares_of
 from jaxcell.bounce.localization import off_centre
 from jaxcell.bounce.localization.off_centre import OffCentre, filter_shares, policy_shares
 from jaxcell.space import CELL_BY_CELL, ENDPOINT, CellSpace, cell_strides
 
 
 def at_centres(cells, index, **motion):
-    """Robots at the centres of some cells."""
+    """Place robots at the centres of the cells `index`."""
     drawn = OffCentre.drawn(cells, index.size, 0, **motion)
     direction, position = np.divmod(index, cells.positions)
-    row, column = np.divmod(cells.square[position], cells.free.shape[1])
-    return dataclasses.replace(
-        drawn,
-        offset=np.full((index.size, 2), 0.5),
-        square=np.stack([column, row], axis=1),
-        direction=direction,
-    )
+    square = squares_of(cells).T[position]
+    offset = np.full((index.size, 2), 0.5)
+    return dataclasses.replace(drawn, offset=offset, square=square, direction=direction)
 
 
 @pytest.mark.parametrize("motion", [CELL_BY_CELL, ENDPOINT])
@@ -79,14 +76,13 @@ def test_robots_off_the_centre_bump_where_rays_do(name, motion):
 
 def test_a_filter_loses_no_robot_that_starts_at_a_centre(monkeypatch):
     cells = CellSpace.load(bundled("cafe"))
-    motion = CELL_BY_CELL
     filter = localization_filter(bounce_map(cells, math.radians(90)))
     policy = localization_policy(cells, np.radians([90.0, 135.0]))
-    # Of starts anywhere, most are lost; a share of these is placed wrongly without notice.
-    lost, wrong = filter_shares(filter, cells, 4, motion)
+    # Of robots that start anywhere, the filter loses most, and places some wrongly.
+    lost, wrong = filter_shares(filter, cells, 4)
     assert lost > 0.5
     assert wrong > 0.01
-    assert min(policy_shares(policy.policy, cells, np.array([4, 6]), motion)) > 0.01
+    assert min(policy_shares(policy.policy, cells, np.array([4, 6]), CELL_BY_CELL)) > 0.01
 
     class AtCentres(OffCentre):
         @classmethod
@@ -95,9 +91,9 @@ def test_a_filter_loses_no_robot_that_starts_at_a_centre(monkeypatch):
             return at_centres(cells, index, **motion)
 
     monkeypatch.setattr(off_centre, "OffCentre", AtCentres)
-    assert filter_shares(filter, cells, 4, motion) == (0, 0)
-    assert filter_shares(filter.with_trap(), cells, 4, motion) == (0, 0)
-    assert policy_shares(policy.policy, cells, np.array([4, 6]), motion) == (0, 0)
+    assert filter_shares(filter, cells, 4) == (0, 0)
+    assert filter_shares(filter.with_trap(), cells, 4) == (0, 0)
+    assert policy_shares(policy.policy, cells, np.array([4, 6]), CELL_BY_CELL) == (0, 0)
 
 
 def test_a_grid_of_squares_loses_no_robot_along_the_axes():

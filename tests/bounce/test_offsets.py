@@ -1,4 +1,4 @@
-"""The exact map of cells and offsets against robots off the centre, and against rays."""
+"""The map of cells and offsets, compared with robots off the centre and with rays."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Runs of a plan on a robot that slips, against a robot that is driven in small ticks."""
+"""Simulated runs of a plan, compared with a robot that drives in small ticks."""
 
 import math
 
@@ -19,12 +19,12 @@ class Ticking:
         self.x, self.y, self.theta = (np.full(runs, value) for value in (x, y, theta))
         self.slip, self.draw = slip, np.random.default_rng(1)
 
-    def drive(self, told, here):
-        """Drive each robot so far by its wheels, or to a wall, where the wheels stand still."""
+    def drive(self, distance, here):
+        """Drive each robot by a distance, or to a wall, where its wheels stand still."""
         factor = 1 + self.draw.normal(0, self.slip.step, self.x.size)
         gone, stopped = np.zeros(self.x.size), ~here
-        for k in range(math.ceil(np.abs(told).max() / TICK)):
-            part = np.clip(np.abs(told) - k * TICK, 0, TICK) * np.sign(told)
+        for k in range(math.ceil(np.abs(distance).max() / TICK)):
+            part = np.clip(np.abs(distance) - k * TICK, 0, TICK) * np.sign(distance)
             x = self.x + part * factor * np.cos(self.theta)
             y = self.y + part * factor * np.sin(self.theta)
             give = self.slip.give
@@ -37,7 +37,7 @@ class Ticking:
         return gone, stopped & here
 
     def follow(self, actions):
-        """Which of the robots sense just what the plan foretells."""
+        """Return a mask of the robots whose observations are those of the plan."""
         here = np.ones(self.x.size, bool)
         for action in actions:
             gone, bumped = self.drive(np.ones(self.x.size), here)

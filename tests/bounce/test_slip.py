@@ -1,9 +1,11 @@
-"""Maps of a robot that slips against the physics of the emulator and of a plain robot."""
+"""Maps of a robot that slips, compared with the emulator and with a robot in plain Python."""
 
 import dataclasses
+import functools
 import itertools
 import math
 
+import jax
 import numpy as np
 import pytest
 import shapely
@@ -19,6 +21,7 @@ from jaxcell.robot.emulation.direct import DirectBody
 ROOM = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
 CELLS = space.CellSpace.of(ROOM, 1.0, 8)
 TURN = math.radians(135)
+SLIP = space.Slip.of(0.02, give=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -31,16 +34,16 @@ def hidden(fine):
     return bounce.slip_map(fine, [TURN], space.Slip.of(0.03, give=0.02))
 
 
-def walker_of(cell, noise, seed, cells=CELLS):
+def walker_of(cell, noise, seed):
     """An emulated robot in a cell, and its body."""
-    body = Body.in_cell(cells, cell, noise, np.random.default_rng(seed))
-    strides = space.cell_strides(cells.directions, 1.0, 1.0)
-    direction = cell // cells.positions
+    body = Body.in_cell(CELLS, cell, noise, np.random.default_rng(seed))
+    strides = space.cell_strides(8, 1.0, 1.0)
+    direction = cell // CELLS.positions
     return Walker(DirectBody(body), 1.0, strides=strides, direction=direction), body
 
 
-def run_of_the_emulator(cell, noise, steps, seed, cells=CELLS):
-    walker, body = walker_of(cell, noise, seed, cells)
+def run_of_the_emulator(cell, noise, steps, seed):
+    walker, body = walker_of(cell, noise, seed)
     observed = []
     for _ in range(steps):
         observed.append(int(walker.step()))
@@ -50,9 +53,9 @@ def run_of_the_emulator(cell, noise, steps, seed, cells=CELLS):
 
 
 @pytest.mark.parametrize("directions", [8, 24])
-def test_a_robot_that_does_not_slip_does_what_the_map_says(directions):
+def test_a_robot_without_slip_moves_as_the_bounce_map(directions):
     cells = space.CellSpace.of(ROOM, 1.0, directions)
-    simple = bounce.bounce_map(cells, TURN)
+    simple = jax.device_get(bounce.bounce_map(cells, TURN))
     pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
     legs = space.stride_legs(directions, 1.0, 1.0)[np.arange(cells.size) // cells.positions]
     walls = space.felt_walls(ROOM, 0.02)
@@ -61,32 +64,32 @@ def test_a_robot_that_does_not_slip_does_what_the_map_says(directions):
     )
     # A second stretch, to the centre of a cell, may meet a wall that the step does not.
     straight = legs[:, 2] == 0
-    np.testing.assert_array_equal(bumped[straight], np.asarray(simple.bumped)[straight])
-    assert (bumped >= np.asarray(simple.bumped)).all()
-    same = bumped == np.asarray(simple.bumped)
-    np.testing.assert_array_equal(cells.index(*after[same].T), np.asarray(simple.image)[same])
+    np.testing.assert_array_equal(bumped[straight], simple.bumped[straight])
+    assert (bumped >= simple.bumped).all()
+    same = bumped == simple.bumped
+    np.testing.assert_array_equal(cells.index(*after[same].T), simple.image[same])
 
 
 @pytest.mark.parametrize("direction", [0, 3])
-def test_spread_of_a_step_and_of_a_bump_is_that_of_the_emulator(direction):
+def test_ends_of_steps_and_bumps_spread_as_in_the_emulator(direction):
     noise, count = 0.05, 250
     rng = np.random.default_rng(0)
     for place in (0, 4):
         cell = direction * CELLS.positions + place
         runs = [run_of_the_emulator(cell, noise, 1, seed) for seed in range(count)]
-        there = np.array([pose for _, pose in runs])
+        emulated = np.array([pose for _, pose in runs])
         legs = np.tile(space.stride_legs(8, 1.0, 1.0)[direction], (4000, 1))
         pose = np.tile(np.stack(CELLS.centre(cell)), (4000, 1))
         walls = space.felt_walls(ROOM, 0.02)
-        ours, bumped = space.slipping_step(
+        ends, bumped = space.slipping_step(
             pose, legs, TURN, rng.standard_normal((4000, 9)), walls, space.Slip.of(noise)
         )
-        assert abs(bumped.mean() - np.mean([o[0] for o, _ in runs])) < 0.1
+        assert abs(bumped.mean() - np.mean([observed for observed, _ in runs])) < 0.1
         if 0.02 < bumped.mean() < 0.98:
             continue
-        np.testing.assert_allclose(ours.mean(axis=0), there.mean(axis=0), atol=0.02)
-        # Standard errors of a standard deviation are 5 %, and it is to be right to a quarter.
-        np.testing.assert_allclose(ours.std(axis=0), there.std(axis=0), rtol=0.25, atol=0.004)
+        np.testing.assert_allclose(ends.mean(axis=0), emulated.mean(axis=0), atol=0.02)
+        # The standard error of these standard deviations is 5 %.
+        np.testing.assert_allclose(ends.std(axis=0), emulated.std(axis=0), rtol=0.25, atol=0.004)
 
 
 def test_rows_are_distributions_and_the_start_is_at_the_centres(fine, hidden):
@@ -104,7 +107,7 @@ def test_a_heading_spreads_among_fine_directions_as_it_drifts():
     after = bounce.slip_map(fine, [TURN], space.Slip.of(0.03, give=0.02)).after(0, fine.at(0))
     off = np.arange(fine.size) // fine.fine.positions % 9 - 4
     variance = after @ off**2 / after.sum() * (2 * math.pi / 64) ** 2
-    # Of so few samples one more or less goes to the next direction.
+    # With few samples, one more or less goes to the next direction.
     assert variance == pytest.approx(0.03**2, rel=0.1)
 
 
@@ -114,9 +117,7 @@ def test_the_credible_set_holds_the_emulated_robot(fine, hidden):
     for seed in range(60):
         cell = int(rng.integers(CELLS.size))
         observed, pose = run_of_the_emulator(cell, 0.03, 15, seed)
-        state = belief.start()
-        for observation in observed:
-            state = belief.observe(state, observation)
+        state = functools.reduce(belief.observe, observed, belief.start())
         held.append(int(space.nearest_cell(CELLS, *pose)) in belief.estimate(state).cells)
         assert state.nowhere < 0.5
     assert np.mean(held) > 0.85
@@ -139,35 +140,31 @@ def test_a_robot_that_chooses_its_angle_is_localized_sooner(fine):
     assert bumps[2] < 0.8 * bumps[1]
 
 
-def bounded_run(cells, legs, felt, cell, errors, slip):
-    """A robot whose errors are given as shares of their bounds, by shapely alone."""
-    x, y, theta = (float(v) for v in cells.centre(cell))
-    direction, observed = cell // cells.positions, []
+def bounded_run(cell, errors):
+    """The observations and poses of a robot by shapely; `errors` are shares of their bounds."""
+    felt = ROOM.free_space.buffer(SLIP.give, join_style="mitre")
+    x, y, theta = (float(v) for v in CELLS.centre(cell))
+    direction = cell // CELLS.positions
     for along, veer, turn, back in errors:
-        told = float(legs[direction, 0])
-        length, chord = told * (1 + slip.step * along), theta + slip.heading * told * veer / 2
+        leg = space.stride_legs(8, 1.0, 1.0)[direction, 0].item()
+        length, chord = leg * (1 + SLIP.step * along), theta + SLIP.heading * leg * veer / 2
         end = x + length * math.cos(chord), y + length * math.sin(chord)
         line = shapely.LineString([(x, y), end])
         if felt.covers(line):
-            (x, y), theta = end, theta + slip.heading * told * veer
-            observed.append(0)
+            (x, y), theta = end, theta + SLIP.heading * leg * veer
+            yield 0, (x, y, theta)
         else:
-            way = line.intersection(felt.boundary).distance(shapely.Point(x, y))
-            gap = way * (1 - (1 + slip.step * back) / (1 + slip.step * along))
+            to_wall = line.intersection(felt.boundary).distance(shapely.Point(x, y))
+            gap = to_wall * (1 - (1 + SLIP.step * back) / (1 + SLIP.step * along))
             x, y = x + gap * math.cos(chord), y + gap * math.sin(chord)
-            theta += TURN * (1 + slip.turn * turn)
-            direction = (direction + 3) % cells.directions
-            observed.append(1)
-        yield observed[-1], (x, y, theta)
-
-
-share = st.floats(-1, 1)
-SLIP = space.Slip(step=0.02, turn=0.02, heading=0.02, give=0.02)
+            theta += TURN * (1 + SLIP.turn * turn)
+            direction = (direction + 3) % CELLS.directions
+            yield 1, (x, y, theta)
 
 
 @pytest.fixture(scope="module")
 def sets():
-    # Off by any angle, so that nothing can be off more.
+    # The reach is half a turn, so that no heading is farther off.
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=16)
     return bounce.bounded_map(fine, TURN, SLIP)
 
@@ -175,23 +172,20 @@ def sets():
 @settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, CELLS.size - 1),
-    st.lists(st.tuples(share, share, share, share), min_size=1, max_size=25),
+    st.lists(st.tuples(*4 * [st.floats(-1, 1)]), min_size=1, max_size=25),
 )
 def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
-    felt = ROOM.free_space.buffer(0.02, join_style="mitre")
-    legs = space.stride_legs(8, 1.0, 1.0)
     state = sets.start()
-    for observation, pose in bounded_run(CELLS, legs, felt, cell, errors, SLIP):
+    for observation, pose in bounded_run(cell, errors):
         state = sets.observe(state, observation)
         assert int(space.nearest_cell(CELLS, *pose)) in sets.estimate(state).cells
 
 
-def test_sets_of_a_robot_without_errors_leave_cells_out():
+def test_sets_of_a_robot_without_errors_exclude_most_cells():
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=2)
     sets = bounce.bounded_map(fine, TURN, space.Slip(give=0.02))
-    state = sets.start()
-    for observation in run_of_the_emulator(0, 0.0, 12, 0)[0]:
-        state = sets.observe(state, observation)
+    observed, _ = run_of_the_emulator(0, 0.0, 12, 0)
+    state = functools.reduce(sets.observe, observed, sets.start())
     assert 1 <= sets.estimate(state).cells.size < CELLS.size / 3
 
 
@@ -199,9 +193,7 @@ def test_particles_find_the_emulated_robot():
     cloud, held = Particles(CELLS, TURN, space.Slip.of(0.03, give=0.02), count=2000), []
     for seed in range(12):
         observed, pose = run_of_the_emulator(seed * 6, 0.03, 12, seed)
-        state = cloud.start()
-        for observation in observed:
-            state = cloud.observe(state, observation)
+        state = functools.reduce(cloud.observe, observed, cloud.start())
         held.append(int(space.nearest_cell(CELLS, *pose)) in cloud.estimate(state).cells)
     assert np.mean(held) > 0.8
 
@@ -240,12 +232,12 @@ def test_a_slip_out_of_range_is_refused(field, value, match):
         (1, 1, -1, "reach: expected a number from 0"),
     ],
 )
-def test_fine_cells_that_cannot_be_are_refused(squares, directions, reach, match):
+def test_fine_cells_with_numbers_out_of_range_are_refused(squares, directions, reach, match):
     with pytest.raises(ValueError, match=match):
         bounce.FineCells.of(CELLS, squares=squares, directions=directions, reach=reach)
 
 
-def test_fine_cells_stay_within_their_number():
+def test_fine_cells_are_at_most_the_given_number():
     sizes = [bounce.FineCells.within(CELLS, space.Slip.of(0.02), n).size for n in (1, 5000, 20_000)]
     assert sizes[0] == CELLS.size
     assert all(a < b for a, b in itertools.pairwise(sizes))

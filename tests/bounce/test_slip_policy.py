@@ -1,4 +1,4 @@
-"""Plans and policies of a robot that slips against general solvers."""
+"""Policies of a robot that slips, compared with general solvers."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,8 @@ from jaxcell.bounce.slip.policy import PolicyRobot
 
 
 CELLS, GOAL = 6, 5
+GOALS = np.arange(CELLS) == GOAL
+START = np.eye(CELLS)[0]
 
 
 @pytest.fixture(scope="module")
@@ -20,21 +22,16 @@ def hidden():
     return HiddenMap.of(moves, bumps, np.arange(CELLS), START)
 
 
-GOALS = np.arange(CELLS) == GOAL
-START = np.eye(CELLS)[0]
-
-
 def test_the_policy_is_that_of_the_stochastic_shortest_path(hidden):
     policy = bounce.slip_policy(hidden, GOALS, START)
     chains = [mapping.Chain.from_scipy(hidden.moves + one) for one in hidden.bumps]
     model = markov.DecisionModel.of(chains, np.zeros((3, CELLS)))
     best = markov.stochastic_shortest_path(model, GOAL)
     assert policy.sure
-    gap = policy.certificate.residual
-    assert (policy.time <= np.asarray(best.time) + 1e-9).all()
-    assert (policy.time >= np.asarray(best.time) * (1 - gap) - 1e-9).all()
-    others = np.arange(CELLS) != GOAL
-    np.testing.assert_array_equal(policy.choice[others], np.asarray(best.policy)[others])
+    time, gap = np.asarray(best.time), policy.certificate.residual
+    assert (policy.time <= time + 1e-9).all()
+    assert (policy.time >= time * (1 - gap) - 1e-9).all()
+    np.testing.assert_array_equal(policy.choice[~GOALS], np.asarray(best.policy)[~GOALS])
 
 
 def test_arrival_is_the_first_passage_of_the_policy(hidden):
@@ -46,7 +43,7 @@ def test_arrival_is_the_first_passage_of_the_policy(hidden):
     np.testing.assert_allclose(arrival, np.cumsum(law), atol=1e-12)
 
 
-def test_a_goal_that_cannot_be_reached_for_sure_is_said():
+def test_a_policy_that_may_miss_its_goal_is_not_sure():
     moves = np.array([[0, 0.5, 0.5], [0, 1.0, 0], [0, 0, 1.0]])
     goal, start = np.array([False, True, False]), np.array([1.0, 0, 0])
     hidden = HiddenMap.of(moves, np.zeros((3, 3)), np.arange(3), start)
@@ -56,7 +53,7 @@ def test_a_goal_that_cannot_be_reached_for_sure_is_said():
     assert arrival.tolist() == [0, 0.5, 0.5, 0.5, 0.5, 0.5]
 
 
-def test_a_robot_chooses_what_its_belief_says(hidden):
+def test_a_robot_chooses_the_angle_with_the_least_mean_time_of_its_belief(hidden):
     policy = bounce.slip_policy(hidden, GOALS, START)
     robot = PolicyRobot(hidden, policy, START)
     assert robot.turn(0) is None

@@ -1,7 +1,6 @@
 import functools
 import itertools
 import math
-import types
 from fractions import Fraction
 
 import jax
@@ -22,7 +21,7 @@ from jaxcell.space import CellSpace, Motion
 
 
 SPACES = grids(14, (4, 5)).map(lambda free: CellSpace.of_grid(free, 8))
-# Few, as each number of robots is compiled.
+# Few numbers, because each number of robots is compiled.
 NUMBERS = st.sampled_from([2, 5])
 
 
@@ -33,31 +32,26 @@ def states_of(cells, robots, seed, count):
 
 
 def orbits(cells, shift, states, *, step):
-    """The orbits of joint states, on the host; of one length, as each is compiled."""
-    joint = joint_orbits(
-        moves(cells, motion=Motion(step)),
-        *jax.device_put(
-            (squares_of(cells), np.asarray(shift, np.int32), np.asarray(states, np.int32))
-        ),
-        steps=40,
-    )
-    return types.SimpleNamespace(**jax.device_get(vars(joint)))
+    """Follow joint states for 40 steps; only one length, because each is compiled."""
+    arrays = squares_of(cells), np.asarray(shift, np.int32), np.asarray(states, np.int32)
+    possible = moves(cells, motion=Motion(step))
+    return jax.device_get(joint_orbits(possible, *jax.device_put(arrays), steps=40))
 
 
 def one_step(cells, shift, state, step=None):
-    """The joint image of a single joint state."""
+    """Compute the joint image of one joint state."""
     arrays = squares_of(cells), np.asarray(shift, np.int32), np.asarray(state, np.int32)
     return joint_image(moves(cells, motion=Motion(step)), *jax.device_put(arrays))
 
 
 class Oracle:
-    """The joint map and Alg. 3.4, one robot and one pair at a time."""
+    """The joint map and Alg. 3.4 in plain Python, one robot and one pair at a time."""
 
     def __init__(self, cells, shifts, step):
         self.cells, self.shifts = cells, shifts
         alone = bounce_map(cells, 0.0, motion=Motion(step * cells.cell))
         self.image, self.walled = np.asarray(alone.image).tolist(), np.asarray(alone.bumped)
-        # Two robots that meet do so at a whole multiple of the inverse of their relative speed.
+        # Two robots can only meet at a multiple of the inverse of their relative speed.
         speeds = range(1, 2 * math.ceil(step) + 1)
         self.times = sorted({Fraction(n, d) for d in speeds for n in range(1, d + 1)})
         self.meet = functools.cache(self.meet)
@@ -66,20 +60,16 @@ class Oracle:
         return divmod(int(self.cells.square[z % self.cells.positions]), self.cells.free.shape[1])
 
     def meet(self, z, to_z, w, to_w):
-        ends = [self.square(cell) for cell in (z, to_z, w, to_w)]
-        for t in self.times:
-            a, b, c, d = ends
-            first = tuple(x + t * (y - x) for x, y in zip(a, b, strict=True))
-            second = tuple(x + t * (y - x) for x, y in zip(c, d, strict=True))
-            if first == second:
-                return True
-        return False
+        ends = [*zip(*map(self.square, (z, to_z, w, to_w)), strict=True)]
+        return any(
+            all(a + t * (b - a) == c + t * (d - c) for a, b, c, d in ends) for t in self.times
+        )
 
     def step(self, state):
         robots = range(len(state))
         wish = [self.image[z] for z in state]
         bumped = {i for i in robots if self.walled[state[i]]}
-        # A round for each robot that can come to bump, and one that finds nothing new.
+        # One round per robot that may bump, and a last round without changes.
         for _ in range(len(state) + 1):
             collisions = set()
             for i, j in itertools.combinations(robots, 2):
@@ -106,59 +96,53 @@ class Oracle:
         )
 
     def reach(self, start):
-        target = {
-            (z % self.cells.positions, self.image[z] % self.cells.positions)
-            for z in range(self.cells.size)
-        }
-        reached = {z % self.cells.positions for z in start}
+        cells = range(self.cells.size)
+        steps = {(self.place(z), self.place(self.image[z])) for z in cells}
+        reached = {*map(self.place, start)}
         for _ in range(self.cells.positions):
-            reached |= {q for p, q in target if p in reached}
+            reached |= {q for p, q in steps if p in reached}
         return reached
 
+    def place(self, z):
+        return z % self.cells.positions
+
     def part(self, begin, visited, covered, reach, limit):
-        states, events, covered = [begin], [], covered | {z % self.cells.positions for z in begin}
-        known = visited | {tuple(begin)}
+        states, events, known = [begin], [], visited | {tuple(begin)}
+        covered = covered | {*map(self.place, begin)}
         while covered != reach and len(events) < limit:
             image, *event = self.step(states[-1])
             states.append(image)
             events.append(event)
-            covered = covered | {z % self.cells.positions for z in image}
+            covered |= {*map(self.place, image)}
             if tuple(image) in known:
                 break
             known.add(tuple(image))
         return states, events, covered, known
 
+    def begins(self, last):
+        for i in range(len(last)):
+            for turn in 1, -1:
+                begin = list(last)
+                begin[i] = (begin[i] + turn * self.cells.positions) % self.cells.size
+                yield begin
+
     def trajectory(self, start, max_parts, limit):
-        reach = self.reach(start)
+        reach, none = self.reach(start), [False] * len(start)
         states, events, covered, visited = self.part(start, set(), set(), reach, limit)
-        parts = [0]
-        outcome = None
-        while outcome is None:
-            if covered == reach:
-                everywhere = len(reach) == self.cells.positions
-                outcome = TeamOutcome.COVERED if everywhere else TeamOutcome.OUT_OF_REACH
-                break
-            if len(parts) == max_parts:
-                outcome = TeamOutcome.OUT_OF_PARTS
-                break
-            best, best_rank = None, None
-            for i in range(len(start)):
-                for turn in 1, -1:
-                    begin = list(states[-1])
-                    begin[i] = (begin[i] + turn * self.cells.positions) % self.cells.size
-                    if tuple(begin) in visited:
-                        continue
-                    part = self.part(begin, visited, covered, reach, limit)
-                    rank = len(part[2]), -sum(event[2] for event in part[1])
-                    if best is None or rank > best_rank:
-                        best, best_rank = part, rank
-            if best is None:
+        parts, outcome = [0], TeamOutcome.OUT_OF_PARTS
+        while covered != reach and len(parts) < max_parts:
+            begins = [begin for begin in self.begins(states[-1]) if tuple(begin) not in visited]
+            if not begins:
                 outcome = TeamOutcome.STUCK
                 break
+            tries = [self.part(begin, visited, covered, reach, limit) for begin in begins]
+            best = max(tries, key=lambda part: (len(part[2]), -sum(event[2] for event in part[1])))
             parts.append(len(states))
-            nobody = [False] * len(start)
-            events = [*events, [nobody, nobody, 0], *best[1]]
+            events = [*events, [none, none, 0], *best[1]]
             states, covered, visited = states + best[0], best[2], best[3]
+        if covered == reach:
+            everywhere = len(reach) == self.cells.positions
+            outcome = TeamOutcome.COVERED if everywhere else TeamOutcome.OUT_OF_REACH
         return states, events, parts, covered, outcome
 
 
@@ -167,13 +151,10 @@ def test_joint_map_follows_its_rules(cells, robots, step, seed):
     states = states_of(cells, robots, seed, 32)
     shift = np.random.default_rng(seed).integers(8, size=robots)
     oracle = Oracle(cells, shift.tolist(), step)
-    found = orbits(cells, shift, states, step=step)
+    joint = orbits(cells, shift, states, step=step)
+    fields = joint.image, joint.bumped, joint.collided, joint.collisions
     for i, state in enumerate(states.tolist()):
-        image, bumped, collided, collisions = oracle.step(state)
-        assert found.image[0, i].tolist() == image
-        assert found.bumped[0, i].tolist() == bumped
-        assert found.collided[0, i].tolist() == collided
-        assert found.collisions[0, i] == collisions
+        assert tuple(field[0, i].tolist() for field in fields) == oracle.step(state)
 
 
 @given(SPACES, NUMBERS, st.sampled_from([1.0, 2.5]), st.integers(0, 2**32))
@@ -219,14 +200,14 @@ EAST, NORTH_EAST, NORTH, NORTH_WEST, WEST, SOUTH = 0, 1, 2, 3, 4, 6
             [1, 1, 1, 0],
             [1, 1, 1, 0],
             2,
-            id="queue at a wall, and one that is not in it yet",
+            id="queue at a wall, and a robot behind the queue",
         ),
         pytest.param(
             [(0, 1, EAST), (1, 1, EAST), (2, 1, WEST)],
             [1, 1, 1],
             [1, 1, 1],
             3,
-            id="one behind two that change places: it would meet both",
+            id="behind two robots that change places",
         ),
         pytest.param(
             [(1, 1, EAST), (3, 1, WEST), (2, 0, NORTH)],
@@ -240,7 +221,7 @@ EAST, NORTH_EAST, NORTH, NORTH_WEST, WEST, SOUTH = 0, 1, 2, 3, 4, 6
         ),
     ],
 )
-def test_collisions(robots, bumped, collided, collisions):
+def test_robots_that_meet_bump_and_collide(robots, bumped, collided, collisions):
     cells = CellSpace.of_grid(np.ones((4, 5), bool), 8)
     state = [cells.index(x + 0.5, y + 0.5, k * math.pi / 4) for x, y, k in robots]
     joint = one_step(cells, np.full(len(robots), 3), np.array(state))
@@ -298,7 +279,7 @@ def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
 
 @given(SPACES, st.sampled_from([1, 3]), st.integers(0, 2**32))
 @settings(max_examples=15)
-def test_a_batch_gives_what_single_runs_give(cells, robots, seed):
+def test_runs_of_a_batch_equal_single_runs(cells, robots, seed):
     starts = states_of(cells, robots, seed, 5)
     options = {"max_parts": 30, "part_steps": 60}
     batch = team_trajectories(cells, starts, 3 * math.pi / 4, **options)

@@ -12,8 +12,8 @@ from jaxcell.mapping.generalized import Chain
 
 
 @given(matrices())
-def test_equals_the_definition(matrix):
-    found = persistent_groups(Chain.from_scipy(matrix))
+def test_persistent_groups_are_components_without_exit(matrix):
+    groups = persistent_groups(Chain.from_scipy(matrix))
     graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
     leaks = matrix.sum(axis=1) < 1 - 1e-9
     closed = [
@@ -26,28 +26,28 @@ def test_equals_the_definition(matrix):
     expected = np.full(len(matrix), -1)
     for number, component in enumerate(closed):
         expected[list(component)] = number
-    np.testing.assert_array_equal(found.group, expected)
-    assert found.count == len(closed)
-    assert found.size.tolist() == [len(component) for component in closed]
-    np.testing.assert_array_equal(found.persistent, expected >= 0)
+    np.testing.assert_array_equal(groups.group, expected)
+    assert groups.count == len(closed)
+    assert groups.size.tolist() == [len(component) for component in closed]
+    np.testing.assert_array_equal(groups.persistent, expected >= 0)
 
 
 @given(matrices())
 def test_domicile_has_the_cells_that_can_reach_a_group(matrix):
-    found = persistent_groups(Chain.from_scipy(matrix))
+    groups = persistent_groups(Chain.from_scipy(matrix))
     reach = reachable(matrix)
-    assert found.domicile.shape == (found.count, len(matrix))
-    for group in range(found.count):
-        expected = reach[:, np.asarray(found.group) == group].any(axis=1)
-        np.testing.assert_array_equal(found.domicile[group], expected)
-        np.testing.assert_array_equal(found.reaching(group), expected)
+    assert groups.domicile.shape == (groups.count, len(matrix))
+    for group in range(groups.count):
+        expected = reach[:, np.asarray(groups.group) == group].any(axis=1)
+        np.testing.assert_array_equal(groups.domicile[group], expected)
+        np.testing.assert_array_equal(groups.reaching(group), expected)
 
 
 @given(matrices())
 def test_period_is_the_gcd_of_return_times(matrix):
-    found = persistent_groups(Chain.from_scipy(matrix))
-    group, phase = np.asarray(found.group), np.asarray(found.phase)
-    for number in range(found.count):
+    groups = persistent_groups(Chain.from_scipy(matrix))
+    group, phase = np.asarray(groups.group), np.asarray(groups.phase)
+    for number in range(groups.count):
         cells = np.flatnonzero(group == number)
         step, power, returns = matrix > 0, np.eye(len(matrix), dtype=bool), 0
         # A group of n cells has circuits of at most n steps, and their sums show by 2 n^2.
@@ -55,7 +55,7 @@ def test_period_is_the_gcd_of_return_times(matrix):
             power = (power.astype(int) @ step.astype(int)) > 0
             if power[cells[0], cells[0]]:
                 returns = math.gcd(returns, length)
-        period = int(found.period[number])
+        period = int(groups.period[number])
         assert period == returns
         assert phase[cells[0]] == 0
         for cell in cells:
@@ -67,14 +67,16 @@ def test_period_is_the_gcd_of_return_times(matrix):
 @given(st.lists(st.integers(0, 7), min_size=8, max_size=8))
 def test_a_simple_map_has_its_periodic_groups(image):
     image = np.array([image], np.int32)
-    found = persistent_groups(Chain(image, np.ones((1, 8))))
+    groups = persistent_groups(Chain(image, np.ones((1, 8))))
     simple = periodic_groups(image[0])
     periodic = np.asarray(simple.periodic)
-    np.testing.assert_array_equal(found.group, np.where(periodic, simple.group, -1))
-    np.testing.assert_array_equal(np.asarray(found.period)[np.asarray(simple.group)], simple.period)
+    np.testing.assert_array_equal(groups.group, np.where(periodic, simple.group, -1))
+    np.testing.assert_array_equal(
+        np.asarray(groups.period)[np.asarray(simple.group)], simple.period
+    )
     # A cell has one image, so it can reach one group.
-    np.testing.assert_array_equal(np.argmax(found.domicile, axis=0), simple.group)
-    assert (np.asarray(found.domicile).sum(axis=0) == 1).all()
+    np.testing.assert_array_equal(np.argmax(groups.domicile, axis=0), simple.group)
+    assert (np.asarray(groups.domicile).sum(axis=0) == 1).all()
 
 
 def test_leaking_class_is_not_persistent():
@@ -90,10 +92,10 @@ def test_leaking_class_is_not_persistent():
 
 
 def test_too_large_table_of_domiciles_is_refused(monkeypatch):
-    found = persistent_groups(Chain(np.arange(3)[None], np.ones((1, 3))))
+    groups = persistent_groups(Chain(np.arange(3)[None], np.ones((1, 3))))
     monkeypatch.setattr(classes, "LARGEST_TABLE", 8)
     with pytest.raises(ValueError, match=r"3 groups x 3 cells .* reaching\(group\)"):
-        _ = found.domicile
-    assert found.reaching(1).tolist() == [False, True, False]
+        _ = groups.domicile
+    assert groups.reaching(1).tolist() == [False, True, False]
     with pytest.raises(ValueError, match="group 3 does not exist; there are 3"):
-        found.reaching(3)
+        groups.reaching(3)

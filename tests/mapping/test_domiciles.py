@@ -9,31 +9,30 @@ from jaxcell.mapping.generalized import Chain
 
 
 @given(matrices())
-def test_equals_the_definition(matrix):
+def test_transient_groups_have_the_groups_that_their_cells_reach(matrix):
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)
     group = np.asarray(groups.group)
     reach = reachable(matrix)
     leaves = reach[:, np.asarray(chain.leaving) > 0].any(axis=1)
-    found = transient_groups(chain, groups)
+    result = transient_groups(chain, groups)
     homes = [
         ((-1,) if leaves[cell] else ()) + tuple(np.unique(group[reach[cell] & (group >= 0)]))
         for cell in range(len(matrix))
     ]
     transient = np.flatnonzero(group < 0)
     sets = {homes[cell] for cell in transient}
-    assert list(found.domiciles) == sorted(sets, key=lambda one: (len(one), one))
-    assert found.count == len(sets)
+    assert list(result.domiciles) == sorted(sets, key=lambda one: (len(one), one))
+    assert result.count == len(sets)
     for cell in transient:
-        assert found.domiciles[int(found.group[cell])] == homes[cell]
-    assert (np.asarray(found.group)[group >= 0] == -1).all()
-    counts = np.bincount(np.asarray(found.group)[transient], minlength=len(sets))
-    assert found.size.tolist() == counts.tolist()
-    assert found.single.tolist() == [len(one) == 1 for one in found.domiciles]
+        assert result.domiciles[int(result.group[cell])] == homes[cell]
+    assert (np.asarray(result.group)[group >= 0] == -1).all()
+    counts = np.bincount(np.asarray(result.group)[transient], minlength=len(sets))
+    assert result.size.tolist() == counts.tolist()
+    assert result.single.tolist() == [len(one) == 1 for one in result.domiciles]
 
 
-def test_many_groups():
-    # A line of cells that each may stop in a group of its own: every cell has other domiciles.
+def test_every_cell_of_a_line_with_a_group_per_cell_has_other_domiciles():
     n = 60
     matrix = np.zeros((2 * n, 2 * n))
     matrix[n:, n:] = np.eye(n)
@@ -44,15 +43,15 @@ def test_many_groups():
         else:
             matrix[cell, n + cell] = 1
     chain = Chain.from_scipy(matrix)
-    found = transient_groups(chain, persistent_groups(chain))
-    assert found.group.tolist() == [n - 1 - cell for cell in range(n)] + [-1] * n
-    assert found.domiciles == tuple(tuple(range(n - 1 - k, n)) for k in range(n))
+    result = transient_groups(chain, persistent_groups(chain))
+    assert result.group.tolist() == [n - 1 - cell for cell in range(n)] + [-1] * n
+    assert result.domiciles == tuple(tuple(range(n - 1 - k, n)) for k in range(n))
 
 
 def test_chain_without_transient_cells():
     chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
-    found = transient_groups(chain, persistent_groups(chain))
-    assert (found.group.tolist(), found.domiciles, found.size.tolist()) == ([-1, -1], (), [])
+    result = transient_groups(chain, persistent_groups(chain))
+    assert (result.group.tolist(), result.domiciles, result.size.tolist()) == ([-1, -1], (), [])
 
 
 def test_groups_of_another_chain_are_refused():

@@ -3,12 +3,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from oracles.simple_maps import simple_map_groups
 
 from jaxcell.mapping import Section, periodic_groups, section_cycles
 from jaxcell.mapping.groups import follow, periodic_cells
 
 
-# As in the tests of peeling, so that one program serves both.
+# The same number as in the tests of peeling, so that programs are compiled once.
 CELLS = 64
 
 
@@ -16,53 +17,22 @@ CELLS = 64
 def functional_graphs(draw):
     # Of one size, since each is compiled once. Few images make short transients and many groups.
     images = st.integers(0, draw(st.sampled_from([0, 2, CELLS - 1])))
-    found = draw(st.lists(images | st.none(), min_size=CELLS, max_size=CELLS))
-    return np.array([z if image is None else image for z, image in enumerate(found)], np.int32)
+    drawn = draw(st.lists(images | st.none(), min_size=CELLS, max_size=CELLS))
+    return np.array([z if image is None else image for z, image in enumerate(drawn)], np.int32)
 
 
-def sequential(image):
-    """Alg. 2.1 of Alam 2018, one cell after the other; groups numbered by smallest cells."""
-    cells = len(image)
-    group, step, seen = [-1] * cells, [0] * cells, [-1] * cells
-    cycles = []
-    for start in range(cells):
-        sequence, z = [], start
-        while seen[z] == -1:
-            seen[z] = start
-            sequence.append(z)
-            z = int(image[z])
-        if seen[z] == start and z in sequence:
-            first = sequence.index(z)
-            cycles.append(sequence[first:])
-            for cell in sequence[first:]:
-                group[cell] = len(cycles) - 1
-            sequence = sequence[:first]
-        for cell in reversed(sequence):
-            group[cell] = group[image[cell]]
-            step[cell] = step[image[cell]] + 1
-    order = sorted(range(len(cycles)), key=lambda g: min(cycles[g]))
-    number = {g: i for i, g in enumerate(order)}
-    return (
-        np.array([number[g] for g in group]),
-        np.array(step),
-        np.array([len(cycles[g]) for g in group]),
-        len(cycles),
-    )
-
-
-def assert_same(groups, expected):
-    groups = jax.device_get(groups)
-    group, step, period, count = expected
+def assert_groups_of(image, groups):
+    group, step, period = simple_map_groups(image)
     np.testing.assert_array_equal(groups.group, group)
     np.testing.assert_array_equal(groups.step, step)
-    np.testing.assert_array_equal(groups.period, period)
+    np.testing.assert_array_equal(groups.period, period[group])
     np.testing.assert_array_equal(groups.periodic, step == 0)
-    assert int(groups.count) == count
+    assert int(groups.count) == period.size
 
 
 @given(functional_graphs())
-def test_equals_the_sequential_algorithm_and_stays_on_the_host(image):
-    group, step, _, _ = sequential(image)
+def test_groups_equal_alg_2_1_and_stay_on_the_host(image):
+    group, step, _ = simple_map_groups(image)
     smallest = np.array([np.flatnonzero((group == g) & (step == 0))[0] for g in group])
     periodic = periodic_cells(image)
     leader, steps = follow(image, periodic, np.ones_like(image))
@@ -72,7 +42,7 @@ def test_equals_the_sequential_algorithm_and_stays_on_the_host(image):
     np.testing.assert_array_equal(steps, step)
     groups = jax.device_get(periodic_groups(image))
     assert type(groups.period) is np.ndarray
-    assert_same(groups, sequential(image))
+    assert_groups_of(image, groups)
 
 
 @pytest.mark.parametrize("cells", [1, 2, 3000])
@@ -88,11 +58,11 @@ def test_groups_work_under_vmap():
     images = rng.integers(0, 30, (7, 30)).astype(np.int32)
     batch = jax.device_get(jax.vmap(periodic_groups)(images))
     for i, image in enumerate(images):
-        assert_same(jax.tree.map(lambda x, i=i: np.asarray(x[i]), batch), sequential(image))
+        assert_groups_of(image, jax.tree.map(lambda x, i=i: np.asarray(x[i]), batch))
 
 
 def section_of(image, chosen, slots):
-    """The first-return map to the chosen cells; the first slot of every cell and the wait."""
+    """The first-return map to chosen cells; the first slot of every cell, and the way to it."""
     slot_of = {int(z): s for s, z in enumerate(chosen)}
 
     def walk(z):
@@ -116,26 +86,25 @@ def section_of(image, chosen, slots):
 
 @given(functional_graphs(), st.data())
 def test_section_gives_the_groups_of_all_cells(image, data):
-    expected = sequential(image)
-    cycles = np.flatnonzero(expected[1] == 0)
+    group, step, group_period = simple_map_groups(image)
+    periodic = np.flatnonzero(step == 0)
     more = data.draw(st.sets(st.sampled_from(range(len(image)))))
     # Every cycle has to meet the section, and outside it the map has to be one-to-one.
-    chosen = more | {int(cycles[expected[0][cycles] == g][-1]) for g in range(expected[3])}
+    chosen = more | {int(periodic[group[periodic] == g][-1]) for g in range(group_period.size)}
     for z in range(len(image)):
         chosen |= set(np.flatnonzero(image == z)[1:].tolist())
     # Few sizes, since each is compiled once.
     slots = CELLS + 3
     section, slot, wait = section_of(image, sorted(chosen), slots)
-    found = jax.tree.leaves(section_cycles(section))
-    leader, leads, lead, period, lowest = map(np.asarray, found)
+    fields = jax.tree.leaves(section_cycles(section))
+    leader, leads, lead, period, lowest = map(np.asarray, fields)
     leaders = np.flatnonzero(leads)
     leaders = leaders[np.argsort(lowest[leaders])]
     number = np.full(slots, -1)
     number[leaders] = np.arange(leaders.size)
-    np.testing.assert_array_equal(number[leader[slot]], expected[0])
-    np.testing.assert_array_equal(np.maximum(0, wait + lead[slot]), expected[1])
-    np.testing.assert_array_equal(period[leader[slot]], expected[2])
-    assert leaders.size == expected[3]
+    np.testing.assert_array_equal(number[leader[slot]], group)
+    np.testing.assert_array_equal(np.maximum(0, wait + lead[slot]), step)
+    np.testing.assert_array_equal(period[leaders], group_period)
 
 
 def test_batch_of_sections_equals_one_by_one():

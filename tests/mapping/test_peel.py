@@ -11,33 +11,34 @@ from jaxcell.mapping.groups import doubled_groups
 from jaxcell.mapping.walk import walked_groups
 
 
-def same(one, other):
-    for some, others in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        np.testing.assert_array_equal(some, others, strict=True)
+def assert_equal(groups, expected):
+    for field, other in zip(jax.tree.leaves(groups), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_array_equal(field, other, strict=True)
 
 
-def both(image):
-    """Peeled and walked, in JAX's own kind of arrays."""
+def assert_same_groups(image):
     doubled = doubled_groups(jnp.asarray(image))
-    same(peel.peeled_groups(image), doubled)
-    same(walked_groups(jnp.asarray(image)), doubled)
+    assert_equal(peel.peeled_groups(image), doubled)
+    assert_equal(walked_groups(jnp.asarray(image)), doubled)
 
 
 @given(st.lists(st.integers(0, 63), min_size=64, max_size=64))
 def test_peeling_and_walking_equal_doubling(images):
-    both(np.array(images, np.int32))
+    assert_same_groups(np.array(images, np.int32))
 
 
 @pytest.mark.parametrize("front", [0, 200])
 def test_peeling_by_fronts_equals_doubling(monkeypatch, front):
     monkeypatch.setattr("jaxcell.mapping.peel.FRONT", front)
     rng = np.random.default_rng(1)
-    both(rng.integers(0, 3000, 3000).astype(np.int32))
-    both(rng.permutation(3000).astype(np.int32))
-    both(np.maximum(np.arange(3000, dtype=np.int32) - 1, 0))
-    # Runs of 30 cells, which come together in others.
+    assert_same_groups(rng.integers(0, 3000, 3000).astype(np.int32))
+    assert_same_groups(rng.permutation(3000).astype(np.int32))
+    assert_same_groups(np.maximum(np.arange(3000, dtype=np.int32) - 1, 0))
+    # Runs of 30 cells, which end in other runs.
     cells = np.arange(3000)
-    both(np.where(cells % 30 < 29, cells + 1, rng.integers(0, 3000, 3000)).astype(np.int32))
+    assert_same_groups(
+        np.where(cells % 30 < 29, cells + 1, rng.integers(0, 3000, 3000)).astype(np.int32)
+    )
 
 
 def test_only_maps_that_lose_many_cells_are_peeled(monkeypatch):
@@ -60,18 +61,18 @@ def test_only_maps_that_lose_many_cells_are_peeled(monkeypatch):
 
 @pytest.mark.parametrize("of", [np.ones((4, 5000)), np.ones(5000)])
 def test_walk_compiles_to_one_machine_code_function(of):
-    """Arrays are neither copied nor passed from kernel to kernel in each step of a loop."""
+    # Otherwise arrays are copied, or passed from kernel to kernel, in each step of a loop.
     walk = walked_groups if of.ndim == 1 else jax.vmap(walked_groups)
     compiled = jax.jit(walk).lower(of.astype(np.int32)).compile().as_text()
     assert compiled.count("xla_cpu_small_call") >= 2
     loops = [line for line in compiled.split("ENTRY")[1].splitlines() if " while(" in line]
-    # That over the maps of a batch, at most.
+    # The loop over the maps of a batch, at most.
     assert len(loops) <= of.ndim - 1
 
 
 def test_batch_of_walks_equals_doubling():
     batch = jnp.asarray(np.random.default_rng(3).integers(0, 64, (5, 64)))
-    same(jax.vmap(periodic_groups)(batch), jax.vmap(doubled_groups)(batch))
+    assert_equal(jax.vmap(periodic_groups)(batch), jax.vmap(doubled_groups)(batch))
 
 
 def test_map_without_cells_has_no_groups():
@@ -85,8 +86,8 @@ def test_peeling_takes_16_bytes_per_cell_beside_map_and_groups(monkeypatch):
     peel.groups_on_host(image)
     tracemalloc.start()
     try:
-        found = peel.groups_on_host(image)
+        groups = peel.groups_on_host(image)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak - found.group.nbytes - found.step.nbytes <= 16 * cells
+    assert peak - groups.group.nbytes - groups.step.nbytes <= 16 * cells

@@ -15,7 +15,7 @@ CELLS, PHASES = 12, 3
 
 
 def sparse(random, leak=0.0):
-    """A random matrix of one to three entries a row, some of which lack `leak` of 1."""
+    """Draw a matrix of one to three entries per row; some rows sum to `1 - leak`."""
     matrix = np.zeros((CELLS, CELLS))
     for row in matrix:
         some = random.choice(CELLS, random.integers(1, 4), replace=False)
@@ -25,7 +25,7 @@ def sparse(random, leak=0.0):
 
 @pytest.fixture(scope="module", params=[(0, 0.0), (5, 0.0), (7, 0.5)], ids=str)
 def tide(request):
-    """Matrices that follow on one another, and the sequence of them."""
+    """Matrices, and the sequence of their chains."""
     seed, leak = request.param
     random = np.random.default_rng(seed)
     matrices = [sparse(random, leak) for _ in range(PHASES)]
@@ -33,10 +33,10 @@ def tide(request):
 
 
 def product(matrices, start=0, steps=PHASES):
-    found = np.eye(CELLS)
+    matrix = np.eye(CELLS)
     for n in range(start, start + steps):
-        found = found @ matrices[n % PHASES]
-    return found
+        matrix = matrix @ matrices[n % PHASES]
+    return matrix
 
 
 def test_push_and_pull_equal_the_product(tide):
@@ -56,16 +56,16 @@ def test_groups_equal_those_of_the_product(tide):
     graph = nx.from_numpy_array(whole, create_using=nx.DiGraph)
     leaves = set(np.flatnonzero(whole.sum(axis=1) < 1 - 1e-12).tolist())
     closed = [one for one in nx.attracting_components(graph) if not leaves & one]
-    found = persistent_groups(sequence)
-    group = np.asarray(found.group)
+    groups = persistent_groups(sequence)
+    group = np.asarray(groups.group)
     assert sorted(map(sorted, closed)) == [
-        np.flatnonzero(group == k).tolist() for k in range(found.count)
+        np.flatnonzero(group == k).tolist() for k in range(groups.count)
     ]
-    assert found.size.tolist() == np.bincount(group[group >= 0], minlength=found.count).tolist()
+    assert groups.size.tolist() == np.bincount(group[group >= 0], minlength=groups.count).tolist()
     direct = persistent_groups(Chain.from_scipy(whole))
-    np.testing.assert_array_equal(found.domicile, direct.domicile)
-    np.testing.assert_array_equal(found.period, direct.period)
-    np.testing.assert_array_equal(found.phase, direct.phase)
+    np.testing.assert_array_equal(groups.domicile, direct.domicile)
+    np.testing.assert_array_equal(groups.period, direct.period)
+    np.testing.assert_array_equal(groups.phase, direct.phase)
     unrolled = sequence.unrolled
     parts = transient_groups(unrolled, persistent_groups(unrolled)).first(CELLS)
     expected = transient_groups(Chain.from_scipy(whole), direct)
@@ -77,8 +77,8 @@ def test_groups_equal_those_of_the_product(tide):
 def test_group_may_span_several_periods():
     turn = np.roll(np.eye(4), 1, axis=1)
     sequence = ChainSequence.of([Chain.from_scipy(turn), Chain.from_scipy(np.eye(4))])
-    found = persistent_groups(sequence)
-    assert (found.count, found.period.tolist(), found.phase.tolist()) == (1, [4], [0, 1, 2, 3])
+    groups = persistent_groups(sequence)
+    assert (groups.count, groups.period.tolist(), groups.phase.tolist()) == (1, [4], [0, 1, 2, 3])
 
 
 def test_arrivals_equal_iterating_the_matrices(tide):
@@ -86,16 +86,16 @@ def test_arrivals_equal_iterating_the_matrices(tide):
     there = np.zeros(CELLS, bool)
     there[[0, 5]] = True
     chance = there.astype(float)
-    # Backwards from far ahead, step by step; at the end phase 0 moves next.
+    # Step by step backwards in time, until phase 0 acts next.
     for n in range(1500 * PHASES - 1, -1, -1):
         chance = np.where(there, 1, matrices[n % PHASES] @ chance)
     target = np.tile(there, PHASES)
-    found = arrival_probabilities(sequence.unrolled, target).value[:CELLS]
-    np.testing.assert_allclose(found, chance, atol=1e-9)
+    arrival = arrival_probabilities(sequence.unrolled, target).value[:CELLS]
+    np.testing.assert_allclose(arrival, chance, atol=1e-9)
     time = np.asarray(hitting_times(sequence.unrolled, target).value[:CELLS])
-    sure = np.asarray(found) == 1
+    sure = np.asarray(arrival) == 1
     assert np.isinf(time[~sure]).all()
-    # The mean is the sum over time of the chance not to be there yet.
+    # The mean time is the sum over time of the probability of no arrival yet.
     for start in np.flatnonzero(sure & ~there):
         p, total = np.eye(CELLS)[start], 0.0
         for n in range(600):
@@ -113,11 +113,11 @@ def test_limiting_distribution_equals_that_of_the_product(tide):
     for phase, matrix in enumerate(matrices):
         after = 1 + matrix @ times[(phase + 1) % PHASES]
         np.testing.assert_allclose(times[phase][transient[phase]], after[transient[phase]])
-    found = limiting_distribution(unrolled, groups)
-    value = np.asarray(found.value).reshape(sequence.shape)
+    limit = limiting_distribution(unrolled, groups)
+    value = np.asarray(limit.value).reshape(sequence.shape)
     for phase, matrix in enumerate(matrices):
         np.testing.assert_allclose(value[phase] @ matrix, value[(phase + 1) % PHASES], atol=1e-9)
-    assert value.sum() + found.leaving == pytest.approx(1)
+    assert value.sum() + limit.leaving == pytest.approx(1)
 
 
 def test_chains_of_different_cells_are_refused():

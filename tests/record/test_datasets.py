@@ -126,7 +126,7 @@ def test_parts_of_different_maps_are_refused(lab, hall):
     for bad in ({"a": {1, 2}}, {"a": math.inf}):
         with pytest.raises(ValueError, match="spec: expected a JSON object"):
             dataset_of(lab.groups, spec=bad)
-    with pytest.raises(ValueError, match="starts in doubt over 152 cells, but there are 32"):
+    with pytest.raises(ValueError, match="starts with 152 possible cells, but there are 32"):
         Localized(lab.filter, other, CELL_BY_CELL, lab.bounce, lab.localize(3))
     with pytest.raises(ValueError, match=r"path\[.*\] is cell"):
         dataclasses.replace(lab.localized(100), run=hall.localize(hall.cells.size - 1))

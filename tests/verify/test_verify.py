@@ -1,4 +1,4 @@
-"""Right results agree with the other computation, and altered results do not."""
+"""Correct results agree with independent computations, and altered results do not."""
 
 import dataclasses
 import math
@@ -41,7 +41,7 @@ def changed(array, index, value):
 
 def disagreeing(result):
     wrong = [one for one in result if not one.agrees]
-    assert all(one.where for one in wrong), "it says where"
+    assert all(one.where for one in wrong), "each has the place of its difference"
     return [one.what.split(",")[0] for one in wrong]
 
 
@@ -68,7 +68,7 @@ def test_right_images_of_whole_maps_agree(workspace, length, collision):
     every = np.arange(cells.size)
     result = verify.compare_images(cells, mapped, BOUNCE, **options, only=every)
     assert result.agrees, result.where
-    # Steps that touch walls on both sides are left out, and they are few.
+    # The few steps that touch walls on both sides are left out.
     assert result.count > 0.9 * cells.size
 
 
@@ -139,7 +139,7 @@ def test_altered_coverage_does_not_agree(lab):
     assert disagreeing(verify.compare_coverage(far, *noise)) == what
     # The limiting distributions of another reliability.
     assert disagreeing(verify.compare_coverage(policy, BOUNCE, 0.6)) == [
-        "what a step changes of limiting distributions"
+        "change of limiting distributions by a step"
     ]
 
 
@@ -184,8 +184,8 @@ def test_commute_times_that_are_not_least_do_not_agree(name, emphasis, cap):
     other = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, best + 0.01))
     wrong = disagreeing(verify.compare_commute(other, emphasis, 0.9, rules))
     assert wrong[0] == "least commute time"
-    # Even more weights keep to caps.
-    assert wrong[1:] == ["by how much constraints are broken"] * bool(emphasis)
+    # More even weights still satisfy the caps.
+    assert wrong[1:] == ["violation of constraints"] * bool(emphasis)
 
 
 def test_the_least_commute_time_of_a_long_line_agrees():
@@ -245,7 +245,7 @@ def test_altered_patrols_of_a_map_do_not_agree():
 
 @pytest.mark.parametrize("edge", ["uniform", "exit"])
 def test_altered_drifters_do_not_agree(edge):
-    # As the current changes, some drifters stay almost forever, which no solve is certified for.
+    # In the changing current, some drifters stay almost forever, and no solve is certified.
     currents = drift.open_currents(DATA / "ocean" / "gyres.nc", time=0).isel(layer=slice(2, 3))
     result = drift.SeaDrift.of(currents, drift.DriftStep(3400.0, edge=edge), start=0).towards(100)
     (layer,) = result.layers

@@ -21,13 +21,13 @@ def heading_filter_sizes(
     set, as in [`jaxcell.automata.subset_construction`][]. Runs are not followed cell by cell, so
     states cost less on longer runs.
 
-    Sums of 64 bits distinguish the sets. Among a million states two have equal sums with a
-    probability of 3e-8.
+    Sums of 64 bits distinguish the sets. The probability that two of a million states have equal
+    sums is 3e-8.
 
     **Arguments:** the walls of grids, and the turns at bumps as numbers of directions. **Returns:**
     the number of states for each grid and turn.
 
-    An open room of two rows of three squares, with turns to the left and right about:
+    An open room of two rows of three squares, with turns by 90 and by 180 degrees:
 
         >>> import numpy as np
         >>> from jaxcell import bounce
@@ -134,7 +134,7 @@ class _Groups:
         words = np.cumsum(_mix(slot | later << 16))
         before = np.append(np.zeros(1, np.uint64), words)[set_start]
         self.key = words[self.end] - before[of_group]
-        "Encodes the walls ahead of the members up to this group, and their distances."
+        "A hash of the walls ahead of the members up to this group, and of their distances."
         self.size_so_far = self.end - set_start[of_group] + 1
         self.least = later[self.end]
         last_of_set = np.append(of_group[1:] != of_group[:-1], True)
@@ -169,12 +169,12 @@ class _Groups:
 def _salt(
     angle: Int[np.ndarray, "_"], bumps: int, order: Int[np.ndarray, "angles"], directions: int
 ) -> UInt64[np.ndarray, "_"]:
-    """Encode angles and headings, in words that walls do not have."""
+    """Hash angles and headings, as numbers that differ from those of walls."""
     return _mix(1 << 40 | angle * directions + (bumps % order)[angle])
 
 
 def _mix(x: Int[np.ndarray, "_"]) -> UInt64[np.ndarray, "_"]:
-    """Mix numbers into words of 64 bits, as SplitMix64 does."""
+    """Hash numbers to words of 64 bits, as SplitMix64 does."""
     z = (x.astype(np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -85,8 +85,8 @@ class Localization(Result):
 def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     """Drive a simulated robot from a cell until the filter enters a knowledge cycle.
 
-    **Arguments:** the bounce map, a filter, and a cell. **Returns:** the run, without candidates if
-    the filter is that of another map, and ends in its trap.
+    **Arguments:** the bounce map, a filter, and a cell. **Returns:** the run. It has no candidates
+    if the filter is made for another map and ends in its trap.
 
     A corridor of three squares looks the same from its other end, so two configurations remain:
 

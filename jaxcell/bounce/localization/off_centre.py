@@ -1,4 +1,4 @@
-"""The shares of robots that start anywhere in the cells and that a filter of cells loses.
+"""Robots that start anywhere in the cells, and the shares of them that a filter of cells loses.
 
 The filter assumes a robot at the centre of a cell. A walker that knows the heading moves a robot
 that is off the centre by the same number of cells. So the robot stays off the centre, and walls
@@ -17,6 +17,7 @@ from ...space import CELL_BY_CELL, CellSpace, Motion
 from ...space.cells import TOLERANCE
 from ...space.segments import displacement
 from ...space.strides import stride_legs
+from ..joint import squares_of
 
 
 STARTS = 1_000
@@ -24,17 +25,17 @@ OBSERVATIONS = 60
 
 
 class Shares(NamedTuple):
-    """The shares of robots whose cell is not among the possible cells."""
+    """The shares of robots that a filter or a policy does not locate."""
 
     lost: float
-    "Robots with observations that cannot occur on the map."
+    "Robots with observations that cannot occur on the map of the filter."
     wrong: float
-    "All other such robots."
+    "Robots whose observations can occur, but whose cell is none of the possible cells."
 
 
 @dataclasses.dataclass(eq=False)
 class OffCentre:
-    """Robots at points of cells, moved by the steps of the cells."""
+    """Robots at any points of cells, which move by whole cells."""
 
     cells: CellSpace
     motion: Motion
@@ -140,12 +141,12 @@ def filter_shares(
 def policy_shares(
     policy: Policy, cells: CellSpace, shifts: Int[np.ndarray, "angles"], motion: Motion
 ) -> Shares:
-    """Measure the shares of a policy, by its possible cells at the last bump.
+    """Measure the shares of robots that a policy loses, by its possible cells at their last bump.
 
-    `shifts` has the number of directions of each angle.
+    `shifts` has the angles as numbers of directions.
     """
     robots = OffCentre.drawn(cells, STARTS, 0, motion=motion)
-    # The next bumps in the order of this key, and a last key that no robot has.
+    # Next bumps are listed in the order of this key; the last key belongs to no robot.
     width = int(policy.steps.max()) + OBSERVATIONS + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
     keys = np.append(owner * width + policy.steps, policy.turn.size * width)
@@ -186,18 +187,13 @@ def _draw(
 ) -> tuple[Float[np.ndarray, "robots 2"], Int[np.ndarray, "robots 2"], Int[np.ndarray, "robots"]]:
     """Draw the place in the square, the square, and the direction of robots."""
     direction, position = np.divmod(rng.integers(cells.size, size=count), cells.positions)
-    row, column = np.divmod(cells.square[position], cells.free.shape[1])
-    return rng.uniform(size=(count, 2)), np.stack([column, row], axis=1), direction
+    return rng.uniform(size=(count, 2)), squares_of(cells).T[position], direction
 
 
 def _free_space(cells: CellSpace) -> shapely.Geometry:
     """Make the free space with the tolerance of the cells, so that a step may graze a corner."""
     if cells.workspace is None:
-        row, column = np.divmod(cells.square, cells.free.shape[1])
-        x, y = (
-            start + cells.cell * side
-            for start, side in zip(cells.origin, (column, row), strict=True)
-        )
+        x, y = np.array(cells.origin)[:, None] + cells.cell * squares_of(cells)
         free = shapely.union_all(shapely.box(x, y, x + cells.cell, y + cells.cell))
     else:
         free = cells.workspace.free_space

@@ -1,11 +1,11 @@
-"""A finite filter of robots that start anywhere in the cells of a map along the grid.
+"""A finite filter of robots that start anywhere in the cells of a map with walls along the grid.
 
-The strides of a walker are whole cells, so a robot keeps its offset within its cell. Offsets that
-the walls stop in the same cells are one class. The cells of each class are an exact simple map.
+The strides of a walker are whole cells, so a robot keeps its offset within its cell. Offsets with
+which robots bump in the same cells form a class. The cells of each class have an exact simple map.
 
-The paths of a stride from two offsets pass the same squares unless a line lies between the offsets
-where a corner of the path meets an edge of a square, or a stretch of it meets a corner of a square.
-Offsets on these lines, such as the centre of a cell, belong to no class.
+Classes are found between lines of offsets. On a line, a corner of the path of a stride is on an
+edge of a square, or a stretch of the path goes through a corner of a square. Between lines, all
+paths pass the same squares. Offsets on lines, such as the centre of a cell, belong to no class.
 """
 
 import dataclasses
@@ -24,12 +24,13 @@ from ...base.quantities import derived, from_part
 from ...mapping import SimpleMap
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
+from ..joint import squares_of
 from .off_centre import OffCentre, Shares, filter_shares, walker_path
 from .result import LocalizationFilter
 
 
 LIMIT = 64
-# Above this number of lines, offsets are drawn to count their classes.
+# With more lines than this number, random offsets are drawn to count the classes.
 _LINES = 200
 _THIN = 1e-9
 
@@ -43,7 +44,7 @@ class Offsets:
     offset: Float[np.ndarray, "classes 2"]
     "An offset of each class, from 0 to 1."
     bumped: Bool[np.ndarray, "classes cells"]
-    "The cells where a robot of each class bumps."
+    "A mask of the cells where a robot of each class bumps."
 
     @classmethod
     def of(
@@ -51,25 +52,24 @@ class Offsets:
     ) -> "Offsets":
         """Find the classes of the offsets within a cell, for a walker that knows the heading.
 
-        **Raises:** `ValueError` if walls do not run along the grid, or if there are more classes.
+        **Raises:** `ValueError` if walls do not run along the grid, or for too many classes.
         """
         if not cells.gridded:
             raise ValueError(
-                "map: its walls do not run along the edges of its cells, so that offsets within "
-                "a cell have no few classes; use --anywhere"
+                "map: its walls do not run along the edges of its cells, so offsets within a cell "
+                "have too many classes; use --anywhere"
             )
         lines = _lines(walker_path(cells, motion))
         few = len(lines) <= _LINES
         drawn = _faces(lines) if few else np.random.default_rng(0).uniform(size=(4 * limit, 2))
         robots = OffCentre.drawn(cells, cells.size, 0, motion=motion, walker=True)
         direction, position = np.divmod(np.arange(cells.size), cells.positions)
-        row, column = np.divmod(cells.square[position], cells.free.shape[1])
         classes: dict[bytes, tuple] = {}
         for offset in drawn:
             robots = dataclasses.replace(
                 robots,
                 offset=np.tile(offset, (cells.size, 1)),
-                square=np.stack([column, row], axis=1),
+                square=squares_of(cells).T[position],
                 direction=direction,
             )
             bumped = robots.advance()
@@ -104,7 +104,7 @@ class Offsets:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OffsetLocalized(LocalizationFilter):
-    """A filter of robots that start anywhere in the cells of a map along the grid.
+    """A filter of robots that start anywhere in the cells of a map with walls along the grid.
 
     The configuration of a cell of a class is `class * cells.size + cell`.
     """
@@ -164,7 +164,7 @@ def _lines(
             if length < _THIN or min(abs(along)) < _THIN:
                 continue
             normal = np.array([-along[1], along[0]]) / length
-            # The two senses of a line are one.
+            # A line has two normals: take the one that points to the right.
             normal *= np.copysign(1, normal[0])
             low, high = np.floor(np.minimum(begin, end)), np.ceil(np.maximum(begin, end)) + 1
             square = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1].reshape(2, -1).T
@@ -179,7 +179,7 @@ def _lines(
 
 
 def _faces(lines: list[tuple[float, float, float]]) -> Float[np.ndarray, "faces 2"]:
-    """Find a point in each face that lines cut the unit square into."""
+    """Find a point in each of the faces into which lines cut the unit square."""
     cell = shapely.box(0, 0, 1, 1)
     ends = [((a * c - 2 * b, b * c + 2 * a), (a * c + 2 * b, b * c - 2 * a)) for a, b, c in lines]
     cuts = [shapely.intersection(shapely.LineString(one), cell) for one in ends]

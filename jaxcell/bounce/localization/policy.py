@@ -10,7 +10,7 @@ from ...automata import Decisions, Homing, Policy, Smallest, adaptive_choice, ho
 from ...automata.adaptive import Aim, levels
 from ...base.quantities import Checks, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ..dynamics import bounce_shift
+from ..dynamics import Bounces, bounce_shift
 from ..plans.roadmap import Roadmap
 from .localize import Localization
 from .off_centre import Shares, policy_shares
@@ -22,7 +22,7 @@ Goal: TypeAlias = Literal["cell", "position", "class"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LocalizationPolicy(States):
-    """A policy that localizes a robot by its choice of angles at bumps, and numbers of the policy.
+    """A policy that localizes a robot by its choice of angles at bumps.
 
     State 0 is the start; every other state is a set of cells in which the robot may bump. The
     configurations of state `s` are `member[offset[s]:offset[s + 1]]`. After `bump_steps[i]` steps
@@ -35,17 +35,14 @@ class LocalizationPolicy(States):
 
     cells: CellSpace
     motion: Motion
-    bounces: Annotated[
-        Float[np.ndarray, "angles"],
-        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
-    ]
+    bounces: Bounces
     goal: Goal
     aim: Aim
     policy: Policy
     roadmap: Roadmap
     "The cells where the robot bumps, and the cells after each bump."
     least: Annotated[float, quantity("", "lower bound of the bumps of any policy")]
-    "The worst case over the starts, or their mean, by `aim`."
+    "A bound of the worst case over the starts, or of their mean, depending on `aim`."
     optimal: Annotated[bool, quantity("", "whether the policy is proved the best", kind="flag")]
     searched: Annotated[int, quantity("", "sets of cells that were searched for it", kind="count")]
     wall_class: Int[np.ndarray, "walls"]
@@ -101,7 +98,7 @@ class LocalizationPolicy(States):
 
     @property
     def _fixed_places(self) -> int:
-        """The most places that are left at the end of the one sequence, over all observations."""
+        """The largest number of places that are left at the end of the fixed sequence."""
         wall, observed = self.roadmap.wall, self.roadmap.length
         for number in self.fixed.inputs.tolist():
             turned = self.roadmap.turned[number, wall]
@@ -172,7 +169,7 @@ class LocalizationPolicy(States):
     def drive(self, start: int) -> Localization:
         """Drive a simulated robot by the policy until it is localized.
 
-        The result has the state of the last bump over time.
+        The result has, at each time, the state of the policy at the last bump up to this time.
         """
         roadmap = self.roadmap
         cell, state = roadmap.check_cell(start, "start"), self.policy.start()
@@ -245,10 +242,10 @@ def localization_policy(
         the best that was found, at least as good as the greedy policy, and `least` is a bound.
     - `metadata`: kept with the policy, and saved with it.
 
-    **Returns:** [`LocalizationPolicy`][], with one sequence of angles for all starts beside it.
+    **Returns:** [`LocalizationPolicy`][], which also has one sequence of angles for all starts.
 
-    In the laboratory of the dissertation a robot that turns by 45 degrees only ends in one of up to
-    four cells. One that may also turn by 135 degrees is always localized:
+    In the laboratory of the dissertation a robot that only turns by 45 degrees is localized to at
+    most four cells. A robot that may also turn by 135 degrees is always localized to one cell:
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples
@@ -287,7 +284,7 @@ def localization_policy(
 def _policy(
     cells: CellSpace, roadmap: Roadmap, decisions: Decisions, metadata: Mapping[str, Any]
 ) -> Policy:
-    """Make the policy of sets of walls, after a start in any cell."""
+    """Make the policy of a start in any cell and of decisions about sets of walls."""
     after = [dict(enumerate(decisions.roots)), *decisions.after]
     members = [np.arange(cells.size), *(roadmap.wall_cell[list(set)] for set in decisions.sets)]
     return Policy(
@@ -308,7 +305,7 @@ def _all_runs(
     lengths: Int[np.ndarray, "angles walls"],
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
     """Count the bumps from every cell until the policy ends, and find the last state."""
-    # Bumps are listed in the order of this key of state and steps.
+    # Next bumps are listed in the order of this key.
     width = int(roadmap.length.max()) + 1
     owner = np.repeat(np.arange(policy.turn.size), np.diff(policy.first))
     keys = owner * width + policy.steps
@@ -335,10 +332,7 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
 
     @classmethod
     def of(cls, policy: LocalizationPolicy, start: int) -> "AdaptivelyLocalized":
-        """Drive a simulated robot from a cell until a policy has localized it.
-
-        **Raises:** `ValueError` if the cell does not exist.
-        """
+        """Drive a simulated robot from a cell until a policy has localized it."""
         fields = {field.name: getattr(policy, field.name) for field in dataclasses.fields(policy)}
         return cls(**fields, run=policy.drive(start))
 

@@ -49,7 +49,7 @@ class States(Result):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LocalizationFilter(States):
-    """A localization filter, and numbers of the filter.
+    """The localization filter of a map, with its states and knowledge cycles.
 
     The configurations of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
     knowledge cycle `c`, in their order, are `cycle_state[cycle_offset[c]:cycle_offset[c + 1]]`.
@@ -141,7 +141,7 @@ class Candidates(Result):
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:
-        """The cells that are left."""
+        """The cells where the robot may be at the end."""
         raise NotImplementedError
 
     @derived("candidate", "x", "m")
@@ -162,7 +162,7 @@ class RunOnMap(Candidates):
 
     run: Localization
     may_lose: ClassVar[bool] = False
-    "True if the robot may be in none of the possible cells, which is reported without a limit."
+    "True if the robot may be in none of the possible cells; then the check has no limit."
 
     @property
     def cells_left(self) -> Int[np.ndarray, "candidates"]:
@@ -243,7 +243,7 @@ class RunOnMap(Candidates):
 class Localized(RunOnMap, LocalizationFilter):
     """A localization filter of a map, and a robot that it localizes.
 
-    The constructor checks that filter and run are of these cells.
+    The constructor checks that filter and run belong to these cells.
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot by its bumps"
@@ -262,8 +262,8 @@ class Localized(RunOnMap, LocalizationFilter):
         first, size = int(self.filter.uncertainty[0]), self.cells.size
         if first != size:
             raise ValueError(
-                f"filter: it starts in doubt over {first} cells, but there are {size}; it is not "
-                "of these cells"
+                f"filter: it starts with {first} possible cells, but there are {size}; expected "
+                "the filter of these cells"
             )
         limits = ("path", "cell", size), ("states", "state", len(self.filter.transition))
         for name, what, count in limits:
@@ -280,7 +280,7 @@ class Localized(RunOnMap, LocalizationFilter):
 
     @functools.cached_property
     def groups(self) -> BounceGroups:
-        """The periodic groups, in which the robot ends."""
+        """The periodic groups of the map; the robot ends in one of them."""
         return BounceGroups.of(self.cells, self.bounce, motion=self.motion)
 
     @derived("", "periodic groups", "1", kind="count")

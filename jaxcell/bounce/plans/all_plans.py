@@ -2,7 +2,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Array, Float, Int, Integer, Shaped
@@ -16,7 +16,8 @@ from .routes import Routes, block_size, costs, solve
 from .store import read_roadmap, read_routes, write_plans
 
 
-# Pairs whose costs are read at a time.
+_Goals: TypeAlias = Int[np.ndarray, "goals"]
+# Number of pairs whose costs are read at once.
 _PAIRS = 1 << 24
 
 
@@ -60,14 +61,12 @@ class AllPlans:
     "The routes to all entries, or the store that holds them."
 
     def plan(self, start: int, goal: int) -> Plan:
-        """Find the plan of [`jaxcell.bounce.plan`][]."""
+        """Find the cheapest plan from a cell to a goal, as [`jaxcell.bounce.plan`][] does."""
         roadmap = self.roadmap
         start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
         return read_plan(self.cells, roadmap, self._routes(roadmap.entry_of[[goal]]), start, goal)
 
-    def costs(
-        self, goals: Int[np.ndarray, "goals"] | None = None
-    ) -> Shaped[np.ndarray, "cells goals"]:
+    def costs(self, goals: _Goals | None = None) -> Shaped[np.ndarray, "cells goals"]:
         """Compute the costs of the plans from all cells to goals, -1 for no path.
 
         By default all cells are goals.
@@ -75,9 +74,7 @@ class AllPlans:
         goals, entries, of = self._goals(goals)
         return costs(self.roadmap, self._routes(entries).cost[of], goals)
 
-    def actions(
-        self, goals: Int[np.ndarray, "goals"] | None = None
-    ) -> Integer[np.ndarray, "cells goals"]:
+    def actions(self, goals: _Goals | None = None) -> Integer[np.ndarray, "cells goals"]:
         """Find the first action of the plan from each cell to goals.
 
         By default all cells are goals. An action is 0 for a step forward, `k + 1` for a bump with
@@ -92,9 +89,7 @@ class AllPlans:
         result[goals, np.arange(goals.size)] = -1
         return result
 
-    def angles_used(
-        self, goals: Int[np.ndarray, "goals"] | None = None
-    ) -> Integer[np.ndarray, "cells goals"]:
+    def angles_used(self, goals: _Goals | None = None) -> Integer[np.ndarray, "cells goals"]:
         """Count the different angles of the plan from each cell to goals, -1 for no path.
 
         By default all cells are goals.
@@ -136,17 +131,15 @@ class AllPlans:
         """
         return cls(cells, read_roadmap(Path(path), cells), Path(path))
 
-    def _goals(
-        self, goals: Int[np.ndarray, "goals"] | None
-    ) -> tuple[Int[np.ndarray, "goals"], Int[np.ndarray, "some"], Int[np.ndarray, "goals"]]:
-        """List the goals, the entries that lead to them, and the index of the entry of each."""
+    def _goals(self, goals: _Goals | None) -> tuple[_Goals, Int[np.ndarray, "entries"], _Goals]:
+        """List the goals, the entries that lead to them, and the entry index of each goal."""
         if goals is None:
             goals = np.arange(self.roadmap.size)
         for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
             self.roadmap.check_cell(wrong, "goals")
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
-    def _routes(self, entries: Int[np.ndarray, "some"]) -> Routes:
+    def _routes(self, entries: Int[np.ndarray, "entries"]) -> Routes:
         """Find the routes to entries in ascending order; no route leads to entry -1."""
         known = entries[entries >= 0]
         if entries.size and not known.size:
@@ -154,9 +147,7 @@ class AllPlans:
         if isinstance(self.source, Path):
             routes = read_routes(self.source, known)
         else:
-            routes = Routes(
-                self.source.cost[known], self.source.layer[known], self.source.turn[known]
-            )
+            routes = Routes(*(values[known] for values in vars(self.source).values()))
         if known.size == entries.size:
             return routes
         return Routes.joined([solve(self.roadmap, entries[:1]), routes])
@@ -220,7 +211,7 @@ def all_plans(
     return AllPlans(cells, roadmap, Routes.joined(list(solved())))
 
 
-def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
+def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "entries"]]:
     """Split the entries into blocks that are solved at once."""
     size = block_size(roadmap)
     entries = np.arange(roadmap.entry.size)

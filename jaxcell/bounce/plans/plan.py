@@ -24,7 +24,7 @@ class Plan(Result):
 
     cells: CellSpace
     roadmap: Roadmap
-    "The costs and the angles of the plan."
+    "The roadmap, with the costs and the angles of the plan."
     start: Annotated[int, quantity("", "start", kind="cell")]
     goal: Annotated[int, quantity("", "goal", kind="cell")]
     cost: Annotated[int | float, quantity("", "cost of the plan, -1 if there is no path")]
@@ -38,12 +38,12 @@ class Plan(Result):
             source="Alam 2018, section 3.4.1",
         ),
     ]
-    "The action string."
+    "The action string of the plan."
     visited: Annotated[
         Int[np.ndarray, "steps+1"],
         quantity("time", "cells that the robot visits", kind="cell", listed=True),
     ]
-    "Only the start if there is no path."
+    "The visited cells; only the start if there is no path."
     reaching: Bool[np.ndarray, "cells"]
     "A mask of the cells from which the goal can be reached, with the goal."
 
@@ -189,7 +189,7 @@ def plan(
 
 
 def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, goal: int) -> Plan:
-    """Make the plan from a cell to a goal from the routes to the entry of the goal."""
+    """Make the plan from a cell to a goal; `routes` lead to the entry of the goal."""
     cost = costs(roadmap, routes.cost, np.array([goal]))[:, 0]
     path, actions = [np.array([start], np.int32)], [np.empty(0)]
     if cost[start] >= 0:
@@ -227,14 +227,14 @@ def replay(
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> Int[np.ndarray, "visited"]:
-    """Run an action string in the bounce dynamics.
+    """Carry out an action string with the steps and bumps of a bouncing robot.
 
     **Arguments:** a cell space, a first cell, and actions: 0 for a step forward, and an angle in
     radians for a bump. **Returns:** the visited cells.
 
     **Raises:** `ValueError` if an action is not possible in its cell.
 
-    To the end of a corridor of three squares, right about, and one step back:
+    A robot goes to the end of a corridor of three squares, turns around, and goes one step back:
 
         >>> import math
         >>> from jaxcell import bounce, examples

@@ -18,12 +18,11 @@ Method: TypeAlias = Literal["exact", "layered"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Roadmap:
-    """The roadmap of a robot, by its bumps (Alam 2018, section 3.4.1). Make it with `Roadmap.of`.
+    """The roadmap of a robot that chooses an angle at each bump (Alam 2018, section 3.4.1).
 
-    A robot chooses an angle only at a bump. The cells where it bumps are the *walls*, numbered by
-    direction, then position. Every cell is on the *line* of one wall: a robot in the cell runs to
-    that wall, and no two cells of a line are equally far from it. So a cell is a wall and a length,
-    and a run follows the line.
+    The cells where a robot bumps are the *walls*, numbered by direction, then position. Every cell
+    is on the *line* of one wall: a robot in the cell runs to that wall, and no two cells of a line
+    are equally far from it. So a wall and a length identify a cell, and a run follows the line.
 
     The cells that a robot can turn into at a bump are the *entries*. After a bump a robot comes to
     a cell through the nearest entry at the cell or before it on its line. So a plan to the cell is
@@ -43,9 +42,9 @@ class Roadmap:
     wall: Int[np.ndarray, "cells"]
     "The wall that each cell runs to."
     length: Int[np.ndarray, "cells"]
-    "Steps to that wall."
+    "Number of steps to that wall."
     turned: Int[np.ndarray, "angles walls"]
-    "The cell after a bump, by the chosen angle."
+    "The cell after a bump at each wall by each angle."
     bounces: Float[np.ndarray, "angles"]
     "The angles, in radians."
     keep: int | float
@@ -54,7 +53,7 @@ class Roadmap:
     "Cost of a bump that changes the angle in use."
     method: Method
     space: Mapping[str, Any]
-    "A description of the cells, for files."
+    "A description of the cells, which is stored in files."
 
     @classmethod
     def of(
@@ -109,7 +108,7 @@ class Roadmap:
 
     @functools.cached_property
     def order(self) -> Int[np.ndarray, "cells"]:
-        """The cells line by line, each from its far end to its wall."""
+        """The cells line by line; each line goes from its far end to its wall."""
         return np.lexsort((-self.length, self.wall)).astype(np.int32)
 
     @functools.cached_property
@@ -153,7 +152,7 @@ class Roadmap:
         return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
 
     def check_cell(self, cell: int, name: str) -> int:
-        """Return a cell, or raise `ValueError` with the name of its argument."""
+        """Return a cell, or raise `ValueError` if it does not exist; `name` is the argument."""
         if not 0 <= cell < self.size:
             raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {self.size - 1}")
         return int(cell)
@@ -181,7 +180,7 @@ class Roadmap:
 
 
 def describe_space(cells: CellSpace) -> dict[str, Any]:
-    """Describe cells, for files."""
+    """Describe a cell space for files of plans."""
     return {
         "directions": cells.directions,
         "positions": cells.positions,
@@ -193,7 +192,7 @@ def describe_space(cells: CellSpace) -> dict[str, Any]:
 def different_shifts(
     bounces: Float[np.ndarray, "..."], directions: int
 ) -> Int[np.ndarray, "angles"]:
-    """Express angles as numbers of directions, which have to be different and not 0."""
+    """Express angles as numbers of directions, and check that these differ and are not 0."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
     try:

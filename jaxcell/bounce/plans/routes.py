@@ -7,7 +7,7 @@ from jaxtyping import Int, Integer, Shaped
 from .roadmap import Roadmap
 
 
-# States relaxed at once. Their costs fit the cache, which takes half the time on large maps.
+# Number of states that are relaxed at once: costs that fit the cache take half the time.
 _BLOCK = 2**18
 
 
@@ -17,20 +17,19 @@ class Routes:
 
     A robot at wall `w` that wants to reach entry `e` starts in layer `layer[e, w]`; at a bump in
     layer `i` it turns by angle `turn[e, i, w]`. In the exact search the layer is the angle in use,
-    so the next layer is the angle it turned by; in the layered search it stays.
+    so the next layer is the angle of the turn; in the layered search the layer stays the same.
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
-    "Cost of the route with the bump at the wall; -1 for no route."
+    "Cost of each route, with the bump at the wall; -1 for no route."
     layer: Integer[np.ndarray, "entries walls"]
     turn: Integer[np.ndarray, "entries angles walls"]
-    "-1 for no route."
+    "The angle of each turn; -1 for no route."
 
     @classmethod
     def joined(cls, parts: Sequence["Routes"]) -> "Routes":
         """Join the routes to the entries of all parts."""
-        names = ("cost", "layer", "turn")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def block_size(roadmap: Roadmap) -> int:
@@ -38,7 +37,7 @@ def block_size(roadmap: Roadmap) -> int:
     return max(16, _BLOCK // roadmap.turned.size)
 
 
-def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Routes:
+def solve(roadmap: Roadmap, entries: Int[np.ndarray, "entries"]) -> Routes:
     """Find the cheapest routes to entries by relaxing costs from all walls until none changes.
 
     No route leads to entry -1. A round looks one bump ahead from every wall in every layer, so
@@ -67,7 +66,7 @@ def costs(
 ) -> Shaped[np.ndarray, "cells goals"]:
     """Compute the costs of the cheapest plans from all cells to goals, -1 for no plan.
 
-    `route_costs` are those of the routes to the entry of each goal, -1 for no route.
+    `route_costs` are the costs of the routes to the entry of each goal, -1 for no route.
     """
     length = roadmap.length.astype(route_costs.dtype) * roadmap.number.type(roadmap.keep)
     past_entry = length[roadmap.entry[roadmap.entry_of[goals]]] - length[goals]
@@ -89,7 +88,7 @@ def _never(number: np.dtype) -> np.number:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Bump:
-    """The result of a bump, by angle and wall; goals come last, so that rows are contiguous."""
+    """The walls and costs after a bump. Goals are the last axis, so that rows are contiguous."""
 
     onward: Int[np.ndarray, "angles walls"]
     "The next wall."
@@ -124,7 +123,7 @@ class _Bump:
         value: Shaped[np.ndarray, "walls goals"],
         out: Shaped[np.ndarray, "walls goals"],
     ) -> None:
-        """Compute the cost of a bump by angle `k` and of the way on, from the costs at walls."""
+        """Compute the cost of a bump by angle `k` and of the route after it, from `value`."""
         # With mode "raise" NumPy copies the result again.
         np.take(value, self.onward[k], axis=0, out=out, mode="clip")
         np.add(out, self.price[k], out=out)
@@ -132,7 +131,7 @@ class _Bump:
 
 
 def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the value and the turn of every state if the layer is the angle in use."""
+    """Find the cost and the turn of every state, a wall and the angle in use."""
     value = np.full_like(bump.arrival, bump.never)
     after = np.empty_like(value)
 
@@ -156,7 +155,7 @@ def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[n
 def _layered(
     bump: _Bump,
 ) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
-    """Find the value and the turn of every state if a layer is the roadmap of one angle."""
+    """Find the cost and the turn of every state, a wall in the graph of one angle."""
     value = np.full_like(bump.arrival, bump.never)
     turn = np.empty(value.shape, np.int64)
     after = np.empty_like(value)

@@ -40,8 +40,6 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
 
     The folder, such as `plans.zarr`, is replaced. The routes lead to all entries, and come a few at
     a time.
-
-    **Raises:** `FileNotFoundError` if the parent folder does not exist.
     """
     angles, walls = roadmap.turned.shape
     entries = roadmap.entry.size
@@ -63,29 +61,23 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
             "and no path if e or the cost is -1"
         ),
     }
-    blocks = {
-        "cost": ((entries, walls), (chunk, walls), roadmap.number),
-        "layer": ((entries, walls), (chunk, walls), roadmap.small),
-        "turn": ((entries, angles, walls), (chunk, angles, walls), roadmap.small),
+    blocks: dict[str, tuple[tuple[int, ...], np.dtype]] = {
+        "cost": ((walls,), roadmap.number),
+        "layer": ((walls,), roadmap.small),
+        "turn": ((angles, walls), roadmap.small),
     }
     with replacing(path) as temporary:
         store: Any = zarr.create_group(temporary, attributes=attributes)
+        layout: dict[str, Any]
         for name, (dims, meaning) in _VARIABLES.items():
             if name in blocks:
-                shape, chunks, dtype = blocks[name]
+                shape, dtype = blocks[name]
+                layout = {"shape": (entries, *shape), "chunks": (chunk, *shape), "dtype": dtype}
             else:
                 values = getattr(roadmap, name)
-                shape, chunks, dtype = values.shape, values.shape, values.dtype
-            array = store.create_array(
-                name,
-                shape=shape,
-                chunks=chunks,
-                dtype=dtype,
-                dimension_names=dims,
-                attributes={"long_name": meaning},
-            )
-            if name not in blocks:
-                array[:] = values
+                layout = {"data": values, "chunks": values.shape}
+            attributes = {"long_name": meaning}
+            store.create_array(name, dimension_names=dims, attributes=attributes, **layout)
         done = 0
         for part in routes:
             rows = slice(done, done + len(part.cost))
@@ -95,10 +87,7 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
 
 
 def read_roadmap(path: Path, cells: CellSpace) -> Roadmap:
-    """Read the roadmap of a store of plans.
-
-    **Raises:** `ValueError` if it is not a store of plans, or of other cells; `FileNotFoundError`.
-    """
+    """Read the roadmap of a store of plans."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:

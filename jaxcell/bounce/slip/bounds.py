@@ -13,10 +13,11 @@ from ..dynamics import bounce_shift
 from .fine_cells import FineCells
 
 
-# Length of the parts of a step that are put in boxes, in cells of the map.
+# A step is divided into parts of this length, in cells of the map; each part is in a box.
 _PART = 0.1
 # Tolerance in squares: boxes that only touch do not overlap.
 _TOUCH = 1e-9
+# Bytes per fine cell.
 _BYTES = 1500
 
 
@@ -25,23 +26,23 @@ def bounded_map(
 ) -> Bounded:
     """Find the possible cells of a robot after a step from each cell, if its errors are bounded.
 
-    The result contains everything that is possible: the ends of steps lie in boxes, and a bump is
-    possible unless all boxes along the step are free, and certain only if a box lies wholly in a
-    wall. So a set that is followed through it never loses the robot while its heading is off by at
-    most `cells.reach` directions.
+    The map has all possible moves: the ends of steps lie in boxes, and a bump is possible unless
+    all boxes along the step are free, and certain only if a box lies wholly in a wall. So the set
+    of possible cells contains the robot as long as the error of its heading is at most
+    `cells.reach` fine directions.
 
-    **Arguments:** the fine cells; the bouncing angle in radians, counter-clockwise; bounds of the
-    relative errors of stretches and turns, and of the drift of the heading along a metre; and the
-    length of a step in metres, by default one cell of the map.
+    **Arguments:** the fine cells; the bouncing angle in radians, counter-clockwise; the slip, whose
+    numbers are bounds of the errors; and the length of a step in metres, by default one cell of the
+    map.
 
     **Returns:** the sets of a robot that starts at the centre of any cell. Each observation has
-    three images: the possible moves to the right, in walls too, then up, and then, among the rows
-    of fine cells only, the possible headings.
+    three matrices, which act one after another: moves to the right, through walls too; moves up;
+    and changes of the heading, from row to row of the fine cells.
 
     **Raises:** `MemoryError` if the map does not fit the free memory.
 
-    A robot without errors in a corridor of three cells may go from the first cell to its edge, or
-    to the next cell:
+    A robot without errors in a corridor of three cells may go from a point of the first cell to the
+    edge of this cell, or to the next cell:
 
         >>> import numpy as np
         >>> from jaxcell import bounce, examples, space
@@ -55,7 +56,7 @@ def bounded_map(
     size = cells.size
     memory.check(_BYTES * size, f"a bounded map of {size} cells", "use fewer cells")
     felt = coarse.room.free_space.buffer(slip.give, join_style="mitre")
-    # A wall is felt somewhere between these.
+    # The bumper feels a wall somewhere between these two.
     soon, late = (felt.buffer(by, join_style="mitre") for by in (-slip.bumper, slip.bumper))
     legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
     shift = int(bounce_shift(bounce, coarse.directions))
@@ -103,11 +104,11 @@ def bounded_map(
 def _path(
     theta: float, half: float, legs: tuple[float, float, float], slip: Slip, part: float
 ) -> Float[np.ndarray, "times 4"]:
-    """Make boxes that hold a robot at times of a step, relative to its start, the first box.
+    """Make boxes that contain a robot at successive times of a step, relative to its start.
 
-    The heading `theta` has an error of at most `half`, in radians, and `legs` is a row of
-    [`jaxcell.space.stride_legs`][]. Between two times are at most `part` metres. Boxes are left,
-    bottom, right and top, in metres.
+    The first box is the start. The heading `theta` has an error of at most `half`, in radians, and
+    `legs` is a row of [`jaxcell.space.stride_legs`][]. Between two times are at most `part` metres.
+    Boxes are left, bottom, right and top, in metres.
     """
     first, turn, second = legs
     boxes = [np.zeros((1, 4))]
@@ -131,7 +132,7 @@ def _sector(
     """Make boxes around the possible ends of a stretch with bounded errors of the heading."""
     if gone[-1] < 0:
         gone, angle = -gone, angle + math.pi
-    # The chord of a bent path is shorter.
+    # The chord of a bent path is shorter than the path.
     least, most = gone * (1 - slip.step) * max(math.cos(off), 0.0), gone * (1 + slip.step)
     quarters = np.arange(-8, 9) * math.pi / 2
     turns = math.remainder(angle, 2 * math.pi) + np.array([-off, 0.0, off])
@@ -162,7 +163,7 @@ def _possible(
 def _at(
     centre: Float[np.ndarray, "squares 2"], box: Float[np.ndarray, "4"], half: float
 ) -> Shaped[np.ndarray, "squares"]:
-    """Make a box around each square."""
+    """Make the union of the boxes around all starts in each square."""
     x, y = centre.T
     around = half - _TOUCH
     left, bottom, right, top = box + np.array([-around, -around, around, around])

@@ -20,23 +20,23 @@ from ..dynamics import bounce_shift
 
 
 SAMPLES = 128
-"""Configurations and errors that are tried in each cell, a power of two."""
-# Squares that are sampled at once.
+"""Number of poses and errors that are drawn in each cell, a power of two."""
+# Number of squares that are sampled at once.
 _CHUNK = 2048
 MAX_CELLS = 100_000
 "The largest number of fine cells by default, of a robot with errors of 2 % or more."
-# Standard deviations of the drift of a heading in a number of steps, radians of the turn after a
-# bump, and cells along one heading.
+# Assumptions of `FineCells.within`: the drift of a heading in standard deviations, the steps during
+# which it drifts, the turn after a bump in radians, and the cells along one heading.
 _DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 1.5
-# The most squares along the side of a cell, and the most fine directions of one, that are tried.
+# The largest numbers of squares along the side of a cell, and of fine directions, that are tried.
 _MAX_SQUARES, _MAX_DIRECTIONS = 31, 64
-# Bytes of a cell: the entries of its row in a matrix, while it is made.
+# Bytes per fine cell, for the entries of its row while a matrix is made.
 _BYTES = 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FineCells:
-    """The cells of a map cut into finer cells, among which a robot that slips is followed.
+    """The finer cells of a map, in which a robot that slips is followed.
 
     The heading of a robot that slips differs from the direction that it believes, and its steps
     depend on the latter. So a fine cell is a square, a direction of the map that the robot
@@ -53,7 +53,7 @@ class FineCells:
     """
 
     cells: CellSpace
-    "The cells of the map, through which the robot believes to step."
+    "The cells of the map, by which the robot believes that it moves."
     fine: CellSpace
     "The fine squares, and the fine directions."
     reach: int
@@ -63,8 +63,8 @@ class FineCells:
     def of(cls, cells: CellSpace, *, squares: int, directions: int, reach: int) -> "FineCells":
         """Cut the cells of a map.
 
-        An odd number of `squares` lie along the side of a cell, and each direction has a number of
-        fine `directions`.
+        `squares` is the odd number of fine squares along the side of a cell, and `directions` the
+        number of fine directions per direction of the map.
         """
         if squares < 1 or squares % 2 == 0:
             raise ValueError(f"squares: expected an odd number from 1, got {squares}")
@@ -78,13 +78,14 @@ class FineCells:
 
     @classmethod
     def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
-        """Choose the cells, up to a number, that blur the place of a robot least.
+        """Choose the fine cells that locate a robot most precisely.
 
-        A square hides the place in it, and a fine direction the drift aside. Directions reach as
-        far as the heading may drift, and are no finer than half the error of a turn.
+        A square hides the place of the robot within it, and a fine direction its drift to the side.
+        The fine directions reach as far as the heading is likely to drift, and are no finer than
+        half the error of a turn.
 
-        There are at most `most` cells, by default four times `MAX_CELLS`, and fewer for errors of
-        0.5 % or more. There is at least one fine cell per cell of the map.
+        There are at most `most` cells, by default 100,000 for errors of 2 % or more, up to 400,000
+        for errors of 0.5 % or less. There is at least one fine cell per cell of the map.
         """
         most = most_cells(slip.step) if most is None else most
         pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
@@ -113,7 +114,7 @@ class FineCells:
 
     @functools.cached_property
     def poses(self) -> Float[np.ndarray, "fine 3"]:
-        """The configuration of the centre of each cell, in metres and radians."""
+        """The pose at the centre of each cell: x and y in metres, the heading in radians."""
         row, square = np.divmod(np.arange(self.size), self.fine.positions)
         direction, off = np.divmod(row, 2 * self.reach + 1)
         x, y, _ = self.fine.centre(square)
@@ -123,7 +124,7 @@ class FineCells:
 
     @functools.cached_property
     def believed(self) -> Int[np.ndarray, "fine"]:
-        """The direction that the robot believes, in each cell."""
+        """The direction that the robot believes in each fine cell."""
         return np.arange(self.size) // self.fine.positions // (2 * self.reach + 1)
 
     @functools.cached_property
@@ -146,7 +147,7 @@ class FineCells:
     def index(
         self, pose: Float[np.ndarray, "*batch 3"], believed: Int[np.ndarray, "..."] | int
     ) -> Int[np.ndarray, "*batch"]:
-        """Find the fine cell of configurations with believed directions, or the nearest cell."""
+        """Find the fine cell, or the nearest, of each pose and believed direction."""
         square = nearest_cell(self.fine, pose[..., 0], pose[..., 1], 0.0)
         turn, number = 2 * np.pi / self.fine.directions, self.fine.directions
         theta = pose[..., 2] - believed * (2 * np.pi / self.cells.directions)
@@ -162,9 +163,9 @@ def slip_map(
 ) -> HiddenMap:
     """Make the generalized map of a robot that slips, with the observations of its bump sensor.
 
-    Configurations are drawn evenly in each cell, each with errors of its own, and moved by
+    Poses are drawn evenly in each cell, each with its own errors, and moved by
     [`jaxcell.space.slipping_step`][] (Hsu's generalized cell mapping by sampling). The points are
-    a Sobol sequence, the same in each cell, so that a map is the same each time.
+    the same Sobol sequence in each cell, so the map is reproducible.
 
     **Arguments:** the fine cells; bouncing angles in radians, counter-clockwise; the slip; and the
     length of a step in metres, by default one cell of the map. **Returns:** a hidden map without
@@ -239,11 +240,13 @@ def _spread(
 ) -> float:
     """Choose the share of a fine direction from which a heading is drawn, at most 1.
 
-    A heading that is drawn from the whole direction, but drifts by a small part of it, would change
-    its direction too often. With this share the variance of the changes is that of the drift, or at
-    least that of the places aside, in squares, to which the headings of one direction lead. A step
-    has a `length` in metres, `offset` is that of a heading in its direction, -0.5 to 0.5, and
-    `error` that of its drift along a step, in standard deviations.
+    If headings were drawn from the whole direction but drifted by a small part of it, they would
+    change their direction too often. With this share the variance of the changes is that of the
+    drift, or at least that of the places, in squares to the side, to which the headings of one
+    direction lead.
+
+    **Arguments:** the cells and the slip; the length of a step in metres; the offsets of headings
+    in their direction, -0.5 to 0.5; and their drifts along a step, in standard deviations.
     """
     turn = 2 * math.pi / cells.fine.directions
     drift = slip.heading * math.sqrt(length) / turn
@@ -257,20 +260,20 @@ def _spread(
 def _shares(
     row: Int[np.ndarray, "entries"], image: Int[np.ndarray, "entries"], rows: int, size: int
 ) -> scipy.sparse.csr_array:
-    """Make the rows of a matrix from samples."""
+    """Make rows of a transition matrix from the row and the image of each sample."""
     share = np.full(row.size, 1 / SAMPLES)
     return scipy.sparse.coo_array((share, (row, image)), shape=(rows, size)).tocsr()
 
 
 def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "samples errors"]:
-    """Make standard normal numbers of mean 0 and variance 1 from uniform numbers."""
+    """Turn uniform numbers into normal numbers with exactly the mean 0 and the variance 1."""
     normal = ndtri(np.clip(shares, 1e-9, 1 - 1e-9))
     normal = normal - normal.mean(axis=0)
     return np.asarray(normal / normal.std(axis=0))
 
 
 def most_cells(error: float) -> int:
-    """Choose the largest number of fine cells: more for small errors, which coarse cells blur."""
+    """Choose the largest number of fine cells, larger for small errors, which need fine cells."""
     return int(MAX_CELLS * min(max(1.0, 0.02 / max(error, 1e-9)), 4.0))
 
 
@@ -315,7 +318,7 @@ def jax_free_ahead(
     place: Float[Array, "*batch 2"],
     heading: Float[Array, "*batch"],
 ) -> Float[Array, "*batch"]:
-    """Measure the distance to the first wall in a loop that is compiled once for any walls."""
+    """Measure the distance to the first wall, in a loop that is compiled once for any walls."""
     ux, uy = jnp.cos(heading), jnp.sin(heading)
 
     def nearer(nearest, wall):  # type: ignore[no-untyped-def]

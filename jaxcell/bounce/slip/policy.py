@@ -1,6 +1,4 @@
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -11,13 +9,13 @@ from ...base.certificate import Certificate
 from ...mapping.classes import reaching
 
 
-# A policy is improved until the relative gap of its mean time is this small, or this often.
+# Sweeps end when the relative gap of the mean times is this small, or after this number.
 _TOLERANCE, _MOST_SWEEPS = 1e-3, 20_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SlipPolicy:
-    """The angles to turn by at bumps, which bring a robot to a goal."""
+    """A choice of angles at bumps that brings a robot that slips to a goal."""
 
     choice: Int[np.ndarray, "fine"]
     "The number of the angle in each fine cell."
@@ -35,17 +33,17 @@ class SlipPolicy:
 def slip_policy(
     hidden: HiddenMap, goal: Bool[np.ndarray, "fine"], start: Float[np.ndarray, "fine"]
 ) -> SlipPolicy:
-    """Find the policy that is certain to bring a robot to a goal, and does so soonest.
+    """Find the policy that certainly brings a robot to a goal, in the least mean time.
 
-    It is found by value iteration. The robot is assumed to know its fine cell. The times are
-    bounded from both sides: times `T` of a sweep are too small, and with `d` the most that one more
-    sweep adds, `T / (1 - d)` are too large (and prove that the policy arrives).
+    The robot is assumed to know its fine cell. Value iteration bounds the times from both sides.
+    The times `T` after a sweep are lower bounds. If another sweep adds at most `d` to any of them,
+    `T / (1 - d)` are upper bounds, and prove that the policy arrives.
 
     **Arguments:** a hidden map, and masks of the goal and the start; only cells that can be reached
     from the start count. **Returns:** the policy, whose certificate fails if no policy is certain
     to arrive.
 
-    A robot that moves on one time of two, or bumps and stays:
+    A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 
         >>> import numpy as np
         >>> from jaxcell import automata, bounce
@@ -82,10 +80,10 @@ def arrival_by(
     """Compute the probability that a policy has arrived after each observation.
 
     **Arguments:** a hidden map, the number of the angle in each of its cells, masks of the goal and
-    the start, and a number of times. **Returns:** probabilities, the first of which is that of the
-    start.
+    the start, and a number of observations. **Returns:** the probabilities at the start and after
+    each observation.
 
-    A robot that moves on one time of two, or bumps and stays:
+    A robot that moves with a probability of 1/2, and otherwise bumps and stays:
 
         >>> import numpy as np
         >>> from jaxcell import automata, bounce
@@ -120,42 +118,10 @@ class PolicyRobot:
 
     def turn(self, observation: int) -> int | None:
         """Choose the angle to turn by after an observation: its number, or `None` for no turn."""
-        if not observation:
-            self.weight = _normal(self._hidden.after(0, self.weight), self.weight)
-            return None
-        beliefs = [self._hidden.after(1 + i, self.weight) for i in range(self._hidden.angles)]
+        events = range(1, 1 + self._hidden.angles) if observation else [0]
+        beliefs = [self._hidden.after(event, self.weight) for event in events]
         best = int(np.argmin([belief @ self._time for belief in beliefs]))
-        self.weight = _normal(beliefs[best], self.weight)
-        return best
-
-
-def driven(
-    step: Callable[[], bool],
-    rotate: Callable[[float], Any],
-    arrived: Callable[[], bool],
-    robot: PolicyRobot,
-    bounces: Sequence[float],
-    limit: int,
-) -> int | None:
-    """Drive a robot by a policy.
-
-    The functions `step` and `rotate` drive the robot as the methods of a walker, and `arrived`
-    tests whether it is at the goal. The angles are in radians. Returns the number of observations
-    until the robot arrived, or `None` after `limit` observations.
-    """
-    for count in range(1, limit + 1):
-        bumped = step()
-        choice = robot.turn(int(bumped))
-        if choice is not None:
-            rotate(bounces[choice])
-        if arrived():
-            return count
-    return None
-
-
-def _normal(
-    weight: Float[np.ndarray, "fine"], before: Float[np.ndarray, "fine"]
-) -> Float[np.ndarray, "fine"]:
-    """Normalise a distribution, or keep the one before if no weight is left."""
-    total = weight.sum()
-    return weight / total if total > 0 else before
+        # The belief stays if the observation cannot occur on the map.
+        if (total := beliefs[best].sum()) > 0:
+            self.weight = beliefs[best] / total
+        return best if observation else None

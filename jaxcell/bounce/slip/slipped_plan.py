@@ -20,7 +20,7 @@ class SlippedPlan(Plan):
     ]
     plan_as_foretold: Annotated[
         float,
-        quantity("", "probability that the robot senses all that the plan foretells", kind="share"),
+        quantity("", "probability that all observations are those of the plan", kind="share"),
     ]
     plan_arrives: Annotated[
         float,
@@ -37,7 +37,7 @@ class SlippedPlan(Plan):
         quantity("", "whether the best policy surely arrives, given the fine cell", kind="flag"),
     ]
     policy_mean_steps: Annotated[
-        float, quantity("", "mean observations, among fine cells, until it arrives", kind="time")
+        float, quantity("", "mean observations, among fine cells, until arrival", kind="time")
     ]
     policy_arrival: Annotated[
         Float[np.ndarray, "observations"],
@@ -63,7 +63,7 @@ class SlippedPlan(Plan):
     def answered(self) -> bool:
         return self.found or self.policy_surely_arrives
 
-    @derived("", "probability, among fine cells, that it arrives as soon as the plan", kind="share")
+    @derived("", "probability, among fine cells, of arriving as soon as the plan", kind="share")
     def policy_arrives_as_soon(self) -> float:
         return float(self.policy_arrival[min(self.actions.size, self.policy_arrival.size - 1)])
 

@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -66,7 +66,7 @@ class Slipped(Candidates):
         quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
     ]
     candidate_probability: Annotated[
-        Float[np.ndarray, "candidates"], quantity("candidate", "how probable", kind="share")
+        Float[np.ndarray, "candidates"], quantity("candidate", "probability", kind="share")
     ]
 
     @property
@@ -105,7 +105,7 @@ class Slipped(Candidates):
     def end(self) -> int:
         return int(self.truth[-1])
 
-    @derived("", "whether the belief says that it is nowhere on the map", kind="flag")
+    @derived("", "whether the robot is nowhere on the map, by the belief", kind="flag")
     def is_nowhere(self) -> bool:
         return bool(self.nowhere[-1] > NOWHERE)
 
@@ -134,7 +134,8 @@ def slipping_run(
     seed: int = 0,
     step: float | None = None,
     limit: int = 400,
-    **about: Any,
+    fine_side: float,
+    fine_directions: int,
 ) -> Slipped:
     """Drive a simulated robot that slips from a cell until its belief has a small credible set.
 
@@ -143,10 +144,11 @@ def slipping_run(
     **Arguments:**
 
     - `hidden`: the map of the belief; its configurations are the cells.
-    - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
+    - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses one.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
-    - `about`: `fine_side` and `fine_directions` of the result.
+    - `fine_side`, `fine_directions`: the side of a fine cell in metres, and the number of fine
+        directions, which the result repeats.
 
     **Returns:** [`Slipped`][], the run and its beliefs.
 
@@ -200,7 +202,8 @@ def slipping_run(
         bounces=np.asarray(bounces, float),
         slip=slip,
         hidden=hidden,
-        **about,
+        fine_side=fine_side,
+        fine_directions=fine_directions,
         observations=np.array(observations, np.int8),
         turned_by=turned_by,
         pose=np.stack(poses),

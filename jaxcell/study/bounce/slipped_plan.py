@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ...bounce import FineCells, Plan, SlippedPlan, arrival_by, plan_runs, slip_map, slip_policy
-from ...bounce.slip.policy import PolicyRobot, driven
+from ...bounce.slip.policy import PolicyRobot
 from ...robot import Walker
 from ...robot.emulation.body import Body, bumper_give
 from ...robot.emulation.direct import DirectBody
@@ -45,7 +45,7 @@ def slipped_plan(
     limit = max(_PLANS * plan.actions.size, math.ceil(_MEANS * mean) if policy.sure else 0)
     limit = min(limit, _MOST)
     say("driving the emulated robot")
-    plans, policies = [], []
+    plans, arrived = [], []
     for seed in range(_RUNS):
         if plan.found:
             walker, body = _robot(plan, error, step, seed)
@@ -53,17 +53,14 @@ def slipped_plan(
             at_goal = int(nearest_cell(cells, *body.pose)) == plan.goal
             plans.append(outcome.result == "arrived" and at_goal)
         walker, body = _robot(plan, error, step, _RUNS + seed)
-        policies.append(
-            driven(
-                walker.step,
-                walker.rotate,
-                lambda body=body: int(nearest_cell(cells, *body.pose)) == plan.goal,  # type: ignore[misc]
-                PolicyRobot(hidden, policy, start),
-                bounces,
-                limit,
-            )
-        )
-    arrived = [count for count in policies if count is not None]
+        robot = PolicyRobot(hidden, policy, start)
+        for count in range(1, limit + 1):
+            choice = robot.turn(int(walker.step()))
+            if choice is not None:
+                walker.rotate(bounces[choice])
+            if int(nearest_cell(cells, *body.pose)) == plan.goal:
+                arrived.append(count)
+                break
     return SlippedPlan(
         **{one.name: getattr(plan, one.name) for one in dataclasses.fields(plan)},
         fine_cells=fine.size,
