@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import shapely
-from hypothesis import strategies as st
+from hypothesis import reject, strategies as st
 
-from jaxcell.space import Workspace
+from jaxcell.space import CellSpace, Workspace
 
 
 def grids(free, shape):
@@ -25,6 +25,20 @@ def slanted_obstacles(draw, number):
         if hull.geom_type == "Polygon" and hull.area > 0.01:
             obstacles.append(shapely.get_coordinates(hull)[:-1])
     return obstacles
+
+
+# Numbers with which an obstacle hides nothing, or no sliver.
+HUNDREDTHS = st.integers(0, 600).map(lambda n: n / 100)
+
+
+@st.composite
+def slanted_cells(draw, cell, number=HUNDREDTHS, radii=(0.0,)):
+    """Cells of rooms with slanted obstacles, which may overlap, or cross the slanted boundary."""
+    boundary, obstacles = [(0, 0), (6, 0), (5.5, 4), (0.2, 5)], draw(slanted_obstacles(number))
+    try:
+        return CellSpace.of(Workspace(boundary, obstacles, draw(st.sampled_from(radii))), cell, 1)
+    except ValueError:  # nothing is free
+        reject()
 
 
 def slanted_room(seed: int) -> Workspace:

@@ -19,7 +19,7 @@ _MAX_CROSSED = 50_000
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """The size of a cell space that is or will be made, from which its memory is estimated."""
+    """The size of a cell space, before or after it is made, for estimates of memory."""
 
     workspace: Workspace | None
     rows: int
@@ -32,11 +32,11 @@ class Extent:
     walls: int
     "Number of walls."
     wall_length: float
-    "The sum of their lengths, in cells."
+    "The sum of the lengths of the walls, in cells."
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a cell space before it is cut, its positions by their area.
+        """Estimate the extent of a cell space before it is cut, from the area of its free space.
 
         Returns `None` if [`CellSpace.of`][] refuses the space.
 
@@ -98,7 +98,7 @@ class Extent:
         return self.positions * self.directions
 
     def ways(self, motion: Motion) -> int:
-        """Estimate the number of ways of the moves, at most."""
+        """Estimate the largest number of ways: sets of directions whose steps agree."""
         length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)

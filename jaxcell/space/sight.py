@@ -221,7 +221,7 @@ def _squares(centre: Float[np.ndarray, "squares 2"], side: float) -> np.ndarray:
 def _of_all(
     part: Int[np.ndarray, "parts"], true: Bool[np.ndarray, "parts"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Find the pairs all parts of which are true."""
+    """Return a mask of the pairs whose parts are all true."""
     return np.logical_and.reduceat(true, np.flatnonzero(np.diff(part, prepend=-1)))
 
 
@@ -245,7 +245,7 @@ def _at(
 
 
 def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
-    """List viewers, a few at a time, and the ends of the walls in reach that they are behind.
+    """Yield viewers, a few at a time, and the ends of the walls that cast shadows for them.
 
     The shadow of an obstacle lies beyond a wall whose free side is the far side. (The near walls of
     the obstacle fail if the viewer stands on one of them.) A wall whose line passes through the
@@ -303,7 +303,7 @@ def _hidden(
 def _sides(
     a: Float[np.ndarray, "shadows 2"], b: Float[np.ndarray, "shadows 2"], start: float
 ) -> Iterator[tuple[Float[np.ndarray, "shadows 2"], Float[np.ndarray, "shadows"]]]:
-    """List the inner unit normal of each side of a shadow, and its product with points there.
+    """Yield the inner unit normal of each side of a shadow, and its product with the side.
 
     The shadow is `s a + t b` with `s, t >= 0` and `s + t >= start`; `a` is to the left of `b`.
     """
@@ -318,7 +318,7 @@ def _overlap(
     b: Float[np.ndarray, "parts 2"],
     start: float,
 ) -> Bool[np.ndarray, "parts"]:
-    """Find the convex parts that overlap their shadow: no normal of a side separates the two."""
+    """Find the convex parts that overlap their shadows: no side of either separates the two."""
     overlap = np.ones(len(corners), bool)
     for normal, least in _sides(a, b, start):
         overlap &= (corners @ normal[:, :, None])[..., 0].max(axis=1) - least > TOLERANCE

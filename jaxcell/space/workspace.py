@@ -170,7 +170,7 @@ class Workspace:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Workspace":
-        """Read a map file: a `.json` map of ours, a ROS map_server `.yaml`, or an ASCII grid.
+        """Read a map file: a `.json` map of jaxcell, a ROS map_server `.yaml`, or an ASCII grid.
 
         A grid ends in `.txt` or `.map`, and the image of map_server stands beside its file; see
         `jaxcell.space.maps.map_files`. A map without a name takes the name of the file.
@@ -255,7 +255,7 @@ def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polyg
 
 
 def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """List the corner before each edge, its start and its end; free space lies to its left."""
+    """List the corner before each edge, its start and its end; the interior is to its left."""
     pieces, _ = polygons(np.array([environment]))
     rings = shapely.get_rings(shapely.orient_polygons(pieces))
     corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]

@@ -1,24 +1,31 @@
+import itertools
 import math
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings, strategies as st
-from random_rooms import slanted_obstacles
+from hypothesis import given, reject, settings, strategies as st
+from hypothesis.extra.numpy import arrays
+from random_rooms import HUNDREDTHS, slanted_cells
+from shapely import box
 
-from jaxcell.space import CellSpace, Workspace, visible_cells
+from jaxcell.space import Workspace, visible_cells
 from jaxcell.space.view import visibility_polygon
 
 
-ROOM = [(0, 0), (6, 0), (6, 6), (0, 6)]
+ROOM = box(0, 0, 6, 6)
+WALLED = Workspace(ROOM, [box(2, 2, 4, 4)])
+POINTS = st.tuples(HUNDREDTHS, HUNDREDTHS)
+PLACES = arrays(float, (30, 2), elements=st.floats(0, 6), fill=st.nothing())
 
 
-@st.composite
-def rooms(draw):
-    """Rooms with slanted obstacles, some of them overlapping, and a point in them."""
-    number = st.integers(0, 600).map(lambda n: n / 100)
-    obstacles = draw(slanted_obstacles(number))
-    return [(0, 0), (6, 0), (5.5, 4), (0.2, 5)], obstacles, draw(st.tuples(number, number))
+def visible_from(cells, *arguments, **options):
+    """The visible polygon, and the environment; points in obstacles are rejected."""
+    room = cells.workspace
+    try:
+        return visibility_polygon(room, *arguments, **options), room.environment
+    except ValueError:
+        reject()
 
 
 def shadow(here, start, end):
@@ -34,26 +41,24 @@ def sector(here, reach, view, heading, chords):
     return shapely.Polygon([*rim, here]) if view < 2 * np.pi else shapely.Polygon(rim[:-1])
 
 
-@given(rooms(), st.floats(0.3, 9), st.sampled_from([2 * np.pi, 5.0, np.pi, 1.2]), st.floats(-4, 4))
-def test_the_polygon_is_the_environment_without_the_shadows_of_walls(room, reach, view, heading):
-    boundary, obstacles, point = room
-    try:
-        workspace = Workspace(boundary, obstacles)
-        found = visibility_polygon(
-            workspace, point, reach, field_of_view=view, heading=heading, quad_segs=8
-        )
-    except ValueError:
-        return
+@given(
+    slanted_cells(1.0),
+    POINTS,
+    st.floats(0.3, 9),
+    st.sampled_from([2 * np.pi, 5.0, np.pi, 1.2]),
+    st.floats(-4, 4),
+)
+def test_the_polygon_is_the_environment_without_the_shadows_of_walls(
+    cells, point, reach, view, heading
+):
+    options = {"field_of_view": view, "heading": heading, "quad_segs": 8}
+    found, environment = visible_from(cells, point, reach, **options)
     assert found.is_valid
-    here, environment = np.array(point), workspace.environment
+    here = np.array(point)
     if environment.boundary.distance(shapely.Point(here)) < 1e-6:
         return
-    walls = [
-        corners[i : i + 2]
-        for ring in shapely.get_rings(shapely.get_parts(environment))
-        for corners in [shapely.get_coordinates(ring)]
-        for i in range(len(corners) - 1)
-    ]
+    rings = map(shapely.get_coordinates, shapely.get_rings(shapely.get_parts(environment)))
+    walls = [wall for ring in rings for wall in itertools.pairwise(ring)]
     expected = environment.intersection(
         sector(here, reach, view, heading, math.ceil(round(8 * view / (np.pi / 2), 9)))
     )
@@ -64,35 +69,23 @@ def test_the_polygon_is_the_environment_without_the_shadows_of_walls(room, reach
     assert found.symmetric_difference(expected).area < 1e-6
 
 
-@given(rooms(), st.lists(st.tuples(st.floats(0, 6), st.floats(0, 6)), min_size=20, max_size=40))
-def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(room, points):
-    boundary, obstacles, point = room
-    try:
-        workspace = Workspace(boundary, obstacles)
-        found = visibility_polygon(workspace, point)
-    except ValueError:
-        return
-    there = np.array(points)
+@given(slanted_cells(1.0), POINTS, PLACES)
+def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(cells, point, there):
+    found, environment = visible_from(cells, point)
     lines = shapely.linestrings(np.stack([np.broadcast_to(point, there.shape), there], axis=1))
-    surely, maybe = (workspace.environment.buffer(margin) for margin in (-1e-6, 1e-6))
+    surely, maybe = (environment.buffer(margin) for margin in (-1e-6, 1e-6))
     covered = shapely.covers(surely, lines)
-    inside, margin = (
-        shapely.contains_xy(found, there),
-        shapely.distance(found.boundary, shapely.points(there)),
-    )
-    assert inside[covered & (margin > 1e-5)].all()
-    assert not inside[~shapely.covers(maybe, lines) & (margin > 1e-5)].any()
+    inside = shapely.contains_xy(found, there)
+    clear = shapely.distance(found.boundary, shapely.points(there)) > 1e-5
+    assert inside[covered & clear].all()
+    assert not inside[~shapely.covers(maybe, lines) & clear].any()
 
 
-@given(rooms(), st.floats(0.7, 6))
+@given(slanted_cells(0.9), st.floats(0.7, 6))
 @settings(max_examples=20)
-def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(room, reach):
-    try:
-        cells = CellSpace.of(Workspace(*room[:2]), 0.9, 1)
-    except ValueError:
-        return
+def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(cells, reach):
     x, y, _ = cells.centre(np.arange(cells.positions))
-    squares = shapely.box(x - 0.45, y - 0.45, x + 0.45, y + 0.45)
+    squares = box(x - 0.45, y - 0.45, x + 0.45, y + 0.45)
     free = shapely.intersection(cells.workspace.environment, squares)
     visible = visible_cells(cells, reach)
     for i in range(0, cells.positions, 5):
@@ -108,7 +101,7 @@ def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(room, reac
 
 def test_polygons_have_known_areas():
     empty = Workspace(ROOM)
-    assert visibility_polygon(empty, (3, 3)).equals(shapely.Polygon(ROOM))
+    assert visibility_polygon(empty, (3, 3)).equals(ROOM)
     assert visibility_polygon(empty, (0, 0)).area == pytest.approx(36)
     # A polygon of 4 n chords in a circle, and quarters of it.
     for quad_segs in (1, 16):
@@ -121,27 +114,25 @@ def test_polygons_have_known_areas():
     third = visibility_polygon(empty, (3, 3), 2, field_of_view=2 * math.pi / 3, heading=1.0)
     assert third.area == pytest.approx(4 * math.pi / 3, rel=0.002)
     # A square wall of side 2, seen from (1, 3), leaves the left third and two triangles.
-    wall = Workspace(ROOM, [[(2, 2), (4, 2), (4, 4), (2, 4)]])
-    assert visibility_polygon(wall, (1, 3)).area == pytest.approx(12 + 2 * 2)
+    assert visibility_polygon(WALLED, (1, 3)).area == pytest.approx(12 + 2 * 2)
 
 
 def test_the_polygon_has_two_pieces_in_a_point_of_two_obstacles():
-    pair = [[(2, 2), (3, 2), (3, 1), (2, 1)], [(1, 2), (2, 2), (2, 3), (1, 3)]]
-    found = visibility_polygon(Workspace(ROOM, pair), (2, 2), 1.0)
+    pair = Workspace(ROOM, [box(2, 1, 3, 2), box(1, 2, 2, 3)])
+    found = visibility_polygon(pair, (2, 2), 1.0)
     assert found.is_valid
     assert len(shapely.get_parts(found)) == 2
     assert found.area == pytest.approx(math.pi / 2, rel=0.002)
     # Nor does sight slip between them.
-    across = visibility_polygon(Workspace(ROOM, pair), (1.5, 1.5))
-    assert across.intersection(shapely.box(2, 2, 6, 6)).area == 0
+    across = visibility_polygon(pair, (1.5, 1.5))
+    assert across.intersection(box(2, 2, 6, 6)).area == 0
 
 
 def test_from_a_wall_the_free_side_is_visible():
-    wall = Workspace(ROOM, [[(2, 2), (4, 2), (4, 4), (2, 4)]])
-    assert visibility_polygon(wall, (2, 3)).area == pytest.approx(12)
-    assert visibility_polygon(wall, (2, 2)).area == pytest.approx(36 - 16)
-    assert visibility_polygon(wall, (2, 3), field_of_view=1.0, heading=0.0).is_empty
-    assert visibility_polygon(wall, (0, 0), field_of_view=1.0, heading=-2.0).is_empty
+    assert visibility_polygon(WALLED, (2, 3)).area == pytest.approx(12)
+    assert visibility_polygon(WALLED, (2, 2)).area == pytest.approx(36 - 16)
+    assert visibility_polygon(WALLED, (2, 3), field_of_view=1.0, heading=0.0).is_empty
+    assert visibility_polygon(WALLED, (0, 0), field_of_view=1.0, heading=-2.0).is_empty
 
 
 def test_the_radius_of_the_robot_is_no_wall():
@@ -164,6 +155,5 @@ def test_the_radius_of_the_robot_is_no_wall():
     ],
 )
 def test_points_and_numbers_out_of_range_are_refused(changes, message):
-    workspace = Workspace(ROOM, [[(2, 2), (4, 2), (4, 4), (2, 4)]])
     with pytest.raises(ValueError, match=message):
-        visibility_polygon(**{"workspace": workspace, "point": (1.0, 1.0)} | changes)
+        visibility_polygon(**{"workspace": WALLED, "point": (1.0, 1.0)} | changes)
