@@ -14,7 +14,7 @@ from .batches import CHUNK, slices
 from .boundary.resolution import DOUBTFUL, Trial, tried
 from .imaging import (
     Say,
-    axis_name,
+    axis_names,
     changed_by_half_step,
     check_map,
     images_of_each,
@@ -96,7 +96,7 @@ class Basins(Result):
     follow: int = 0
     "Number of mappings outside the box after which a point has left, as in the call."
     trial: Trial | None = None
-    "Remedies, tried on a sample of points, if cells and orbits disagree."
+    "The test of remedies on a sample of points, if cells and orbits disagree."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, if they were sought."
 
@@ -155,7 +155,7 @@ class Basins(Result):
 
     @property
     def times(self) -> Float[np.ndarray, "cells"]:
-        """Time until each cell is on its attractor, in mappings if these have no duration."""
+        """Time until each cell is on its attractor, in mappings if mappings have no duration."""
         return self.step * (self.duration or 1.0) if self.time is None else self.time
 
     def _mean(self, of_cells: np.ndarray) -> Float[np.ndarray, "attractors"]:
@@ -167,7 +167,7 @@ class Basins(Result):
         return float(np.mean(self.basin[self.box.index(self.starts)] != self.ends))
 
     def share(self, mask: Callable[[slice], np.ndarray]) -> float:
-        """Return the share of cells in a mask, which is computed in parts."""
+        """Compute the share of cells in a mask, which is a function of a slice, to save memory."""
         return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
 
     @derived("", "cells that lead out of the box", kind="share")
@@ -189,7 +189,7 @@ class Basins(Result):
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the axes."""
-        return tuple(axis_name(axis, self.labels) for axis in range(self.box.dimensions))
+        return axis_names(self.box, self.labels)
 
     @property
     def attributes(self) -> Mapping[str, Any]:
@@ -278,22 +278,20 @@ def basins_of_each(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )
     changed = changed_by_half_step(map, box, members, image, follow=follow, dtype=dtype)
+    about: dict[str, Any] = {"duration": duration, "labels": labels, "follow": follow}
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, attractors, changed, strict=True):
         basins = by_cells(box, params, *parts)
-        known = {"torn": ends, "duration": duration, "labels": labels, "follow": follow}
-        basins = dataclasses.replace(basins, **known)
+        known = {**about, "torn": ends}
         if time is not None:
-            basins = dataclasses.replace(basins, time=_along(basins, time[len(each)]))
+            known["time"] = _along(basins, time[len(each)])
         if by == "orbits":
             cells = basins.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
-            several = np.zeros(box.size, bool)
-            followed = {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
-            basins = dataclasses.replace(basins, several=several, **followed)
-        elif len(members) == 1:
-            basins = with_trial(map, basins)
-        each.append(basins)
+            known |= {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
+            known["several"] = np.zeros(box.size, bool)
+        basins = dataclasses.replace(basins, **known)
+        each.append(with_trial(map, basins) if by == "cells" and len(members) == 1 else basins)
     return each
 
 
@@ -305,7 +303,7 @@ def with_trial(map: Map, basins: Basins) -> Basins:
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-    """Sum the times of mappings until each cell is on its group, the nearest cells first."""
+    """Sum the durations of mappings until each cell is on its group, the nearest cells first."""
     time = np.zeros(basins.box.size + 2)
     order = np.argsort(basins.step, kind="stable")
     ends = np.cumsum(np.bincount(basins.step))

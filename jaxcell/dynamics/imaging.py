@@ -32,7 +32,7 @@ def images(
     out: Int[np.ndarray, "cells"] | None = None,
     say: Say | None = None,
 ) -> Int[np.ndarray, "cells"]:
-    """Map the centre of every cell, on the host's threads in chunks of 262,144 cells.
+    """Map the centre of every cell, in chunks of 262,144 cells on two threads.
 
     **Arguments:**
 
@@ -75,7 +75,7 @@ def images_of_each(
 ) -> Int[np.ndarray, "members cells"]:
     """Compute [`images`][jaxcell.dynamics.images] for each of several parameters, in one batch.
 
-    If durations of mappings differ, `time` is an array for them. `within` are the cells to map.
+    `time` is an array for the durations of the mappings, and `within` the range of cells to map.
     """
     image = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
@@ -100,7 +100,7 @@ def images_of_each(
 def check_map(map: Map, box: Box, params: Any) -> None:
     """Trace a map at the middle of a box.
 
-    **Raises:** `ValueError` with the reason, if that fails or returns no point.
+    **Raises:** `ValueError` with the reason, if tracing fails, or if the image is no point.
     """
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
@@ -121,7 +121,7 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 def check_begin(map: Map, box: Box, params: Any) -> None:
     """Evaluate the map, or its field, at 64 points of a box.
 
-    **Raises:** `ValueError` if that is not finite at any of them.
+    **Raises:** `ValueError` if the values are finite at none of the points.
     """
     begin = getattr(map, "velocity", map)
     begun = np.asarray(_begun(begin, params, _anywhere(box)))
@@ -143,9 +143,9 @@ def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
 def torn_axes(
     map: Map, box: Box, members: Sequence[Any], labels: tuple[str, ...] = ()
 ) -> list[tuple[int, ...]]:
-    """Find periodic axes at whose two ends a map differs, by 64 points of each end, and warn.
+    """Warn of periodic axes at whose two ends a map differs, judged by 64 points.
 
-    Returns the axes for each member.
+    Returns these axes for each member.
     """
     points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)
@@ -159,19 +159,18 @@ def torn_axes(
         differs = np.median(apart, axis=1) > 1e-3
         torn = [(*axes, axis) if new else axes for axes, new in zip(torn, differs, strict=True)]
         if differs.any():
-            warnings.warn(remark_of_torn(axis, labels), stacklevel=2)
+            warnings.warn(remark_of_torn(axis_names(box, labels)[axis]), stacklevel=2)
     return torn
 
 
-def remark_of_torn(axis: int, labels: tuple[str, ...]) -> str:
+def remark_of_torn(name: str) -> str:
     """Return the warning for an axis at whose two ends a map differs."""
-    name = axis_name(axis, labels)
     return f"The axis {name} is periodic, but the map differs at its two ends."
 
 
-def axis_name(axis: int, labels: tuple[str, ...]) -> str:
-    """Return the name of an axis."""
-    return labels[axis] if labels else f"x{axis}"
+def axis_names(box: Box, labels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the axes of a box, by default `x0`, `x1`, ..."""
+    return labels or tuple(f"x{axis}" for axis in range(box.dimensions))
 
 
 @functools.partial(jax.jit, static_argnames="map")
@@ -186,7 +185,7 @@ def _mapped_by_each(map: Map, params: Any, members: Any, points: Any) -> Any:
 
 
 def self_images(image: Int[np.ndarray, "cells"]) -> float:
-    """Return the share of cells that are their own images: equilibria, or too slow for the step."""
+    """Return the share of cells that are their own images: equilibria, or slow cells."""
     own = sum(
         np.count_nonzero(image[part] == np.arange(part.start, part.stop, dtype=image.dtype))
         for part in slices(image.size)
@@ -206,7 +205,7 @@ def changed_by_half_step(
 ) -> list[float | None]:
     """Compute the share of images that change with steps of half the length, on 1 % of the cells.
 
-    It is `None` for a map without steps.
+    Returns a share, or `None` for a map without steps, for each member.
     """
     if not hasattr(map, "halved"):
         return [None] * len(members)
@@ -219,7 +218,7 @@ def changed_by_half_step(
 def _crossing(
     map: Flow, box: Box, params: Any, each: Any, cells: Any, follow: int, dtype: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the images of cells with different durations, and the durations."""
+    """Compute the images of cells whose mappings differ in duration, and the durations."""
 
     def stage(state: Any, k: int) -> Any:
         members, cells, points, taken = state
@@ -253,7 +252,7 @@ def _cross(
     taken: Any,
     steps: Any,
 ) -> Any:
-    """Take up to `steps` steps from points, until they are away from their first cells."""
+    """Take up to `steps` steps from points, until each is far enough from its first cell."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
@@ -273,7 +272,7 @@ def _cross(
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
-    """Check that a point is out of the box, or `map.crossing` cells away from a cell."""
+    """Check whether a point is out of the box, or `map.crossing` cells away from a cell."""
     there, inside = box.places(jnp.stack([*y]))
     apart = box.apart(there - here)
     return functools.reduce(jnp.logical_or, apart >= map.crossing, ~inside)
@@ -281,7 +280,7 @@ def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps: Any) -> Any:
-    """Return the cells of points outside, followed step by step."""
+    """Follow points outside the box until they return. Returns their cells or sinks."""
 
     def follow(member, x):  # type: ignore[no-untyped-def]
         return _until_inside(map.one, box, x, params_of(params, member), steps)

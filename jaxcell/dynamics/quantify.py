@@ -42,10 +42,9 @@ def basin_stability(
 def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the mean, over each basin, of the time to the attractor per distance from it.
 
-    **Arguments:** basins. **Returns:** the pace of each attractor, whose own cells count 0. For
-    mean times see `basins.mean_time`.
-
-    It is a time, in mappings if the map has none, per length in the units of the box.
+    **Arguments:** basins. **Returns:** the pace of each attractor, whose own cells count 0: a time,
+    in mappings if the map has no time, per length in the units of the box. For mean times see
+    `basins.mean_time`.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -65,9 +64,7 @@ def noncritical_shocks(
 ) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
     """Compute the mean and the largest distance of the cells of each basin from its attractor.
 
-    **Arguments:** basins. **Returns:** both distances for each attractor.
-
-    Both are in the units of the box.
+    **Arguments:** basins. **Returns:** both distances for each attractor, in the units of the box.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -123,14 +120,12 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
 
 
 def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
-    """Compute the entropy of the basins in boxes of cells, in nats, and of boxes on a boundary.
+    """Compute the entropy of basins within boxes of cells, and within boxes on a boundary, in nats.
 
-    **Arguments:** basins, and the number of cells along the side of a box. **Returns:** both
-    entropies.
-
-    Boxes have `side` cells along each side; remaining cells at the ends are not used. Returns
-    `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al. 2016). `S_bb
-    > log 2` proves a fractal boundary; without a boundary both are 0.
+    **Arguments:** basins, and the number of cells along the side of a box; remaining cells at the
+    ends of the axes are not used. **Returns:** the mean entropy `S_b` of all boxes, and `S_bb` of
+    boxes with more than one basin (Daza et al. 2016). `S_bb > log 2` proves a fractal boundary;
+    without a boundary both are 0.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -154,14 +149,11 @@ def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
 def uncertainty_exponent(
     basins: Basins, radii: tuple[int, ...] = (1, 2, 3, 5, 8, 13)
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
-    """Measure how the share of cells with another basin within a radius grows with the radius.
+    """Fit the exponent with which the share of cells near another basin grows with the radius.
 
-    **Arguments:** basins, and radii in cells. **Returns:** the exponent, and the share for each
-    radius.
-
-    Radii are in cells, along any axis. Returns the exponent, the slope of logarithms: 1 for a
-    smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al. 1983); and the share
-    of uncertain cells by radius.
+    **Arguments:** basins, and radii in cells along any axis. **Returns:** the slope of the
+    logarithms, 1 for a smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al.
+    1983); and the share for each radius.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -184,7 +176,7 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.
 
     **Arguments:** basins, and the distance in cells within which boundaries count as the same.
-    **Returns:** the largest share of the cells of a boundary that are farther from another one.
+    **Returns:** the largest share of cells of one boundary that are farther from another boundary.
 
     **Raises:** `ValueError` for fewer than three basins.
 

@@ -47,8 +47,9 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     are mapped until they reach a cell that has its own basin on all sides. Parts with another basin
     beside them are cut again. A fractal boundary also passes between cells of one basin, which are
     not cut. So random points of the whole box, at the finest level, are followed to their
-    attractors: they correct the shares. If any point shows that a cell contains basins that are not
-    beside it, every point is followed, and boundary cells are counted among the random points.
+    attractors, and correct the shares. If such a point shows that its cell contains a basin that is
+    not beside it, the boundary counts as fractal: all points are followed to their attractors, and
+    the share of cells at the boundary is estimated by the random points.
 
     **Arguments:** a map, its basins, and the number of times that cells are halved. **Returns:**
     [`Refined`][jaxcell.dynamics.boundary.refinement.Refined].
@@ -163,14 +164,14 @@ def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.
 
 
 def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
-    """Cut cells of the level before into their parts of a level."""
+    """Cut cells of the previous level into their parts, the cells of a level."""
     halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
     places = 2 * _places(box, keys, level - 1)[:, None] + halves
     return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
 
 
 def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:
-    """Return the coordinates of cells of a level; 32-bit numbers may not suffice for the cells."""
+    """Return the coordinates of cells of a level, which may be too many for 32-bit numbers."""
     return np.stack(np.unravel_index(keys, tuple(n << level for n in box.cells)), axis=-1)
 
 

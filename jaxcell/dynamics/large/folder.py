@@ -17,7 +17,7 @@ class Folder:
     def __init__(self, path: str | Path, made_from: str) -> None:
         """Create the folder; `made_from` is a digest of the map, the box and the options.
 
-        **Raises:** `ValueError` if the folder has arrays of other ones.
+        **Raises:** `ValueError` if the folder has arrays with another digest.
         """
         self.path = Path(path)
         self.path.mkdir(parents=True, exist_ok=True)

@@ -59,7 +59,7 @@ class Foretold:
 def foretold(
     map: Map, box: Box, params: Any = None, *, follow: int = 0, dtype: Any = None
 ) -> Foretold:
-    """Estimate what [`jaxcell.dynamics.stored_basins`][] takes, by mapping one chunk of cells.
+    """Estimate time and memory of [`jaxcell.dynamics.stored_basins`][], by mapping some cells.
 
     **Arguments:** as for [`jaxcell.dynamics.stored_basins`][]. **Returns:** time, memory and disk.
 

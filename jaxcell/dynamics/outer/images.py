@@ -37,10 +37,10 @@ class OuterMap(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Intervals:
-    """Images by interval arithmetic, rounded outward: with proof, for any map that has no `while`.
+    """Images by interval arithmetic, rounded outward, with proof; for maps without a `while` loop.
 
-    Of a [`flow`][jaxcell.dynamics.flow], the images of the Runge-Kutta steps are enclosed, and not
-    the difference of these steps from the flow itself.
+    The images under a [`flow`][jaxcell.dynamics.flow] enclose its Runge-Kutta steps, but not the
+    difference of these steps from the exact flow.
     """
 
     map: Map
@@ -72,7 +72,7 @@ def _enclosed(map: Map, mean_value: bool, params: Any, lower: Any, upper: Any) -
 
 @dataclasses.dataclass(frozen=True)
 class Corners:
-    """Boxes around the images of points of a box: usual, fast, without proof."""
+    """Images as boxes around the images of some points: usual and fast, but without proof."""
 
     map: Map
     points: int = 2
@@ -90,7 +90,7 @@ class Corners:
             low, high = (with_last(x[k : k + _PART], _PART)[:, None] for x in (lower, upper))
             points = np.where(place == 1, high, low + place * (high - low))
             images = np.asarray(mapped_points(self.map, params, points))[: len(lower) - k]
-            # Points with an image that is no number have none.
+            # `fmin` and `fmax` leave out images that are no numbers.
             return np.fmin.reduce(images, axis=1), np.fmax.reduce(images, axis=1)
 
         low, high = _joined(part, lower)

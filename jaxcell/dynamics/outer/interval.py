@@ -1,13 +1,14 @@
 """Intervals whose ends are rounded outward, so that they enclose every exact value.
 
-Processors round a sum, a difference, a product or a square root to the nearest number of 64 bits.
-The end of an interval then moves one number outward. The move is an operation on integers, through
-which no compiler merges a product with a following sum, or reorders sums. Two liberties remain. A
-division by a constant may become a product with its reciprocal, so a quotient moves three numbers
-outward. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
+Processors round a sum, a difference, a product or a square root to the nearest 64-bit number. The
+end of an interval then moves outward to the next number. The move is an operation on integers,
+through which no compiler merges a product with a following sum, or reorders sums. Two liberties
+remain. A division by a constant may become a product with its reciprocal, so a quotient moves by
+three numbers. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
 2^-1000 moves to 2^-1000.
 """
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -49,7 +50,7 @@ def point(value: Any) -> Interval:
 
 
 def up(x: Any, numbers: int = 1) -> Any:
-    """Move several numbers of 64 bits up, to infinity at most."""
+    """Round up by a number of 64-bit numbers, to infinity at most."""
     bits = lax.bitcast_convert_type(x, jnp.int64)
     moved = jnp.where(bits < 0, bits - numbers, jnp.minimum(bits + numbers, _INFINITY))
     moved = lax.bitcast_convert_type(moved, jnp.float64)
@@ -57,7 +58,7 @@ def up(x: Any, numbers: int = 1) -> Any:
 
 
 def down(x: Any, numbers: int = 1) -> Any:
-    """Move several numbers of 64 bits down."""
+    """Round down by a number of 64-bit numbers."""
     return -up(-x, numbers)
 
 
@@ -67,7 +68,7 @@ def outward(lower: Any, upper: Any, numbers: int = 1) -> Interval:
 
 
 def hull(parts: Sequence[Interval]) -> Interval:
-    """Return the smallest intervals that contain several."""
+    """Return the smallest interval that contains all parts."""
     return Interval(_least([a.lower for a in parts]), _largest([a.upper for a in parts]))
 
 
@@ -77,7 +78,7 @@ def within(a: Interval, lower: float, upper: float) -> Interval:
 
 
 def where(mask: Any, a: Interval, b: Interval) -> Interval:
-    """Choose by an exact mask."""
+    """Choose between intervals by a mask that is certain."""
     return Interval(jnp.where(mask, a.lower, b.lower), jnp.where(mask, a.upper, b.upper))
 
 
@@ -87,7 +88,7 @@ def unless(undefined: Any, a: Interval) -> Interval:
 
 
 def monotone(function: Callable[[Any], Interval], a: Interval) -> Interval:
-    """Apply a function that grows, and encloses its values at points."""
+    """Apply an increasing function, which encloses its value at a point."""
     if a.lower is a.upper:
         return function(a.lower)
     return Interval(function(a.lower).lower, function(a.upper).upper)
@@ -130,19 +131,17 @@ def absolute(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: int) -> Interval:
-    """Multiply an interval with itself."""
+    """Enclose a whole power by products."""
     if exponent < 0:
         return div(ONE, power(a, -exponent))
-    if exponent % 2:
-        # An odd power grows; each end is multiplied as a point.
-        return monotone(lambda x: _repeated(Interval(x, x), exponent), a)
-    low, high = absolute(a)
-    whole = monotone(lambda x: _repeated(Interval(x, x), exponent), Interval(low, high))
-    return within(whole, 0.0, jnp.inf)
+    odd = exponent % 2 == 1
+    # A power grows with `a`, or with its absolute value; each end is multiplied as a point.
+    whole = monotone(lambda x: _repeated(Interval(x, x), exponent), a if odd else absolute(a))
+    return whole if odd else within(whole, 0.0, jnp.inf)
 
 
 def sqrt(a: Interval) -> Interval:
-    """Enclose roots of the part of an interval above 0."""
+    """Enclose square roots of the part of an interval above 0."""
     low, high = jnp.sqrt(jnp.maximum(a.lower, 0.0)), jnp.sqrt(jnp.maximum(a.upper, 0.0))
     return unless(a.upper < 0, within(outward(low, high, 2), 0.0, jnp.inf))
 
@@ -182,11 +181,8 @@ def _unlimited(x: Any) -> Any:
 
 
 def _least(values: Sequence[Any]) -> Any:
-    least = values[0]
-    for value in values[1:]:
-        least = jnp.minimum(least, value)
-    return least
+    return functools.reduce(jnp.minimum, values)
 
 
 def _largest(values: Sequence[Any]) -> Any:
-    return -_least([-value for value in values])
+    return functools.reduce(jnp.maximum, values)
