@@ -32,12 +32,17 @@ HUNDREDTHS = st.integers(0, 600).map(lambda n: n / 100)
 
 
 @st.composite
-def slanted_cells(draw, cell, number=HUNDREDTHS, radii=(0.0,)):
-    """Cells of rooms with slanted obstacles, which may overlap, or cross the slanted boundary."""
-    boundary, obstacles = [(0, 0), (6, 0), (5.5, 4), (0.2, 5)], draw(slanted_obstacles(number))
+def slanted_rooms(draw, number=HUNDREDTHS, radii=(0.0,)):
+    """A boundary, obstacles and a radius; slanted obstacles may overlap, or cross the boundary."""
+    obstacles = draw(slanted_obstacles(number))
+    return [(0, 0), (6, 0), (5.5, 4), (0.2, 5)], obstacles, draw(st.sampled_from(radii))
+
+
+def cells_of(room, cell, directions=1):
+    """The cells of a drawn room; a room without free cells is rejected."""
     try:
-        return CellSpace.of(Workspace(boundary, obstacles, draw(st.sampled_from(radii))), cell, 1)
-    except ValueError:  # nothing is free
+        return CellSpace.of(Workspace(*room), cell, directions)
+    except ValueError:
         reject()
 
 

@@ -1,11 +1,9 @@
-import dataclasses
-
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
-from random_rooms import slanted_cells
+from random_rooms import cells_of, slanted_rooms
 from shapely import box
 
 from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace, free_steps, stencil
@@ -47,12 +45,12 @@ def test_a_step_may_end_in_a_corner_unless_two_obstacles_meet_there(blocked):
 
 
 @given(
-    slanted_cells(0.9, st.floats(0, 6, allow_subnormal=False), (0.0, 0.0, 0.3)),
+    slanted_rooms(st.floats(0, 6, allow_subnormal=False), (0.0, 0.0, 0.3)),
     st.sampled_from([(7, 1.0), (16, 1.0), (9, 2.3)]),
 )
-def test_a_step_is_free_if_its_segment_is_covered(cells, scale):
+def test_a_step_is_free_if_its_segment_is_covered(room, scale):
     directions, step = scale
-    cells = dataclasses.replace(cells, directions=directions)
+    cells = cells_of(room, 0.9, directions)
     # Steps that touch a wall within a rounding error have tests of their own below.
     surely, maybe = (cells.workspace.free_space.buffer(margin) for margin in (-1e-6, 1e-6))
     x, y, _ = cells.centre(np.arange(cells.positions))

@@ -6,7 +6,7 @@ import pytest
 import shapely
 from hypothesis import given, reject, settings, strategies as st
 from hypothesis.extra.numpy import arrays
-from random_rooms import HUNDREDTHS, slanted_cells
+from random_rooms import HUNDREDTHS, cells_of, slanted_rooms
 from shapely import box
 
 from jaxcell.space import Workspace, visible_cells
@@ -19,11 +19,11 @@ POINTS = st.tuples(HUNDREDTHS, HUNDREDTHS)
 PLACES = arrays(float, (30, 2), elements=st.floats(0, 6), fill=st.nothing())
 
 
-def visible_from(cells, *arguments, **options):
+def visible_from(room, point, *reach):
     """The visible polygon, and the environment; points in obstacles are rejected."""
-    room = cells.workspace
+    workspace = cells_of(room, 1.0).workspace
     try:
-        return visibility_polygon(room, *arguments, **options), room.environment
+        return visibility_polygon(workspace, point, *reach), workspace.environment
     except ValueError:
         reject()
 
@@ -35,43 +35,26 @@ def shadow(here, start, end):
     return shapely.Polygon([start, end, *far]).buffer(0)
 
 
-def sector(here, reach, view, heading, chords):
-    turn = np.linspace(-view / 2, view / 2, chords + 1) + heading
-    rim = reach * np.stack([np.cos(turn), np.sin(turn)], axis=1) + here
-    return shapely.Polygon([*rim, here]) if view < 2 * np.pi else shapely.Polygon(rim[:-1])
-
-
-@given(
-    slanted_cells(1.0),
-    POINTS,
-    st.floats(0.3, 9),
-    st.sampled_from([2 * np.pi, 5.0, np.pi, 1.2]),
-    st.floats(-4, 4),
-)
-def test_the_polygon_is_the_environment_without_the_shadows_of_walls(
-    cells, point, reach, view, heading
-):
-    options = {"field_of_view": view, "heading": heading, "quad_segs": 8}
-    found, environment = visible_from(cells, point, reach, **options)
+@given(slanted_rooms(), POINTS, st.floats(0.3, 9))
+def test_the_polygon_is_the_environment_without_the_shadows_of_walls(room, point, reach):
+    found, environment = visible_from(room, point, reach)
     assert found.is_valid
     here = np.array(point)
     if environment.boundary.distance(shapely.Point(here)) < 1e-6:
         return
     rings = map(shapely.get_coordinates, shapely.get_rings(shapely.get_parts(environment)))
     walls = [wall for ring in rings for wall in itertools.pairwise(ring)]
-    expected = environment.intersection(
-        sector(here, reach, view, heading, math.ceil(round(8 * view / (np.pi / 2), 9)))
-    )
-    # Where the sector touches a wall from outside, the intersection has points and lines, too.
+    expected = environment.intersection(shapely.Point(here).buffer(reach))
+    # Where the circle touches a wall from outside, the intersection has points and lines, too.
     expected = shapely.union_all([p for p in shapely.get_parts(expected) if p.area > 0])
     for wall in walls:
         expected = shapely.difference(expected, shadow(here, *wall), grid_size=1e-11)
     assert found.symmetric_difference(expected).area < 1e-6
 
 
-@given(slanted_cells(1.0), POINTS, PLACES)
-def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(cells, point, there):
-    found, environment = visible_from(cells, point)
+@given(slanted_rooms(), POINTS, PLACES)
+def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(room, point, there):
+    found, environment = visible_from(room, point)
     lines = shapely.linestrings(np.stack([np.broadcast_to(point, there.shape), there], axis=1))
     surely, maybe = (environment.buffer(margin) for margin in (-1e-6, 1e-6))
     covered = shapely.covers(surely, lines)
@@ -81,9 +64,10 @@ def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(cells, point, th
     assert not inside[~shapely.covers(maybe, lines) & clear].any()
 
 
-@given(slanted_cells(0.9), st.floats(0.7, 6))
+@given(slanted_rooms(), st.floats(0.7, 6))
 @settings(max_examples=20)
-def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(cells, reach):
+def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(room, reach):
+    cells = cells_of(room, 0.9)
     x, y, _ = cells.centre(np.arange(cells.positions))
     squares = box(x - 0.45, y - 0.45, x + 0.45, y + 0.45)
     free = shapely.intersection(cells.workspace.environment, squares)
@@ -91,8 +75,8 @@ def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(cells, rea
     for i in range(0, cells.positions, 5):
         # Chords miss a little of the range.
         least, most = (
-            visibility_polygon(cells.workspace, (x[i], y[i]), reach * more, quad_segs=64)
-            for more in (1.0, 1.001)
+            visibility_polygon(cells.workspace, (x[i], y[i]), reach * more)
+            for more in (1.0, 1.0013)
         )
         unseen, still = (shapely.area(shapely.difference(free, p)) for p in (least, most))
         assert visible[i][unseen < 1e-11].all()
@@ -103,16 +87,11 @@ def test_polygons_have_known_areas():
     empty = Workspace(ROOM)
     assert visibility_polygon(empty, (3, 3)).equals(ROOM)
     assert visibility_polygon(empty, (0, 0)).area == pytest.approx(36)
-    # A polygon of 4 n chords in a circle, and quarters of it.
-    for quad_segs in (1, 16):
-        chord = math.pi / 2 / quad_segs
-        whole = 4 * quad_segs * math.sin(chord) / 2 * 4
-        for point, share in (((3, 3), 1), ((0, 3), 1 / 2), ((6, 6), 1 / 4)):
-            found = visibility_polygon(empty, point, 2, quad_segs=quad_segs)
-            assert found.area == pytest.approx(share * whole)
+    # A polygon of 64 chords in a circle, and quarters of it.
+    whole = 64 * math.sin(math.tau / 64) / 2 * 4
+    for point, share in (((3, 3), 1), ((0, 3), 1 / 2), ((6, 6), 1 / 4)):
+        assert visibility_polygon(empty, point, 2).area == pytest.approx(share * whole)
     assert 1 - whole / (4 * math.pi) < 0.0017
-    third = visibility_polygon(empty, (3, 3), 2, field_of_view=2 * math.pi / 3, heading=1.0)
-    assert third.area == pytest.approx(4 * math.pi / 3, rel=0.002)
     # A square wall of side 2, seen from (1, 3), leaves the left third and two triangles.
     assert visibility_polygon(WALLED, (1, 3)).area == pytest.approx(12 + 2 * 2)
 
@@ -131,8 +110,6 @@ def test_the_polygon_has_two_pieces_in_a_point_of_two_obstacles():
 def test_from_a_wall_the_free_side_is_visible():
     assert visibility_polygon(WALLED, (2, 3)).area == pytest.approx(12)
     assert visibility_polygon(WALLED, (2, 2)).area == pytest.approx(36 - 16)
-    assert visibility_polygon(WALLED, (2, 3), field_of_view=1.0, heading=0.0).is_empty
-    assert visibility_polygon(WALLED, (0, 0), field_of_view=1.0, heading=-2.0).is_empty
 
 
 def test_the_radius_of_the_robot_is_no_wall():
@@ -148,10 +125,6 @@ def test_the_radius_of_the_robot_is_no_wall():
         ({"point": (1.0, 2.0, 3.0)}, "point: expected two finite numbers"),
         ({"reach": 0.0}, "reach: expected more than 0 m, got 0.0"),
         ({"reach": math.nan}, "reach: expected more than 0 m, got nan"),
-        ({"field_of_view": 0.0}, "field_of_view: expected more than 0"),
-        ({"field_of_view": 7.0}, "field_of_view: expected more than 0 and at most 2 pi"),
-        ({"heading": math.inf}, "heading: expected a finite number"),
-        ({"quad_segs": 0}, "quad_segs: expected a whole number from 1"),
     ],
 )
 def test_points_and_numbers_out_of_range_are_refused(changes, message):
