@@ -55,9 +55,9 @@ class Attractors:
     sampled: Float[np.ndarray, "attractors"]
     "The share of orbits from random points of the box that end on each attractor."
     starts: Float[np.ndarray, "scattered axes"]
-    "Random points of the box."
+    "Random points of the box, at which sampled orbits start."
     ends: Int[np.ndarray, "scattered"]
-    "The attractors on which orbits from these points end, -1 for none."
+    "The attractors on which orbits from `starts` end, -1 for none."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -221,7 +221,7 @@ def _lead_others(
     known: Attractors,
     follow: int,
 ) -> None:
-    """Set the attractors of groups without orbits in `known`, by the orbit of a cell of each."""
+    """Add the attractors of groups without orbits to `known`, by following a cell of each."""
     others = _first_cells(box, groups, begun)
     if not others.size:
         return

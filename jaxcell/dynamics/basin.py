@@ -90,11 +90,11 @@ class Basins(Result):
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Only if durations differ between cells; time outside the box is not counted."
+    "Times, if durations differ between cells; time outside the box is not counted."
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
-    "Number of mappings outside the box after which a point has left, as in the call."
+    "Number of mappings outside the box after which a point counts as lost."
     trial: Trial | None = None
     "The test of remedies on a sample of points, if cells and orbits disagree."
     edges: "EdgeStates | None" = None
@@ -167,7 +167,7 @@ class Basins(Result):
         return float(np.mean(self.basin[self.box.index(self.starts)] != self.ends))
 
     def share(self, mask: Callable[[slice], np.ndarray]) -> float:
-        """Compute the share of cells in a mask, which is a function of a slice, to save memory."""
+        """Compute the share of cells for which `mask`, a function of a slice, is true."""
         return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
 
     @derived("", "cells that lead out of the box", kind="share")
@@ -223,12 +223,14 @@ def basins(
 
     **Arguments:**
 
-    - `map`, `box`, `params`, `follow`, `dtype`, `say`: as in [`jaxcell.dynamics.images`][].
+    - `map`, `box`, `params`, `follow`: as in [`jaxcell.dynamics.images`][].
+    - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled type.
     - `by`: the method that assigns attractors to cells: `"cells"`, the map of the cells, which
         costs one image of each; or `"orbits"`, the orbit of each centre, which costs many images
         and is right where cells are too coarse, as beside a weak or chaotic attractor.
     - `seed`: seed of the points from which attractors are found.
     - `labels`: names of the axes.
+    - `say`: a function that is called with the activity and its progress.
 
     **Returns:** [`Basins`][], the attractor of each cell.
 
@@ -333,7 +335,7 @@ def by_cells(
     changed: float | None,
     new: Callable[[str, Any, int], np.ndarray] = lambda _, kind, size: np.empty(size, kind),
 ) -> Basins:
-    """Label the cells by the attractors of their groups.
+    """Make basins in which each cell leads to the attractor of its group.
 
     `new` makes the arrays over cells: a function of name, data type and size.
     """

@@ -28,9 +28,6 @@ def images(
     params: Any = None,
     *,
     follow: int = 0,
-    dtype: Any = None,
-    out: Int[np.ndarray, "cells"] | None = None,
-    say: Say | None = None,
 ) -> Int[np.ndarray, "cells"]:
     """Map the centre of every cell, in chunks of 262,144 cells on two threads.
 
@@ -41,9 +38,6 @@ def images(
     - `params`: the parameters of the map, its second argument.
     - `follow`: number of further mappings of an image outside the box before it counts as lost,
         because a transient or an attractor may pass outside.
-    - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled one.
-    - `out`: an `int32` array for the result, such as a `numpy.memmap`.
-    - `say`: a function that is called with the activity and its progress.
 
     **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
 
@@ -57,8 +51,7 @@ def images(
         [1, 3, 5, 7, 1, 3, 5, 7]
     """
     check_map(map, box, params)
-    whole = None if out is None else out[None]
-    return images_of_each(map, box, [params], follow=follow, dtype=dtype, out=whole, say=say)[0]
+    return images_of_each(map, box, [params], follow=follow)[0]
 
 
 def images_of_each(

@@ -206,7 +206,7 @@ def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
 
 
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
-    """Compute the share of each basin that lies in each basin for other parameters in the same box.
+    """Compute the share of each basin that lies in each basin of another map of the same box.
 
     **Arguments:** basins of two maps in one box. **Returns:** the share for each pair of
     attractors.

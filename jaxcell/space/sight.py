@@ -143,7 +143,7 @@ class _Scene:
 
     centre: Float[np.ndarray, "positions 2"]
     walls: Float[np.ndarray, "walls 3 2"]
-    "Edges of the environment, as `CellSpace.walls` has those of the free space."
+    "Edges of the environment, in the form of `CellSpace.walls`."
     part: Float[np.ndarray, "parts 4 2"]
     "Convex parts of the free part of each square: the square itself, or triangles (closed)."
     first: Int[np.ndarray, "bounds"]

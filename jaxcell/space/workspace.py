@@ -67,7 +67,9 @@ class Workspace:
         cell: float | int | None = None,
         directions: int | None = None,
     ) -> None:
-        """**Arguments:**
+        """Make a map, and check it.
+
+        **Arguments:**
 
         - `boundary`: a shapely polygon without holes, or the vertices of a simple polygon, in order
             either way round; the first may be repeated at the end.

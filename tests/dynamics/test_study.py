@@ -189,10 +189,7 @@ def test_boxes_beyond_the_memory_are_refused_with_the_number(own, monkeypatch):
         ({"params": ("force=1:2:0",)}, "params: force: expected a number or FIRST:LAST:COUNT"),
         ({"cells": (3, 3, 3)}, "got 2, 2, 3 and 2"),
         ({"folder": "cells", "by": "orbits"}, "folder: expected basins by cells, not by orbits"),
-        (
-            X,
-            "edges: expected one value of each parameter",
-        ),
+        ({"params": ("force=1:2:2",), "edges": True}, "edges: expected one value of each"),
     ],
 )
 def test_bad_parameters_are_refused_in_one_line(parameters, message):

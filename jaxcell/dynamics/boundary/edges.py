@@ -37,9 +37,9 @@ class EdgeStates:
     """Saddles on the boundaries of basins: orbits on a boundary go to them."""
 
     first: Int[np.ndarray, "edges"]
-    "The smaller number of the two attractors to which orbits near the edge state lead."
+    "The smaller number of the two attractors beside the edge state."
     second: Int[np.ndarray, "edges"]
-    "The larger number of these two attractors."
+    "The larger number of the two attractors beside the edge state."
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
@@ -47,7 +47,7 @@ class EdgeStates:
     multipliers: Complex[np.ndarray, "edges axes"]
     "The eigenvalues of the derivative after a period, the largest first; NaN without a period."
     orbit: Float[np.ndarray, "edges window axes"]
-    "An orbit beside each edge state."
+    "An orbit near each edge state."
 
     @property
     def unstable(self) -> Int[np.ndarray, "edges"]:

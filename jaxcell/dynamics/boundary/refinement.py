@@ -35,7 +35,7 @@ class Refined(NamedTuple):
     boundary: Float[np.ndarray, "cells axes"]
     "Centres of the finest cells at a boundary."
     basin: Int[np.ndarray, "cells"]
-    "The attractor of each of these cells, -1 for none."
+    "The attractor of each cell in `boundary`, -1 for none."
     mapped: int
     "Number of finer cells that were followed."
 
@@ -116,7 +116,7 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
 def relative_attractor(
     map: Map, box: Box, params: Any = None, *, levels: int = 4, samples: int = 3
 ) -> Float[np.ndarray, "cells axes"]:
-    """Cover the points that have always been in a box, by halving cells and dropping others.
+    """Cover the points that have always been in a box, by repeatedly halving and dropping cells.
 
     Cells that are not reached from any cell of the cover are dropped, the rest are cut in two along
     each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors
@@ -151,7 +151,7 @@ def relative_attractor(
 
 
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """Return the cells of a level that contain points, without points outside."""
+    """Return the cells of a level that contain points; points outside are ignored."""
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)

@@ -92,7 +92,7 @@ def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
 def _snapped(
     map: Map, box: Box, params: Any, points: Any, width: Any, mappings: Any, follow: Any
 ) -> Any:
-    """Map points repeatedly, each time from the centre of their cell of a width."""
+    """Map points repeatedly, each time from the centre of the cell that holds the point."""
     lower = jnp.asarray(np.array(box.lower), points.dtype)
 
     def centred(x):  # type: ignore[no-untyped-def]

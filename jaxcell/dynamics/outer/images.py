@@ -27,10 +27,10 @@ Boxes: TypeAlias = tuple[Float[np.ndarray, "boxes axes"], Float[np.ndarray, "box
 
 @runtime_checkable
 class OuterMap(Protocol):
-    """A map of boxes to boxes: the lower and upper corners of their images."""
+    """A map from boxes to the lower and upper corners of boxes around their images."""
 
     proof: str
-    "The reason why images contain all points of the true ones; empty without a proof."
+    "The reason why images contain the images of all points; empty without a proof."
 
     def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes: ...
 
@@ -107,7 +107,7 @@ def _joined(part: Callable[[int], Boxes], lower: Any) -> Boxes:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Samples:
-    """Images from data: samples of a map, and a bound of its slopes, with proof if both hold.
+    """Images from samples of a map and a bound of its slopes, with proof if both are right.
 
     Coordinate `i` of the images of two points differs by at most the sum of
     `lipschitz[i, j] * abs(difference along axis j)`. The image of a box is within this bound of the
@@ -122,7 +122,7 @@ class Samples:
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
-        """Check the bound on neighbours."""
+        """Check that neighbouring samples satisfy the bound of slopes."""
         points, values = (np.asarray(x, float) for x in (self.points, self.values))
         if points.ndim != 2 or points.shape != values.shape or not len(points):
             raise ValueError(

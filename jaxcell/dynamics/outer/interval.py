@@ -20,9 +20,9 @@ from jax import lax
 
 
 TINY = 2.0**-1000
-"""Results nearer to 0 may have lost all digits."""
+"""Magnitude below which results may have lost all digits."""
 HUGE = 2.0**1000
-"""Reciprocals of larger numbers may be replaced by 0."""
+"""Magnitude above which reciprocals may be replaced by 0."""
 _INFINITY = 0x7FF0000000000000
 
 
@@ -50,7 +50,7 @@ def point(value: Any) -> Interval:
 
 
 def up(x: Any, numbers: int = 1) -> Any:
-    """Round up by a number of 64-bit numbers, to infinity at most."""
+    """Move up by several 64-bit numbers, to infinity at most."""
     bits = lax.bitcast_convert_type(x, jnp.int64)
     moved = jnp.where(bits < 0, bits - numbers, jnp.minimum(bits + numbers, _INFINITY))
     moved = lax.bitcast_convert_type(moved, jnp.float64)
@@ -58,7 +58,7 @@ def up(x: Any, numbers: int = 1) -> Any:
 
 
 def down(x: Any, numbers: int = 1) -> Any:
-    """Round down by a number of 64-bit numbers."""
+    """Move down by several 64-bit numbers."""
     return -up(-x, numbers)
 
 
@@ -73,7 +73,7 @@ def hull(parts: Sequence[Interval]) -> Interval:
 
 
 def within(a: Interval, lower: float, upper: float) -> Interval:
-    """Intersect with the range of a function, which contains some value of `a`."""
+    """Clip an interval to the range of a function."""
     return Interval(jnp.clip(a.lower, lower, upper), jnp.clip(a.upper, lower, upper))
 
 
@@ -131,7 +131,7 @@ def absolute(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: int) -> Interval:
-    """Enclose a whole power by products."""
+    """Enclose the power with a whole exponent, by products."""
     if exponent < 0:
         return div(ONE, power(a, -exponent))
     odd = exponent % 2 == 1
@@ -147,7 +147,7 @@ def sqrt(a: Interval) -> Interval:
 
 
 def total(a: Interval, axis: int) -> Interval:
-    """Sum along an axis, by halves."""
+    """Sum intervals along an axis, by adding halves."""
     while (count := a.lower.shape[axis]) > 1:
         half = count // 2
         first, second, rest = (

@@ -74,7 +74,7 @@ class MorseSets(Result):
         Bool[np.ndarray, "sets sets"],
         quantity("set other", "whether boxes lead from the set to the other one", kind="flag"),
     ]
-    "Transitive; a set leads only to sets with smaller numbers."
+    "The relation is transitive, and a set leads only to sets with smaller numbers."
     certificate: MorseCertificate
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
@@ -155,7 +155,7 @@ def morse_sets(
     labels: tuple[str, ...] = (),
     say: Say | None = None,
 ) -> MorseSets:
-    """Find the recurrent sets of a map in a box, and which lead to which.
+    """Find the recurrent sets of a map in a box, and the order in which orbits visit them.
 
     Images of boxes are boxes that contain the image of every point. A box leads to the boxes that
     touch its image. A Morse set is a largest set of boxes that all lead to each other. Boxes on no

@@ -156,7 +156,7 @@ def _uncertain_index(value: Any) -> bool:
 
 
 def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Apply a primitive that grows with all arguments to the lower and to the upper ends."""
+    """Apply a primitive that grows with all arguments to the lower ends, and to the upper ends."""
 
     def at(ends: list[Any]) -> list[Any]:
         results = step.primitive.bind(*ends, **step.params)

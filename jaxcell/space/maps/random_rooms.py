@@ -11,7 +11,7 @@ from jaxtyping import Bool
 DIRECTIONS = 360
 "Number of directions in the environments of Figure 2.7."
 ROOM = np.ones((125, 200), bool)
-"The free cells of their room: 200 x 125, with the static obstacle [70, 100] x [0, 20]."
+"The free cells of the room of Figure 2.7: 200 x 125, without the obstacle [70, 100] x [0, 20]."
 ROOM[:20, 70:100] = False
 _SQUARE = np.ones((25, 25), bool)
 _RECTANGLE = np.ones((18, 40), bool)
