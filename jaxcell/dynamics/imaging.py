@@ -16,7 +16,7 @@ from .batches import CHUNK, in_stages, in_threads, params_of, slices, stacked, w
 from .maps import Flow, Map
 
 
-# Number of steps between two checks of which cells are away from their start.
+# Number of steps between two checks for points that are far enough from their start.
 _STAGE = 8
 
 Say = Callable[[str, int, int], None]

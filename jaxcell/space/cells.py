@@ -11,7 +11,7 @@ from .workspace import Workspace, edges
 
 
 MAX_CELLS = 2**31 - 1
-# Metres, or radians: far beyond any map, and no product with it overflows.
+# Largest side or coordinate in metres, and angle in radians; no product with it overflows.
 _LARGEST = 1e9
 
 

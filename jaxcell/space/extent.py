@@ -103,7 +103,7 @@ class Extent:
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
         if not self.gridded:
-            # Slanted walls part directions that are one way on a grid; not all, as measured.
+            # Slanted walls separate some directions that share a way on a grid, as measured.
             return min(self.directions, 32 + round(0.45 * self.directions))
         if motion.collision != "endpoint" and length * directions > _MAX_CROSSED:
             ends = stencil(directions, Motion(length, "endpoint"), grid)

@@ -103,7 +103,7 @@ def visible_centres(
         [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     reach = check_reach(reach) / cells.cell
-    # The relation, its transpose, and both together.
+    # Memory holds the relation, its transpose, and their union.
     _check_pairs(cells, 3)
     scene = _Scene.of(cells)
     near, wall = scene.walls_near(reach)

@@ -78,7 +78,7 @@ class Steps:
         ends_only = Motion(motion.in_cells(cells.cell), "endpoint")
         ends = cls.on_grids(cells.free[None], cells.directions, ends_only)
         near, blocked = _blocked_steps(cells, motion)
-        # Walls part directions that lead to the same square, but not where it is not free.
+        # Walls separate directions that lead to the same square, if this square is free.
         able = np.stack([ends.possible(way).ravel()[near] for way in range(len(ends.offset))])
         blocked = blocked.T & able[ends.way]
         number: dict[tuple[int, bytes], int] = {}
@@ -143,7 +143,7 @@ def _blocked_steps(
     step from the centre of each. From other squares only the end has to be free.
     """
     rows, columns = cells.free.shape
-    # All longer steps lead off the map too.
+    # All longer steps lead off the map, too.
     length = min(motion.in_cells(cells.cell), math.hypot(rows, columns) + 1)
     steps = np.array([displacement(k, cells.directions, length) for k in range(cells.directions)])
     reach = float(np.linalg.norm(steps[0])) + TOLERANCE

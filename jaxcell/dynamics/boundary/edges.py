@@ -28,7 +28,7 @@ _ROUNDS = 8
 _PERIODS = range(1, 9)
 _NEWTON = 12
 _SETTLED, _MOVED = 1e-3, 1e-1
-# Edge states that are nearer to each other, in cells, are one.
+# Distance in cells below which two edge states are the same.
 _SAME = 0.5
 
 

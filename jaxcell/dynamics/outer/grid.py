@@ -85,7 +85,7 @@ class Grid:
                 around = ~(high - low < period)
                 low, high = np.where(around, faces[0], low), np.where(around, faces[0], high)
                 turns = np.floor((low - faces[0]) / period)
-                # More than the rounding of a shift; images that are inside do not move.
+                # The error exceeds the rounding of a shift; images that are inside do not move.
                 error = 2.0**-50 * (np.abs(low) + np.abs(high) + np.abs(turns) * period)
                 error[turns == 0] = 0
                 low, high = low - turns * period - error, high - turns * period + error

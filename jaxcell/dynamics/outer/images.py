@@ -155,7 +155,7 @@ class Samples:
         _, near = self._tree.query(lower / 2 + upper / 2, k=[*range(1, count + 1)])
         at = self.points[near]
         away = np.maximum(np.abs(upper[:, None] - at), np.abs(lower[:, None] - at))
-        # Larger than the rounding of the sum.
+        # The factor exceeds the rounding of the sum.
         reach = away @ np.transpose(self.lipschitz) * (1 + 1e-14)
         low, high = self.values[near] - reach, self.values[near] + reach
         low, high = np.nextafter(low, -np.inf).max(axis=1), np.nextafter(high, np.inf).min(axis=1)

@@ -228,7 +228,7 @@ def morse_sets(
         parts = tuple(x[component >= 0] for x in (parts[0], component, parts[2]))
     kept[parts[2]] = True
     leads = _order(levels, np.flatnonzero(kept))
-    # Sets with fewer sets after them come first, then those with smaller boxes.
+    # Sets that lead to fewer sets come first, then sets whose first box comes first.
     first: np.ndarray = np.full(count, cells.size)
     np.minimum.at(first, member, np.arange(cells.size))
     order = np.lexsort((first[kept], leads.sum(axis=1)))
