@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.quantities import Result, derived, from_part, quantity
+from ..base.quantities import derived, from_part, quantity
 from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
@@ -13,8 +13,8 @@ from . import attractors as of_map
 from .batches import CHUNK, slices
 from .boundary.resolution import DOUBTFUL, Trial, tried
 from .imaging import (
+    OnBox,
     Say,
-    axis_names,
     changed_by_half_step,
     check_map,
     images_of_each,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Basins(Result):
+class Basins(OnBox):
     """The attractor of each cell of a box, or its exit from the box."""
 
     title: ClassVar[str] = "Attractors and basins"
@@ -185,22 +185,6 @@ class Basins(Result):
     @derived("", "cells that lead to a saddle", kind="share")
     def several_share(self) -> float:
         return self.share(lambda part: self.several[part])
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the axes."""
-        return axis_names(self.box, self.labels)
-
-    @property
-    def attributes(self) -> Mapping[str, Any]:
-        box = self.box
-        return {
-            "box_lower": list(box.lower),
-            "box_upper": list(box.upper),
-            "box_cells": list(box.cells),
-            "box_axes": " ".join(box.axes),
-            "box_labels": ", ".join(self.names),
-        }
 
     @property
     def remarks(self) -> tuple[str, ...]:

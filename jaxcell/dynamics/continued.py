@@ -94,12 +94,7 @@ class Continuation(Result):
 
 
 def continuation(
-    map: Map,
-    box: Box,
-    params: Mapping[str, Any],
-    *,
-    say: Say | None = None,
-    **options: Any,
+    map: Map, box: Box, params: Mapping[str, Any], *, say: Say | None = None, **options: Any
 ) -> Continuation:
     """Find attractors and basins for each of a list of parameters, and match them along the list.
 

@@ -2,7 +2,7 @@
 
 import functools
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.quantities import Result
 from ..mapping.section import bucket
 from ..space.box import Box
 from .batches import CHUNK, in_stages, in_threads, params_of, slices, stacked, with_last
@@ -22,13 +23,7 @@ _STAGE = 8
 Say = Callable[[str, int, int], None]
 
 
-def images(
-    map: Map,
-    box: Box,
-    params: Any = None,
-    *,
-    follow: int = 0,
-) -> Int[np.ndarray, "cells"]:
+def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np.ndarray, "cells"]:
     """Map the centre of every cell, in chunks of 262,144 cells on two threads.
 
     **Arguments:**
@@ -166,6 +161,28 @@ def axis_names(box: Box, labels: tuple[str, ...]) -> tuple[str, ...]:
     return labels or tuple(f"x{axis}" for axis in range(box.dimensions))
 
 
+class OnBox(Result):
+    """A result on the cells of a box, whose axes may have names."""
+
+    box: Box
+    labels: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the axes."""
+        return axis_names(self.box, self.labels)
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        return {
+            "box_lower": list(self.box.lower),
+            "box_upper": list(self.box.upper),
+            "box_cells": list(self.box.cells),
+            "box_axes": " ".join(self.box.axes),
+            "box_labels": ", ".join(self.names),
+        }
+
+
 @functools.partial(jax.jit, static_argnames="map")
 def mapped_points(map: Map, params: Any, points: Any) -> Any:
     """Map points, an array `[points, corners, axes]`."""
@@ -194,7 +211,6 @@ def changed_by_half_step(
     *,
     follow: int = 0,
     dtype: Any = None,
-    seed: int = 0,
 ) -> list[float | None]:
     """Compute the share of images that change with steps of half the length, on 1 % of the cells.
 
@@ -203,7 +219,7 @@ def changed_by_half_step(
     if not hasattr(map, "halved"):
         return [None] * len(members)
     count = int(np.clip(box.size // 100, min(box.size, 256), 1 << 16))
-    cells = np.random.default_rng(seed).integers(0, box.size, count, dtype=np.int32)
+    cells = np.random.default_rng(0).integers(0, box.size, count, dtype=np.int32)
     half, _ = _images_of(map.halved(), box, members, cells, follow, dtype)
     return (image[:, cells] != half).mean(axis=1).tolist()
 
@@ -236,14 +252,7 @@ def _crossing(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _cross(
-    map: Flow,
-    box: Box,
-    params: Any,
-    members: Any,
-    cells: Any,
-    points: Any,
-    taken: Any,
-    steps: Any,
+    map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
     """Take up to `steps` steps from points, until each is far enough from its first cell."""
 

@@ -18,10 +18,7 @@ AT_CENTRE = 1e-6
 
 
 def visible_cells(
-    cells: CellSpace,
-    reach: float | int,
-    *,
-    part: float | int = 1.0,
+    cells: CellSpace, reach: float | int, *, part: float | int = 1.0
 ) -> Bool[np.ndarray, "positions positions"]:
     """Find the cells that are wholly visible from each centre (Alam 2018, Eq. 4.1 and Alg. 4.3).
 

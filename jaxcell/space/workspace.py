@@ -241,8 +241,7 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
 
 
 def coordinate_rounding(
-    boundary: Float[np.ndarray, "vertices 2"],
-    obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
+    boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> float:
     """Compute the unit of rounded vertices: above the rounding of float64, below any real wall."""
     largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
@@ -266,8 +265,7 @@ def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
 
 
 def _check_polygons(
-    boundary: Float[np.ndarray, "vertices 2"],
-    obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
+    boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> None:
     """Refuse polygons without area, polygons that meet themselves, and obstacles outside."""
     fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]

@@ -17,11 +17,6 @@ def mapped(map, *point):
     return jax.jit(map)(np.array(point), None)
 
 
-def test_flow_turns_by_its_time():
-    quarter = dynamics.flow(turning, np.pi / 200, 100)
-    np.testing.assert_allclose(mapped(quarter, 1.0, 0.0), [0, -1], atol=1e-8)
-
-
 def test_strobe_follows_the_phase_of_the_force():
     # x' = cos(t) returns after a period; x' = cos(t)^2 moves by pi.
     back = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None], 2 * np.pi, 100)

@@ -23,35 +23,30 @@ def worker():
 
 
 def variable(dims, values, dtype="f8", **attributes):
-    return {"dims": dims, "values": values, "dtype": dtype, "attributes": attributes}
+    return {"dims": dims.split(), "values": values, "dtype": dtype, "attributes": attributes}
 
 
 def currents():
     """The components on time, depth, latitude and longitude."""
     t, k, j, i = np.indices((2, 2, 3, 4))
-    dims = ("time", "depth", "lat", "lon")
+    dims, east, north = "time depth lat lon", 0.1 + 0.01 * t + 0.001 * j, -0.2 + 0.01 * (i + k)
     return {
         "dims": {"time": 2, "depth": 2, "lat": 3, "lon": 4},
         "attributes": {"title": "x"},
         "variables": {
-            "time": variable(("time",), [0.0, 1.0], units="hours since 2011-07-01 00:00:00"),
-            "depth": variable(("depth",), [0.0, 5.0], units="m", positive="down"),
-            "lat": variable(("lat",), 33 + 0.01 * np.arange(3), units="degrees_north"),
-            "lon": variable(("lon",), -118 + 0.01 * np.arange(4), units="degrees_east"),
-            "u": variable(
-                dims, 0.1 + 0.01 * t + 0.001 * j, standard_name="eastward_sea_water_velocity"
-            ),
-            "v": variable(
-                dims, -0.2 + 0.01 * i + 0.01 * k, standard_name="northward_sea_water_velocity"
-            ),
+            "time": variable("time", [0.0, 1.0], units="hours since 2011-07-01 00:00:00"),
+            "depth": variable("depth", [0.0, 5.0], units="m", positive="down"),
+            "lat": variable("lat", 33 + 0.01 * np.arange(3), units="degrees_north"),
+            "lon": variable("lon", -118 + 0.01 * np.arange(4), units="degrees_east"),
+            "u": variable(dims, east, standard_name="eastward_sea_water_velocity"),
+            "v": variable(dims, north, standard_name="northward_sea_water_velocity"),
         },
     }
 
 
 def roms():
     """Currents as in ROMS: on the sides of cells, with levels that follow the sea bed."""
-    rho, time, s = ("eta_rho", "xi_rho"), ("ocean_time",), ("s_rho",)
-    whole = np.ones((4, 5))
+    rho, whole = "eta_rho xi_rho", np.ones((4, 5))
     return {
         "dims": {
             **{"ocean_time": 2, "s_rho": 3, "eta_rho": 4, "xi_rho": 5},
@@ -59,19 +54,19 @@ def roms():
         },
         "attributes": {},
         "variables": {
-            "ocean_time": variable(time, [0, 3600], units="seconds since 2016-02-02"),
-            "s_rho": variable(s, [-0.8, -0.5, -0.1]),
-            "Cs_r": variable(s, [-0.7, -0.4, -0.05]),
-            "hc": variable((), 5.0),
-            "Vtransform": variable((), 2, "i4"),
+            "ocean_time": variable("ocean_time", [0, 3600], units="seconds since 2016-02-02"),
+            "s_rho": variable("s_rho", [-0.8, -0.5, -0.1]),
+            "Cs_r": variable("s_rho", [-0.7, -0.4, -0.05]),
+            "hc": variable("", 5.0),
+            "Vtransform": variable("", 2, "i4"),
             "h": variable(rho, 50 * whole, units="meter"),
-            "zeta": variable((*time, *rho), np.zeros((2, 4, 5))),
+            "zeta": variable(f"ocean_time {rho}", np.zeros((2, 4, 5))),
             "lon_rho": variable(rho, whole * (-118 + 0.01 * np.arange(5))),
             "lat_rho": variable(rho, whole * (33 + 0.01 * np.arange(4))[:, None]),
             "angle": variable(rho, 0 * whole, units="radians"),
             "mask_rho": variable(rho, whole),
-            "u": variable((*time, *s, "eta_u", "xi_u"), np.full((2, 3, 4, 4), 0.1)),
-            "v": variable((*time, *s, "eta_v", "xi_v"), np.full((2, 3, 3, 5), 0.2)),
+            "u": variable("ocean_time s_rho eta_u xi_u", np.full((2, 3, 4, 4), 0.1)),
+            "v": variable("ocean_time s_rho eta_v xi_v", np.full((2, 3, 3, 5), 0.2)),
         },
     }
 
@@ -84,13 +79,13 @@ def mitgcm():
         "dims": {"time": 2, "Z": 3, "YC": 4, "XC": 5, "YG": 4, "XG": 5},
         "attributes": {},
         "variables": {
-            "time": variable(("time",), [0, 3600], units="seconds since 2016-02-02"),
-            "Z": variable(("Z",), [-5.0, -15.0, -30.0], units="m", positive="up"),
-            "XC": variable(("XC",), -118 + 0.01 * np.arange(5), units="degrees_east"),
-            "YC": variable(("YC",), 33 + 0.01 * np.arange(4), units="degrees_north"),
-            "UVEL": variable(("time", "Z", "YC", "XG"), u, units="m/s"),
-            "VVEL": variable(("time", "Z", "YG", "XC"), np.full((2, 3, 4, 5), 0.2)),
-            "hFacC": variable(("Z", "YC", "XC"), np.full((3, 4, 5), 0.5)),
+            "time": variable("time", [0, 3600], units="seconds since 2016-02-02"),
+            "Z": variable("Z", [-5.0, -15.0, -30.0], units="m", positive="up"),
+            "XC": variable("XC", -118 + 0.01 * np.arange(5), units="degrees_east"),
+            "YC": variable("YC", 33 + 0.01 * np.arange(4), units="degrees_north"),
+            "UVEL": variable("time Z YC XG", u, units="m/s"),
+            "VVEL": variable("time Z YG XC", np.full((2, 3, 4, 5), 0.2)),
+            "hFacC": variable("Z YC XC", np.full((3, 4, 5), 0.5)),
         },
     }
 
@@ -100,9 +95,9 @@ def target():
         "dims": {"x": 3, "y": 2},
         "attributes": {},
         "variables": {
-            "x": variable(("x",), [0.5, 1.5, 2.5]),
-            "y": variable(("y",), [0.5, 1.5]),
-            "worth": variable(("y", "x"), np.arange(6.0).reshape(2, 3)),
+            "x": variable("x", [0.5, 1.5, 2.5]),
+            "y": variable("y", [0.5, 1.5]),
+            "worth": variable("y x", np.arange(6.0).reshape(2, 3)),
         },
     }
 
@@ -111,7 +106,7 @@ def target_of_positions():
     return {
         "dims": {"position": 6},
         "attributes": {},
-        "variables": {"worth": variable(("position",), np.arange(6.0))},
+        "variables": {"worth": variable("position", np.arange(6.0))},
     }
 
 
@@ -205,11 +200,11 @@ def changed(draw, make):
             variables[one_of(others)] = variables.pop(name)
         elif kind == "order":
             places = draw(st.permutations(range(len(field["dims"]))))
-            field["dims"] = tuple(field["dims"][place] for place in places)
+            field["dims"] = [field["dims"][place] for place in places]
             field["values"] = values.transpose(places) if values.ndim == len(places) else values
         elif kind == "dims":
             names = st.sampled_from(sorted(described["dims"]))
-            field["dims"] = tuple(draw(st.lists(names, max_size=4)))
+            field["dims"] = draw(st.lists(names, max_size=4))
         elif kind == "dtype":
             field["dtype"] = one_of(["i1", "u8", "f4", "S1", "str", "i2"])
         elif kind == "size":

@@ -355,7 +355,6 @@ def png(array):
         (b"GIF89a", "expected a PGM or PNG image"),
         (b"P5\n0 0\n255\n", "expected a PGM or PNG image"),
         (b"P5\n2 2\n0\n\x00\x00\x00\x00", "broken or cut short: maxval must be greater than 0"),
-        (b"P5\n100000 100000\n255\n", "too large: Image size (10000000000 pixels)"),
         (b"P5\n10000 10000\n255\n", "too large: Image size (100000000 pixels)"),
         (b"P5\n2 2\n255\n\xfe\xfe\xfe", "broken or cut short: "),
         (b"P2\n2 2\n255\n254 254 25x 254", "broken or cut short: "),

@@ -103,14 +103,8 @@ FIELDS = [
     ({"boundary": [[0, 0], [1, 0], "1 1"]}, "boundary[2]: expected a pair [x, y], got '1 1'"),
     ({"boundary": [[0, 0], [1, "0"], [1, 1]]}, "boundary[1]: expected a finite number, got '0'"),
     ({"boundary": [[0, 0], [1, True], [1, 1]]}, "boundary[1]: expected a finite number, got True"),
-    (
-        {"boundary": [[0, 0], [1, 10**400], [1, 1]]},
-        "boundary[1]: expected a finite number, got",
-    ),
-    (
-        {"boundary": [[0, 0], [1, math.nan], [1, 1]]},
-        "boundary[1]: expected a finite number, got",
-    ),
+    ({"boundary": [[0, 0], [1, 10**400], [1, 1]]}, "boundary[1]: expected a finite number, got"),
+    ({"boundary": [[0, 0], [1, math.nan], [1, 1]]}, "boundary[1]: expected a finite number, got"),
     ({"obstacles": BOX}, "obstacles[0][0]: expected a pair [x, y], got 1"),
     ({"obstacles": {}}, "obstacles: expected a list, got {}"),
     ({"obstacles": [BOX, None]}, "obstacles[1]: expected a list, got None"),

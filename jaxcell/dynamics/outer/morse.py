@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from ...base.quantities import Result, derived, from_part, quantity
+from ...base.quantities import derived, from_part, quantity
 from ...space.box import Box
-from ..imaging import Say, axis_names, check_begin, check_map
+from ..imaging import OnBox, Say, check_begin, check_map
 from ..maps import Map
 from .grid import Grid
 from .images import Intervals, OuterMap
@@ -50,7 +50,7 @@ class MorseCertificate:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MorseSets(Result):
+class MorseSets(OnBox):
     """Sets of boxes that contain all recurrent points of a map, and their order."""
 
     title: ClassVar[str] = "Morse sets"
@@ -124,20 +124,6 @@ class MorseSets(Result):
     proved = from_part(
         "certificate.proved", "", "whether images contain all images of points", kind="flag"
     )
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the axes."""
-        return axis_names(self.box, self.labels)
-
-    @property
-    def attributes(self) -> Mapping[str, Any]:
-        return {
-            "box_lower": list(self.box.lower),
-            "box_upper": list(self.box.upper),
-            "box_axes": " ".join(self.box.axes),
-            "box_labels": ", ".join(self.names),
-        }
 
     @property
     def remarks(self) -> tuple[str, ...]:

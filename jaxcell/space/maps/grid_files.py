@@ -175,9 +175,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
 
 
 def format_map_server(
-    fields: Mapping[str, Any],
-    environment: shapely.Polygon | shapely.MultiPolygon,
-    image: str,
+    fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon, image: str
 ) -> tuple[str, bytes]:
     """Write the YAML text and the PGM image of a map_server map.
 

@@ -1,25 +1,9 @@
 """Map files: the choice of the format, the JSON format of jaxcell, and safe writing.
 
-The other formats are in `grid_files`. A map is the keyword arguments of `Workspace`.
-
-The format is a JSON object. `format` ("jaxcell-map"), `version` (1) and `boundary` are required:
-
-```json
-{
-  "format": "jaxcell-map",
-  "version": 1,
-  "units": "m",
-  "name": "a room with a table",
-  "boundary": [[0, 0], [6, 0], [6, 5], [0, 5]],
-  "obstacles": [[[2, 2], [3, 2], [3, 3], [2, 3]]],
-  "robot_radius": 0.17,
-  "cell": 0.25,
-  "directions": 16
-}
-```
-
-`units` ("m" by default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown keys are
-refused, so that a misspelt key is noticed.
+The other formats are in `grid_files`. A map is the keyword arguments of `Workspace`. In JSON,
+`format` ("jaxcell-map"), `version` (1) and `boundary` are required; `units` ("m" by default, or
+"cm", "mm", "ft") holds for all lengths of the file. Unknown keys are refused, so that a misspelt
+key is noticed.
 """
 
 import json
