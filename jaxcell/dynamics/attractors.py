@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..mapping import PeriodicGroups
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import CHUNK, params_of, stacked, with_last
+from .batches import params_of, slices, stacked, with_last
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
@@ -137,8 +137,8 @@ def _starts(
     followed = np.arange(live)
     if live > MAX_GROUPS:
         size = np.zeros(live + 2, np.int32)
-        for first in range(0, box.size, CHUNK):
-            np.subtract.at(size, groups.group[: box.size][first : first + CHUNK], np.int32(1))
+        for part in slices(box.size):
+            np.subtract.at(size, groups.group[part], np.int32(1))
         followed = np.sort(np.argpartition(size[:live], MAX_GROUPS)[:MAX_GROUPS])
     cells = cells_of(box, groups, followed, each).ravel()
     inside = rng.uniform(-0.5, 0.5, (cells.size, box.dimensions))
@@ -151,20 +151,19 @@ def cells_of(
     box: Box, groups: PeriodicGroups, chosen: Int[np.ndarray, "chosen"], each: int
 ) -> Int[np.ndarray, "chosen each"]:
     """Choose `each` evenly spaced cells of each chosen group; small groups repeat cells."""
-    group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
+    group, step = np.asarray(groups.group), np.asarray(groups.step)
     number = np.full(int(groups.count), -1, np.int32)
     number[chosen] = np.arange(chosen.size)
     place = np.arange(each) * np.asarray(groups.group_period)[chosen, None] // each
     chosen_cells = np.zeros_like(place, dtype=np.int64)
-    for first in range(0, box.size, CHUNK):
-        part = slice(first, first + CHUNK)
+    for part in slices(box.size):
         cells = np.flatnonzero((step[part] == 0) & (number[group[part]] >= 0))
         here = number[group[part][cells]]
         order = np.argsort(here, kind="stable")
         start = np.searchsorted(here[order], np.arange(chosen.size + 1))
         # The places in this part of the cells.
         own = (place >= 0) & (place < np.diff(start)[:, None])
-        chosen_cells[own] = first + cells[order[(start[:-1, None] + place)[own]]]
+        chosen_cells[own] = part.start + cells[order[(start[:-1, None] + place)[own]]]
         place -= np.diff(start)[:, None]
     return chosen_cells
 
@@ -239,12 +238,11 @@ def _first_cells(
     other = np.ones(int(groups.count), bool)
     other[known] = False
     cells, highest = [np.zeros(0, np.int32)], -1
-    for first in range(0, box.size, CHUNK):
-        here = slice(first, min(first + CHUNK, box.size))
-        on = np.flatnonzero(groups.step[here] == 0)
-        number = np.maximum.accumulate(np.append(highest, groups.group[here][on]))
+    for part in slices(box.size):
+        on = np.flatnonzero(groups.step[part] == 0)
+        number = np.maximum.accumulate(np.append(highest, groups.group[part][on]))
         new, highest = np.diff(number) > 0, number[-1]
-        cells.append((first + on[new][other[number[1:][new]]]).astype(np.int32))
+        cells.append((part.start + on[new][other[number[1:][new]]]).astype(np.int32))
     return np.concatenate(cells)
 
 

@@ -10,17 +10,9 @@ from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
-from .batches import CHUNK, slices
+from .batches import slices
 from .boundary.resolution import DOUBTFUL, Trial, tried
-from .imaging import (
-    OnBox,
-    Say,
-    changed_by_half_step,
-    check_map,
-    images_of_each,
-    self_images,
-    torn_axes,
-)
+from .imaging import OnBox, Say, changed_by_half_step, check_map, images_of_each, torn_axes
 from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
 from .remarks import remarks_on
@@ -180,7 +172,7 @@ class Basins(OnBox):
 
     @derived("", "cells that are their own images", kind="share")
     def self_images(self) -> float:
-        return self_images(self.image)
+        return self.share(lambda part: self.image[part] == np.arange(part.start, part.stop))
 
     @derived("", "cells that lead to a saddle", kind="share")
     def several_share(self) -> float:
@@ -294,7 +286,8 @@ def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarra
     order = np.argsort(basins.step, kind="stable")
     ends = np.cumsum(np.bincount(basins.step))
     for cells in np.split(order, ends[:-1])[1:]:
-        for part in np.array_split(cells, 1 + cells.size // CHUNK):
+        for chunk in slices(cells.size):
+            part = cells[chunk]
             time[part] = lasts[part] + time[basins.image[part]]
     return time[:-2]
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from ..base.quantities import Result
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import CHUNK, in_stages, in_threads, params_of, slices, stacked, with_last
+from .batches import CHUNK, in_stages, in_threads, params_of, stacked, with_last
 from .maps import Flow, Map
 
 
@@ -112,15 +112,10 @@ def check_begin(map: Map, box: Box, params: Any) -> None:
     **Raises:** `ValueError` if the values are finite at none of the points.
     """
     begin = getattr(map, "velocity", map)
-    begun = np.asarray(_begun(begin, params, _anywhere(box)))
+    begun = np.asarray(mapped_points(begin, params, _anywhere(box)[:, None]))
     if not np.isfinite(begun).all(axis=-1).any():
         what = "map" if begin is map else "field"
         raise ValueError(f"{what}: expected finite numbers, got none at {len(begun)} points")
-
-
-@functools.partial(jax.jit, static_argnames="begin")
-def _begun(begin: Map, params: Any, points: Any) -> Any:
-    return jax.vmap(lambda x: jnp.asarray(begin(x, params)))(points)
 
 
 def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
@@ -186,21 +181,12 @@ class OnBox(Result):
 @functools.partial(jax.jit, static_argnames="map")
 def mapped_points(map: Map, params: Any, points: Any) -> Any:
     """Map points, an array `[points, corners, axes]`."""
-    return jax.vmap(jax.vmap(lambda x: map(x, params)))(points)
+    return jax.vmap(jax.vmap(lambda x: jnp.asarray(map(x, params))))(points)
 
 
 @functools.partial(jax.jit, static_argnames="map")
 def _mapped_by_each(map: Map, params: Any, members: Any, points: Any) -> Any:
     return jax.vmap(lambda member: mapped_points(map, params_of(params, member), points))(members)
-
-
-def self_images(image: Int[np.ndarray, "cells"]) -> float:
-    """Return the share of cells that are their own images: equilibria, or slow cells."""
-    own = sum(
-        np.count_nonzero(image[part] == np.arange(part.start, part.stop, dtype=image.dtype))
-        for part in slices(image.size)
-    )
-    return own / image.size
 
 
 def changed_by_half_step(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..space.box import Box
-from .batches import CHUNK, in_stages
+from .batches import in_stages, slices
 from .imaging import Say
 from .maps import Map
 
@@ -40,12 +40,11 @@ def orbit_basins(
     """
     owner = attractor_owners(box, attractor_cells)
     basin, step = np.empty((2, box.size), np.int32)
-    for first in range(0, box.size, CHUNK):
-        cells = np.arange(first, min(first + CHUNK, box.size), dtype=np.int32)
-        centres = box.centre(cells)
-        basin[cells], step[cells] = orbit_ends(map, box, params, owner, centres, follow=follow)
+    for part in slices(box.size):
+        centres = box.centre(np.arange(part.start, part.stop, dtype=np.int32))
+        basin[part], step[part] = orbit_ends(map, box, params, owner, centres, follow=follow)
         if say is not None:
-            say("following orbits", int(cells[-1]) + 1, box.size)
+            say("following orbits", part.stop, box.size)
     return basin, step
 
 

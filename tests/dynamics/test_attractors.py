@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from jaxcell import dynamics
-from jaxcell.dynamics import attractors
+from jaxcell.dynamics import attractors, batches
 from jaxcell.dynamics.basin import basins_of_each
 from jaxcell.dynamics.merging import merged
 from jaxcell.mapping.peel import groups_on_host
@@ -98,7 +98,7 @@ def test_orbits_across_a_periodic_axis_are_merged(kind, label):
 
 @pytest.mark.parametrize("chunk", [7, 1 << 20])
 def test_starts_are_even_among_the_cells_of_a_group(chunk, monkeypatch):
-    monkeypatch.setattr(attractors, "CHUNK", chunk)
+    monkeypatch.setattr(batches, "CHUNK", chunk)
     box = Box([0], [1], [60])
     image = np.random.default_rng(1).permutation(60).astype(np.int32)
     groups = groups_on_host(np.append(image, np.array([60, 61], np.int32)))

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ...space.box import Box
 from ...space.cells import TOLERANCE
 from ..basin import Basins
-from ..batches import CHUNK, with_last
+from ..batches import slices, with_last
 from ..imaging import check_begin, check_map, mapped_points
 from ..maps import Map
 from ..orbits import VISITS, attractor_owners, orbit_ends
@@ -235,7 +235,7 @@ def _ends(
     """Return the basins of points, by the owners of the cells that they reach."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
-        orbit_ends(map, basins.box, basins.params, owner, points[k : k + CHUNK], **options)[0]
-        for k in range(0, len(points), CHUNK)
+        orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]
+        for part in slices(len(points))
     ]
     return np.maximum(np.concatenate([np.empty(0, np.int32), *parts]), -1)
