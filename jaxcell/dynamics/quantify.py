@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
-from scipy import ndimage
+from scipy import ndimage, special
 
 from ..space.box import Box
 from .basin import Basins
@@ -52,11 +52,12 @@ def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
         [2.0, 2.0]
     """
     times = basins.times
-
-    def pace(own: np.ndarray, far: np.ndarray) -> float:
-        return float(np.where(far > 0, times[own] / np.where(far > 0, far, 1), 0).mean())
-
-    return np.array([pace(own, far) for own, far in _basins_with_distance(basins)])
+    return np.array(
+        [
+            np.divide(times[own], far, out=np.zeros(far.size), where=far > 0).mean()
+            for own, far in _basins_with_distance(basins)
+        ]
+    )
 
 
 def noncritical_shocks(
@@ -138,10 +139,8 @@ def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
     split = [part for n in blocks.shape for part in (n // side, side)]
     order = (*range(0, 2 * blocks.ndim, 2), *range(1, 2 * blocks.ndim, 2))
     boxes = blocks.reshape(split).transpose(order).reshape(-1, side**blocks.ndim)
-    entropy = np.zeros(len(boxes))
-    for label in np.unique(boxes):
-        share = (boxes == label).mean(axis=1)
-        entropy -= np.where(share > 0, share * np.log(np.where(share > 0, share, 1)), 0)
+    shares = ((boxes == label).mean(axis=1) for label in np.unique(boxes))
+    entropy = sum(map(special.entr, shares), np.zeros(len(boxes)))
     mixed = entropy > 0
     return float(entropy.mean()), float(entropy[mixed].mean()) if mixed.any() else 0.0
 
