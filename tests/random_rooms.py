@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import shapely
-from hypothesis import strategies as st
+from hypothesis import reject, strategies as st
 
-from jaxcell.space import Workspace
+from jaxcell.space import CellSpace, Workspace
 
 
 def grids(free, shape):
@@ -25,6 +25,25 @@ def slanted_obstacles(draw, number):
         if hull.geom_type == "Polygon" and hull.area > 0.01:
             obstacles.append(shapely.get_coordinates(hull)[:-1])
     return obstacles
+
+
+# Numbers with which an obstacle hides nothing, or no sliver.
+HUNDREDTHS = st.integers(0, 600).map(lambda n: n / 100)
+
+
+@st.composite
+def slanted_rooms(draw, number=HUNDREDTHS, radii=(0.0,)):
+    """A boundary, obstacles and a radius; slanted obstacles may overlap, or cross the boundary."""
+    obstacles = draw(slanted_obstacles(number))
+    return [(0, 0), (6, 0), (5.5, 4), (0.2, 5)], obstacles, draw(st.sampled_from(radii))
+
+
+def cells_of(room, cell, directions=1):
+    """The cells of a drawn room; a room without free cells is rejected."""
+    try:
+        return CellSpace.of(Workspace(*room), cell, directions)
+    except ValueError:
+        reject()
 
 
 def slanted_room(seed: int) -> Workspace:

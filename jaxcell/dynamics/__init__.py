@@ -11,13 +11,13 @@ analyses of bouncing robots and currents then apply to it.
 
 **Maps.** `F` is any function `map(x, params)`; `flow`, `strobe` and `section` make one
 from a field by Runge-Kutta steps of fixed length: over a time, over a period of a force, or to the
-next crossing of a surface. A flow may have a different duration in each cell,
-until its image is several cells away: a cell that moves by less than its size is an equilibrium.
+next crossing of a surface. A flow may follow each cell until it has moved by several cells, because
+slow cells would otherwise be their own images, like equilibria.
 
 **Accuracy.** The centre of a cell stands for the whole cell, which is wrong near attractors and
 saddles: a limit cycle makes dozens of periodic groups. So attractors are found by following the map
-itself from the groups, and results report the share of cells that are their own images, the images
-that differ with steps of half the length, and the cells that lead to a saddle. A map that preserves
+itself from the groups, and results report the shares of cells that are their own images, of images
+that differ with steps of half the length, and of cells that lead to a saddle. A map that preserves
 volumes has groups and no attractors: results then report that orbits had not settled, or that most
 cells are periodic.
 

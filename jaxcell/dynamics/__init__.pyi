@@ -8,18 +8,8 @@ from .boundary.refinement import (
 from .chains import chain as chain
 from .continued import Continuation as Continuation, continuation as continuation
 from .imaging import images as images
-from .large.stored import (
-    Foretold as Foretold,
-    foretold as foretold,
-    stored_basins as stored_basins,
-)
-from .maps import (
-    Flow as Flow,
-    Map as Map,
-    flow as flow,
-    section as section,
-    strobe as strobe,
-)
+from .large.stored import Foretold as Foretold, foretold as foretold, stored_basins as stored_basins
+from .maps import Flow as Flow, Map as Map, flow as flow, section as section, strobe as strobe
 from .outer.images import (
     Corners as Corners,
     Intervals as Intervals,

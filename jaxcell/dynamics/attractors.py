@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..mapping import PeriodicGroups
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import CHUNK, params_of, stacked, with_last
+from .batches import params_of, slices, stacked, with_last
 from .maps import Flow, Map
 from .merging import merged
 from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
@@ -22,7 +22,7 @@ from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
 # Number of orbits from each group and, while groups have several, the largest total number.
 _STARTS = 4
 _MAX_STARTS = 1 << 12
-# Number of groups followed: a map that preserves volumes may have as many groups as cells.
+# Number of groups that are followed: a map that preserves volumes may have as many as cells.
 MAX_GROUPS = 1 << 13
 SCATTERED = 256
 """Number of orbits from random points of the box."""
@@ -55,9 +55,9 @@ class Attractors:
     sampled: Float[np.ndarray, "attractors"]
     "The share of orbits from random points of the box that end on each attractor."
     starts: Float[np.ndarray, "scattered axes"]
-    "Random points of the box."
+    "Random points of the box, at which sampled orbits start."
     ends: Int[np.ndarray, "scattered"]
-    "The attractors on which orbits from these points end, -1 for none."
+    "The attractors on which orbits from `starts` end, -1 for none."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -79,14 +79,14 @@ def attractors(
     A limit cycle or a chaotic attractor makes many periodic groups, and a saddle makes a group that
     attracts nothing. So the map itself, instead of the map of the cells, is followed from a few
     points of each group until the orbits have settled. Orbits that approach each other within half
-    a cell are on one attractor (as in the second stage of Hsu 1987, with orbits in place of a
-    generalized map of the groups' neighbourhood, over all of which its cells spread if steps are
-    small). Orbits from random points find attractors that are too small for the cells, and estimate
-    the share of starts that lead to each. Beyond 8,192 groups, only those with the largest basins
-    are followed in this way, and others until they visit cells of a known attractor.
+    a cell are on one attractor. (In the second stage of Hsu 1987 a generalized map near the groups
+    takes the place of orbits, but small steps would spread its cells over the whole neighbourhood.)
+    Orbits from random points find attractors that are too small for the cells, and estimate the
+    share of starts that lead to each. Beyond 8,192 groups, only the groups with the largest basins
+    are followed in this way, and the other ones until they visit cells of a known attractor.
 
-    All members are followed in one batch. The groups of each member include those of the two sinks.
-    `scattered` orbits start at random points of the box, which `seed` decides.
+    `members` are the parameters of several maps, whose orbits are computed in one batch. The
+    `groups` of each member end with the two sinks. `scattered` orbits start at random points.
     """
     starts, begun = zip(*(_starts(box, each, scattered, seed) for each in groups), strict=True)
     params, start = stacked(members), dict(enumerate(starts))
@@ -114,7 +114,7 @@ def attractors(
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
-    """Count mappings after which an orbit is back, to 1e-3 of a cell; 0 if not within its half."""
+    """Find the period of an orbit, to 1e-3 of a cell; 0 if it exceeds half of the window."""
     near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
@@ -127,15 +127,18 @@ def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
 def _starts(
     box: Box, groups: PeriodicGroups, scattered: int, seed: int
 ) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "of_groups"]]:
-    """Draw points of a few cells of groups, and of the box; return also the groups of the first."""
+    """Draw starts in a few cells of each group, then in the whole box.
+
+    Returns all starts, and the groups of the former.
+    """
     rng = np.random.default_rng(seed)
     live = int(groups.count) - 2
     each = int(np.clip(_MAX_STARTS // max(1, live), 1, _STARTS))
     followed = np.arange(live)
     if live > MAX_GROUPS:
         size = np.zeros(live + 2, np.int32)
-        for first in range(0, box.size, CHUNK):
-            np.subtract.at(size, groups.group[: box.size][first : first + CHUNK], np.int32(1))
+        for part in slices(box.size):
+            np.subtract.at(size, groups.group[part], np.int32(1))
         followed = np.sort(np.argpartition(size[:live], MAX_GROUPS)[:MAX_GROUPS])
     cells = cells_of(box, groups, followed, each).ravel()
     inside = rng.uniform(-0.5, 0.5, (cells.size, box.dimensions))
@@ -147,21 +150,20 @@ def _starts(
 def cells_of(
     box: Box, groups: PeriodicGroups, chosen: Int[np.ndarray, "chosen"], each: int
 ) -> Int[np.ndarray, "chosen each"]:
-    """Return cells of groups, evenly spaced in each, and repeated in groups with few cells."""
-    group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
+    """Choose `each` evenly spaced cells of each chosen group; small groups repeat cells."""
+    group, step = np.asarray(groups.group), np.asarray(groups.step)
     number = np.full(int(groups.count), -1, np.int32)
     number[chosen] = np.arange(chosen.size)
     place = np.arange(each) * np.asarray(groups.group_period)[chosen, None] // each
     chosen_cells = np.zeros_like(place, dtype=np.int64)
-    for first in range(0, box.size, CHUNK):
-        part = slice(first, first + CHUNK)
+    for part in slices(box.size):
         cells = np.flatnonzero((step[part] == 0) & (number[group[part]] >= 0))
         here = number[group[part][cells]]
         order = np.argsort(here, kind="stable")
         start = np.searchsorted(here[order], np.arange(chosen.size + 1))
         # The places in this part of the cells.
         own = (place >= 0) & (place < np.diff(start)[:, None])
-        chosen_cells[own] = first + cells[order[(start[:-1, None] + place)[own]]]
+        chosen_cells[own] = part.start + cells[order[(start[:-1, None] + place)[own]]]
         place -= np.diff(start)[:, None]
     return chosen_cells
 
@@ -175,7 +177,7 @@ def _of_orbits(
     starts: Float[np.ndarray, "scattered axes"],
     settled: bool,
 ) -> Attractors:
-    """Make the attractors on which orbits end; the first orbits are those from groups."""
+    """Make the attractors on which orbits end; the orbits that start in groups come first."""
     count = int(end.max(initial=-1)) + 1
     # The last two groups are the sinks, in which no orbit starts.
     of_group = np.full(int(groups.count), NONE, np.int32)
@@ -218,7 +220,7 @@ def _lead_others(
     known: Attractors,
     follow: int,
 ) -> None:
-    """Write the attractors of groups without orbits, each from the orbit of one of its cells."""
+    """Add the attractors of groups without orbits to `known`, by following a cell of each."""
     others = _first_cells(box, groups, begun)
     if not others.size:
         return
@@ -232,16 +234,15 @@ def _lead_others(
 def _first_cells(
     box: Box, groups: PeriodicGroups, known: Int[np.ndarray, "_"]
 ) -> Int[np.ndarray, "others"]:
-    """Return the smallest cells of groups that are not known, in the order of their groups."""
+    """Return the smallest cell of each group that is not in `known`, in the order of groups."""
     other = np.ones(int(groups.count), bool)
     other[known] = False
     cells, highest = [np.zeros(0, np.int32)], -1
-    for first in range(0, box.size, CHUNK):
-        here = slice(first, min(first + CHUNK, box.size))
-        on = np.flatnonzero(groups.step[here] == 0)
-        number = np.maximum.accumulate(np.append(highest, groups.group[here][on]))
+    for part in slices(box.size):
+        on = np.flatnonzero(groups.step[part] == 0)
+        number = np.maximum.accumulate(np.append(highest, groups.group[part][on]))
         new, highest = np.diff(number) > 0, number[-1]
-        cells.append((first + on[new][other[number[1:][new]]]).astype(np.int32))
+        cells.append((part.start + on[new][other[number[1:][new]]]).astype(np.int32))
     return np.concatenate(cells)
 
 
@@ -253,7 +254,7 @@ def _transient(
     orbit: Float[np.ndarray, "starts window axes"],
     end: Int[np.ndarray, "starts"],
 ) -> bool:
-    """Return `True` if an orbit without a period, one for each attractor, later has a period."""
+    """Check whether the chaotic orbit of any attractor later becomes periodic."""
     _, first = np.unique(end, return_index=True)
     chaotic = [k for k in first if end[k] >= 0 and period(orbit[k], box) == 0][:_MOST_CHECKED]
     if not chaotic:
@@ -266,7 +267,7 @@ def _transient(
 def _orbits(
     map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
 ) -> Float[np.ndarray, "starts window axes"]:
-    """Compute the last mappings of orbits from points."""
+    """Follow orbits from points. Returns the points of the last mappings of each."""
     rows, size = len(start), bucket(len(start))
     filled = (with_last(values, size) for values in (member, start))
     return np.asarray(_orbits_of(map, box, params, *filled, settle))[:rows]
@@ -290,7 +291,7 @@ def _orbits_of(map: Map, box: Box, params: Any, member: Any, start: Any, settle:
             else:
                 y = map(y, own)
             y = box.wrapped(y)
-            # Until then, points go to the place of the first.
+            # Points before the window overwrite its first place.
             return y, window.at[place].set(y)
 
         window = jnp.zeros((_WINDOW, x.size), x.dtype)

@@ -5,22 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..base.quantities import Result, derived, from_part, quantity
+from ..base.quantities import derived, from_part, quantity
 from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
-from .batches import CHUNK, slices
+from .batches import slices
 from .boundary.resolution import DOUBTFUL, Trial, tried
-from .imaging import (
-    Say,
-    axis_name,
-    changed_by_half_step,
-    check_map,
-    images_of_each,
-    self_images,
-    torn_axes,
-)
+from .imaging import OnBox, Say, changed_by_half_step, check_map, images_of_each, torn_axes
 from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
 from .remarks import remarks_on
@@ -31,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Basins(Result):
+class Basins(OnBox):
     """The attractor of each cell of a box, or its exit from the box."""
 
     title: ClassVar[str] = "Attractors and basins"
@@ -90,13 +82,13 @@ class Basins(Result):
         Float[np.ndarray, "cells"] | None,
         quantity("cell", "time until the cell is on its group or attractor", kind="time"),
     ] = None
-    "Only if durations differ between cells; time outside the box is not counted."
+    "Times, if durations differ between cells; time outside the box is not counted."
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
     follow: int = 0
-    "Number of mappings outside the box after which a point has left, as in the call."
+    "Number of mappings outside the box after which a point counts as lost."
     trial: Trial | None = None
-    "Remedies, tried on a sample of points, if cells and orbits disagree."
+    "The test of remedies on a sample of points, if cells and orbits disagree."
     edges: "EdgeStates | None" = None
     "The edge states on boundaries of basins, if they were sought."
 
@@ -155,7 +147,7 @@ class Basins(Result):
 
     @property
     def times(self) -> Float[np.ndarray, "cells"]:
-        """Time until each cell is on its attractor, in mappings if these have no duration."""
+        """Time until each cell is on its attractor, in mappings if mappings have no duration."""
         return self.step * (self.duration or 1.0) if self.time is None else self.time
 
     def _mean(self, of_cells: np.ndarray) -> Float[np.ndarray, "attractors"]:
@@ -167,7 +159,7 @@ class Basins(Result):
         return float(np.mean(self.basin[self.box.index(self.starts)] != self.ends))
 
     def share(self, mask: Callable[[slice], np.ndarray]) -> float:
-        """Return the share of cells in a mask, which is computed in parts."""
+        """Compute the share of cells for which `mask`, a function of a slice, is true."""
         return sum(np.count_nonzero(mask(part)) for part in slices(self.box.size)) / self.box.size
 
     @derived("", "cells that lead out of the box", kind="share")
@@ -180,27 +172,11 @@ class Basins(Result):
 
     @derived("", "cells that are their own images", kind="share")
     def self_images(self) -> float:
-        return self_images(self.image)
+        return self.share(lambda part: self.image[part] == np.arange(part.start, part.stop))
 
     @derived("", "cells that lead to a saddle", kind="share")
     def several_share(self) -> float:
         return self.share(lambda part: self.several[part])
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the axes."""
-        return tuple(axis_name(axis, self.labels) for axis in range(self.box.dimensions))
-
-    @property
-    def attributes(self) -> Mapping[str, Any]:
-        box = self.box
-        return {
-            "box_lower": list(box.lower),
-            "box_upper": list(box.upper),
-            "box_cells": list(box.cells),
-            "box_axes": " ".join(box.axes),
-            "box_labels": ", ".join(self.names),
-        }
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -223,12 +199,14 @@ def basins(
 
     **Arguments:**
 
-    - `map`, `box`, `params`, `follow`, `dtype`, `say`: as in [`jaxcell.dynamics.images`][].
+    - `map`, `box`, `params`, `follow`: as in [`jaxcell.dynamics.images`][].
+    - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled type.
     - `by`: the method that assigns attractors to cells: `"cells"`, the map of the cells, which
         costs one image of each; or `"orbits"`, the orbit of each centre, which costs many images
         and is right where cells are too coarse, as beside a weak or chaotic attractor.
     - `seed`: seed of the points from which attractors are found.
     - `labels`: names of the axes.
+    - `say`: a function that is called with the activity and its progress.
 
     **Returns:** [`Basins`][], the attractor of each cell.
 
@@ -278,22 +256,20 @@ def basins_of_each(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )
     changed = changed_by_half_step(map, box, members, image, follow=follow, dtype=dtype)
+    about: dict[str, Any] = {"duration": duration, "labels": labels, "follow": follow}
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, attractors, changed, strict=True):
         basins = by_cells(box, params, *parts)
-        known = {"torn": ends, "duration": duration, "labels": labels, "follow": follow}
-        basins = dataclasses.replace(basins, **known)
+        known = {**about, "torn": ends}
         if time is not None:
-            basins = dataclasses.replace(basins, time=_along(basins, time[len(each)]))
+            known["time"] = _along(basins, time[len(each)])
         if by == "orbits":
             cells = basins.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
-            several = np.zeros(box.size, bool)
-            followed = {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
-            basins = dataclasses.replace(basins, several=several, **followed)
-        elif len(members) == 1:
-            basins = with_trial(map, basins)
-        each.append(basins)
+            known |= {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
+            known["several"] = np.zeros(box.size, bool)
+        basins = dataclasses.replace(basins, **known)
+        each.append(with_trial(map, basins) if by == "cells" and len(members) == 1 else basins)
     return each
 
 
@@ -305,12 +281,13 @@ def with_trial(map: Map, basins: Basins) -> Basins:
 
 
 def _along(basins: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-    """Sum the times of mappings until each cell is on its group, the nearest cells first."""
+    """Sum the durations of mappings until each cell is on its group, the nearest cells first."""
     time = np.zeros(basins.box.size + 2)
     order = np.argsort(basins.step, kind="stable")
     ends = np.cumsum(np.bincount(basins.step))
     for cells in np.split(order, ends[:-1])[1:]:
-        for part in np.array_split(cells, 1 + cells.size // CHUNK):
+        for chunk in slices(cells.size):
+            part = cells[chunk]
             time[part] = lasts[part] + time[basins.image[part]]
     return time[:-2]
 
@@ -335,7 +312,7 @@ def by_cells(
     changed: float | None,
     new: Callable[[str, Any, int], np.ndarray] = lambda _, kind, size: np.empty(size, kind),
 ) -> Basins:
-    """Label the cells by the attractors of their groups.
+    """Make basins in which each cell leads to the attractor of its group.
 
     `new` makes the arrays over cells: a function of name, data type and size.
     """

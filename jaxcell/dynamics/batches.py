@@ -1,4 +1,4 @@
-"""Batches of rows that are computed together, in a few lengths, each of which is compiled once."""
+"""Batches of rows, padded to a few lengths, because JAX compiles a program for each length."""
 
 import itertools
 import math
@@ -35,23 +35,23 @@ def with_last(rows: np.ndarray, size: int) -> np.ndarray:
 
 
 def stacked(members: Sequence[Any], dtype: Any = None) -> Any:
-    """Combine the parameters of several members into one tree of arrays over the members."""
+    """Stack the parameters of several members into one tree of arrays over the members."""
     kind = jnp.zeros(()).dtype if dtype is None else dtype
     return jax.tree.map(lambda *leaves: np.stack(leaves).astype(kind), *members)
 
 
 def params_of(params: Any, member: Any) -> Any:
-    """Return the parameters of one member from those of several."""
+    """Return the parameters of one member of stacked parameters."""
     return jax.tree.map(lambda leaf: leaf[member], params)
 
 
 def in_stages(
     state: tuple[np.ndarray, ...], stage: Callable[[tuple[np.ndarray, ...], int], Any]
 ) -> tuple[np.ndarray, ...]:
-    """Advance the rows of a batch by stages; rows that have ended leave it, so that none waits.
+    """Advance the rows of a batch stage by stage, and drop the rows that have ended.
 
-    `stage` is a function of the state, arrays over the rows, and of the number of the stage. It
-    returns the state after the stage, a mask of rows that have ended, and a tuple of arrays of
+    `stage` is a function of the state, a tuple of arrays over the rows, and of the number of the
+    stage. It returns the new state, a mask of the rows that have ended, and a tuple of arrays with
     their results. Returns the results of all rows.
     """
     left, results = np.arange(len(state[0])), None

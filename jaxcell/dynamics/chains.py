@@ -32,12 +32,12 @@ def chain(
     start in each cell: the error decreases as about the power -0.6 of their number, instead of the
     power -0.5 of random points. Images outside the box go to the sink of the chain.
 
-    Few samples or nodes make large errors in rare events. So the chain knows that of half as many
-    samples and one more node, `chain.half`, and [`jaxcell.markov.hitting_times`][] and
-    [`jaxcell.markov.arrival_probabilities`][] report how far that chain moves them, as `moved`. In
-    tests against closed forms this was 1 to 4 times the error. If it is too much, take more
-    samples, more nodes, or shorter mappings: the noise of a mapping must be small beside the places
-    that matter.
+    Few samples or nodes make large errors in rare events. So `chain.half` is a second chain with
+    half as many samples and one more node. [`jaxcell.markov.hitting_times`][] and
+    [`jaxcell.markov.arrival_probabilities`][] report the differences between both chains, as
+    `moved`, which were 1 to 4 times the error in tests against closed forms. If the differences are
+    too large, take more samples, more nodes, or shorter mappings: the noise of a mapping must be
+    small compared with the regions of interest.
 
     **Arguments:**
 
@@ -138,7 +138,7 @@ def _sampled(
 
 
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:
-    """Return the steps of a sequence that fills a cube evenly (a generalized golden ratio)."""
+    """Return the steps of a sequence that fills a cube evenly, by a generalized golden ratio."""
     ratio = 2.0
     for _ in range(64):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

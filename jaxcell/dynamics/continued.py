@@ -33,9 +33,9 @@ class Continuation(Result):
     params: Mapping[str, Float[np.ndarray, "members"]]
     "The parameters that vary; other parameters are single numbers."
     members: list[Basins]
-    "The basins of each member; in a list, because members of a tuple have tables in the summary."
+    "The basins of each member; in a list, because a tuple would add tables to the summary."
     label: tuple[Int[np.ndarray, "_"], ...]
-    "For each member, the names of its attractors; equal numbers are one attractor."
+    "The names of the attractors of each member: equal numbers are one attractor."
     fraction: Annotated[
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),
@@ -94,12 +94,7 @@ class Continuation(Result):
 
 
 def continuation(
-    map: Map,
-    box: Box,
-    params: Mapping[str, Any],
-    *,
-    say: Say | None = None,
-    **options: Any,
+    map: Map, box: Box, params: Mapping[str, Any], *, say: Say | None = None, **options: Any
 ) -> Continuation:
     """Find attractors and basins for each of a list of parameters, and match them along the list.
 
@@ -184,7 +179,7 @@ def match(members: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
 
 
 def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> float:
-    """Compute a distance of two attractors; below 1 they can be matched."""
+    """Compute the cost of matching two attractors: below 1 they may be the same one."""
     box = now.box
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]

@@ -2,7 +2,7 @@
 
 import functools
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -10,29 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.quantities import Result
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import CHUNK, in_stages, in_threads, params_of, slices, stacked, with_last
+from .batches import CHUNK, in_stages, in_threads, params_of, stacked, with_last
 from .maps import Flow, Map
 
 
-# Number of steps between two checks of which cells are away from their start.
+# Number of steps between two checks for points that are far enough from their start.
 _STAGE = 8
 
 Say = Callable[[str, int, int], None]
 
 
-def images(
-    map: Map,
-    box: Box,
-    params: Any = None,
-    *,
-    follow: int = 0,
-    dtype: Any = None,
-    out: Int[np.ndarray, "cells"] | None = None,
-    say: Say | None = None,
-) -> Int[np.ndarray, "cells"]:
-    """Map the centre of every cell, on the host's threads in chunks of 262,144 cells.
+def images(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Int[np.ndarray, "cells"]:
+    """Map the centre of every cell, in chunks of 262,144 cells on two threads.
 
     **Arguments:**
 
@@ -41,9 +33,6 @@ def images(
     - `params`: the parameters of the map, its second argument.
     - `follow`: number of further mappings of an image outside the box before it counts as lost,
         because a transient or an attractor may pass outside.
-    - `dtype`: data type of points, `float32` or `float64`; by default the widest enabled one.
-    - `out`: an `int32` array for the result, such as a `numpy.memmap`.
-    - `say`: a function that is called with the activity and its progress.
 
     **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
 
@@ -57,8 +46,7 @@ def images(
         [1, 3, 5, 7, 1, 3, 5, 7]
     """
     check_map(map, box, params)
-    whole = None if out is None else out[None]
-    return images_of_each(map, box, [params], follow=follow, dtype=dtype, out=whole, say=say)[0]
+    return images_of_each(map, box, [params], follow=follow)[0]
 
 
 def images_of_each(
@@ -75,7 +63,7 @@ def images_of_each(
 ) -> Int[np.ndarray, "members cells"]:
     """Compute [`images`][jaxcell.dynamics.images] for each of several parameters, in one batch.
 
-    If durations of mappings differ, `time` is an array for them. `within` are the cells to map.
+    `time` is an array for the durations of the mappings, and `within` the range of cells to map.
     """
     image = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
@@ -100,7 +88,7 @@ def images_of_each(
 def check_map(map: Map, box: Box, params: Any) -> None:
     """Trace a map at the middle of a box.
 
-    **Raises:** `ValueError` with the reason, if that fails or returns no point.
+    **Raises:** `ValueError` with the reason, if tracing fails, or if the image is no point.
     """
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
@@ -121,18 +109,13 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 def check_begin(map: Map, box: Box, params: Any) -> None:
     """Evaluate the map, or its field, at 64 points of a box.
 
-    **Raises:** `ValueError` if that is not finite at any of them.
+    **Raises:** `ValueError` if the values are finite at none of the points.
     """
     begin = getattr(map, "velocity", map)
-    begun = np.asarray(_begun(begin, params, _anywhere(box)))
+    begun = np.asarray(mapped_points(begin, params, _anywhere(box)[:, None]))
     if not np.isfinite(begun).all(axis=-1).any():
         what = "map" if begin is map else "field"
         raise ValueError(f"{what}: expected finite numbers, got none at {len(begun)} points")
-
-
-@functools.partial(jax.jit, static_argnames="begin")
-def _begun(begin: Map, params: Any, points: Any) -> Any:
-    return jax.vmap(lambda x: jnp.asarray(begin(x, params)))(points)
 
 
 def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
@@ -143,9 +126,9 @@ def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
 def torn_axes(
     map: Map, box: Box, members: Sequence[Any], labels: tuple[str, ...] = ()
 ) -> list[tuple[int, ...]]:
-    """Find periodic axes at whose two ends a map differs, by 64 points of each end, and warn.
+    """Warn of periodic axes at whose two ends a map differs, judged by 64 points.
 
-    Returns the axes for each member.
+    Returns these axes for each member.
     """
     points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)
@@ -159,39 +142,51 @@ def torn_axes(
         differs = np.median(apart, axis=1) > 1e-3
         torn = [(*axes, axis) if new else axes for axes, new in zip(torn, differs, strict=True)]
         if differs.any():
-            warnings.warn(remark_of_torn(axis, labels), stacklevel=2)
+            warnings.warn(remark_of_torn(axis_names(box, labels)[axis]), stacklevel=2)
     return torn
 
 
-def remark_of_torn(axis: int, labels: tuple[str, ...]) -> str:
+def remark_of_torn(name: str) -> str:
     """Return the warning for an axis at whose two ends a map differs."""
-    name = axis_name(axis, labels)
     return f"The axis {name} is periodic, but the map differs at its two ends."
 
 
-def axis_name(axis: int, labels: tuple[str, ...]) -> str:
-    """Return the name of an axis."""
-    return labels[axis] if labels else f"x{axis}"
+def axis_names(box: Box, labels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the axes of a box, by default `x0`, `x1`, ..."""
+    return labels or tuple(f"x{axis}" for axis in range(box.dimensions))
+
+
+class OnBox(Result):
+    """A result on the cells of a box, whose axes may have names."""
+
+    box: Box
+    labels: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the axes."""
+        return axis_names(self.box, self.labels)
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        return {
+            "box_lower": list(self.box.lower),
+            "box_upper": list(self.box.upper),
+            "box_cells": list(self.box.cells),
+            "box_axes": " ".join(self.box.axes),
+            "box_labels": ", ".join(self.names),
+        }
 
 
 @functools.partial(jax.jit, static_argnames="map")
 def mapped_points(map: Map, params: Any, points: Any) -> Any:
     """Map points, an array `[points, corners, axes]`."""
-    return jax.vmap(jax.vmap(lambda x: map(x, params)))(points)
+    return jax.vmap(jax.vmap(lambda x: jnp.asarray(map(x, params))))(points)
 
 
 @functools.partial(jax.jit, static_argnames="map")
 def _mapped_by_each(map: Map, params: Any, members: Any, points: Any) -> Any:
     return jax.vmap(lambda member: mapped_points(map, params_of(params, member), points))(members)
-
-
-def self_images(image: Int[np.ndarray, "cells"]) -> float:
-    """Return the share of cells that are their own images: equilibria, or too slow for the step."""
-    own = sum(
-        np.count_nonzero(image[part] == np.arange(part.start, part.stop, dtype=image.dtype))
-        for part in slices(image.size)
-    )
-    return own / image.size
 
 
 def changed_by_half_step(
@@ -202,16 +197,15 @@ def changed_by_half_step(
     *,
     follow: int = 0,
     dtype: Any = None,
-    seed: int = 0,
 ) -> list[float | None]:
     """Compute the share of images that change with steps of half the length, on 1 % of the cells.
 
-    It is `None` for a map without steps.
+    Returns a share, or `None` for a map without steps, for each member.
     """
     if not hasattr(map, "halved"):
         return [None] * len(members)
     count = int(np.clip(box.size // 100, min(box.size, 256), 1 << 16))
-    cells = np.random.default_rng(seed).integers(0, box.size, count, dtype=np.int32)
+    cells = np.random.default_rng(0).integers(0, box.size, count, dtype=np.int32)
     half, _ = _images_of(map.halved(), box, members, cells, follow, dtype)
     return (image[:, cells] != half).mean(axis=1).tolist()
 
@@ -219,7 +213,7 @@ def changed_by_half_step(
 def _crossing(
     map: Flow, box: Box, params: Any, each: Any, cells: Any, follow: int, dtype: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the images of cells with different durations, and the durations."""
+    """Compute the images of cells whose mappings differ in duration, and the durations."""
 
     def stage(state: Any, k: int) -> Any:
         members, cells, points, taken = state
@@ -244,16 +238,9 @@ def _crossing(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _cross(
-    map: Flow,
-    box: Box,
-    params: Any,
-    members: Any,
-    cells: Any,
-    points: Any,
-    taken: Any,
-    steps: Any,
+    map: Flow, box: Box, params: Any, members: Any, cells: Any, points: Any, taken: Any, steps: Any
 ) -> Any:
-    """Take up to `steps` steps from points, until they are away from their first cells."""
+    """Take up to `steps` steps from points, until each is far enough from its first cell."""
 
     def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
         own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
@@ -273,7 +260,7 @@ def _cross(
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
-    """Check that a point is out of the box, or `map.crossing` cells away from a cell."""
+    """Check whether a point is out of the box, or `map.crossing` cells away from a cell."""
     there, inside = box.places(jnp.stack([*y]))
     apart = box.apart(there - here)
     return functools.reduce(jnp.logical_or, apart >= map.crossing, ~inside)
@@ -281,7 +268,7 @@ def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps: Any) -> Any:
-    """Return the cells of points outside, followed step by step."""
+    """Follow points outside the box until they return. Returns their cells or sinks."""
 
     def follow(member, x):  # type: ignore[no-untyped-def]
         return _until_inside(map.one, box, x, params_of(params, member), steps)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from .sines import with_sines
 
 
-# Number of steps of a flow with different durations if there are no cells to cross.
+# Number of steps of a flow with `crossing` that is applied to a point without a cell.
 _LONG = 32
 
 Point: TypeAlias = Float[Array, "axes"]
@@ -39,21 +39,22 @@ class Map(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """The map of a vector field over a time, by steps of fixed length, made by [`flow`][]."""
+    """The map of a vector field over a time, by Runge-Kutta steps, made by [`flow`][]."""
 
     field: Field
     dt: float
     steps: int
-    "Number of steps of one application; with `crossing`, the largest number."
+    "Number of steps per mapping; with `crossing`, the largest number."
     crossing: int = 0
-    "The least distance of an image in cells; 0 for the same number of steps from all cells."
+    """Distance in cells that ends the mapping of a cell; 0 for the same number of steps from all
+    cells."""
 
     def __call__(self, x: Any, params: Any) -> Any:
         return self.ahead(x, params, self.usual)
 
     @property
     def usual(self) -> int:
-        """Number of steps of an application of the map, or 32 if cells have different numbers."""
+        """Number of steps per mapping; 32 if the number differs between cells."""
         return _LONG if self.crossing else self.steps
 
     def velocity(self, x: Any, params: Any) -> Any:
@@ -62,15 +63,15 @@ class Flow:
 
     @property
     def duration(self) -> float | None:
-        """The time of an application of the map; `None` if the time differs between cells."""
+        """The duration of a mapping; `None` if it differs between cells."""
         return None if self.crossing else self.dt * self.steps
 
     def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:
-        """Take several steps, of `dt` or a part of it."""
+        """Take a number of steps from a point, each of `part * dt`."""
         return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt * part, steps)
 
     def one(self, x: Any, params: Any) -> Any:
-        """Take one step."""
+        """Take one step from a point."""
         return _rk4(lambda _, y: self.field(y, params), x, 0.0, self.dt)
 
     def halved(self) -> "Flow":
@@ -98,7 +99,7 @@ class Strobe:
 
     @property
     def duration(self) -> float:
-        """The time of an application."""
+        """The duration of a mapping."""
         return self.period
 
     def halved(self) -> "Strobe":
@@ -120,7 +121,7 @@ class Section:
         return self.timed(x, params)[0]
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
-        """Return the point where a point returns to the surface, and the time that it takes."""
+        """Follow a point to its return to the surface. Returns the new point, and the time."""
         start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
@@ -167,12 +168,12 @@ def flow(
 
     - `field`: the velocity at a point, an array `[axes]`.
     - `dt`: duration of a step.
-    - `steps`: number of steps of one application. With `"crossing"` each cell has its own number:
-        its image is the first point that is `crossed` cells away (after Hsu's criterion), so that
-        slow cells are not their own images, and the error of half a cell is small beside the
-        distance.
-    - `max_steps`: with `"crossing"`, the largest number of steps; a cell whose image is still
-        nearer then most likely holds an equilibrium.
+    - `steps`: number of steps per mapping. With `"crossing"` the number differs between cells: the
+        image of a cell is its first point that is `crossed` cells away (after Hsu's criterion), so
+        that slow cells are not their own images, and the error of half a cell is small compared
+        with the distance.
+    - `max_steps`: with `"crossing"`, the largest number of steps. A cell that has not crossed by
+        then most likely holds an equilibrium.
 
     **Returns:** a map for all functions of this package.
 
@@ -228,10 +229,10 @@ def section(
 
     - `field`: the velocity, `field(x, params)`.
     - `surface`: a function `surface(x, params)` that is zero on the surface.
-    - `lift`: the point of the full space, `lift(u, params)`, of coordinates `u` on the surface.
-    - `project`: the coordinates of a point of the surface.
+    - `lift`: a function `lift(u, params)` from coordinates on the surface to a point of the space.
+    - `project`: a function `project(x, params)` from a point of the surface to its coordinates.
     - `dt`: duration of a step.
-    - `max_steps`: largest number of steps to a return.
+    - `max_steps`: largest number of steps until the return.
 
     **Returns:** a map of coordinates on the surface.
 
@@ -263,7 +264,7 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
     # Components are separate: a batch is then one array per component, as vector units read it.
     start = tuple(x)
 
-    # It is traced once for all four slopes.
+    # JAX traces the field once for all four slopes.
     @jax.jit
     def slope(t: Any, at: tuple[Any, ...]) -> tuple[Any, ...]:
         velocity = jnp.asarray(with_sines(field)(t, jnp.stack(at)))
@@ -295,7 +296,7 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps:
 
 
 def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
-    """Find when a height from `below` at 0 to `above` at `dt` is 0, by regula falsi (Illinois)."""
+    """Find the time of height 0, from `below` at 0 to `above` at `dt`, by the Illinois method."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state

@@ -10,14 +10,14 @@ from scipy.sparse.csgraph import connected_components
 from ..space.box import Box
 
 
-# Least number of orbits on each of two attractors within half a cell of each other.
+# Least number of orbits on each of two attractors that are separated within half a cell.
 _MIN_APART = 8
 
 
 def merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
-    """Number the attractors of orbits, in order of their first orbits; -1 for orbits that leave."""
+    """Number the attractor of each orbit, in order of first orbits; -1 for orbits that leave."""
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
@@ -41,7 +41,7 @@ def merged(
 def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
-    """Find components of orbits that visit a common part of a cell; parts overlap by half."""
+    """Give orbits one label if they visit a common part of a cell; parts overlap by half."""
     orbits = len(place)
     bits = orbits.bit_length()
     orbit, halves = _visited(box, place, parts)

@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..space.box import Box
-from .batches import CHUNK, in_stages
+from .batches import in_stages, slices
 from .imaging import Say
 from .maps import Map
 
 
 VISITS = 16
 """Number of visits to the cells of an attractor that assign an orbit to it."""
-# Number of mappings between two checks of which orbits have ended, and the largest number.
+# Number of mappings between two checks for orbits that have ended, and the largest number.
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
@@ -40,12 +40,11 @@ def orbit_basins(
     """
     owner = attractor_owners(box, attractor_cells)
     basin, step = np.empty((2, box.size), np.int32)
-    for first in range(0, box.size, CHUNK):
-        cells = np.arange(first, min(first + CHUNK, box.size), dtype=np.int32)
-        centres = box.centre(cells)
-        basin[cells], step[cells] = orbit_ends(map, box, params, owner, centres, follow=follow)
+    for part in slices(box.size):
+        centres = box.centre(np.arange(part.start, part.stop, dtype=np.int32))
+        basin[part], step[part] = orbit_ends(map, box, params, owner, centres, follow=follow)
         if say is not None:
-            say("following orbits", int(cells[-1]) + 1, box.size)
+            say("following orbits", part.stop, box.size)
     return basin, step
 
 
@@ -71,7 +70,10 @@ def orbit_ends(
     visits: int = VISITS,
     most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
-    """Follow points for `most` mappings, or until `visits` visits to the cells of one attractor."""
+    """Follow points for `most` mappings, or until `visits` visits to the cells of one attractor.
+
+    Returns the attractor of each point, or a mark, and the number of mappings to its first visit.
+    """
     params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 
     def stage(state: Any, k: int) -> Any:
@@ -91,7 +93,7 @@ def orbit_ends(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, follow: Any) -> Any:
-    """Map points further; return also their last attractor, its first visit, and the visits."""
+    """Map points by a stage, and update their last attractors and the counts of visits."""
 
     def orbit(x, label, begun, visits, away):  # type: ignore[no-untyped-def]
         def step(k, state):  # type: ignore[no-untyped-def]

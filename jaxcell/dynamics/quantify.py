@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
-from scipy import ndimage
+from scipy import ndimage, special
 
 from ..space.box import Box
 from .basin import Basins
@@ -42,10 +42,9 @@ def basin_stability(
 def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
     """Compute the mean, over each basin, of the time to the attractor per distance from it.
 
-    **Arguments:** basins. **Returns:** the pace of each attractor, whose own cells count 0. For
-    mean times see `basins.mean_time`.
-
-    It is a time, in mappings if the map has none, per length in the units of the box.
+    **Arguments:** basins. **Returns:** the pace of each attractor, whose own cells count 0: a time,
+    in mappings if the map has no time, per length in the units of the box. For mean times see
+    `basins.mean_time`.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -53,11 +52,12 @@ def convergence_pace(basins: Basins) -> Float[np.ndarray, "attractors"]:
         [2.0, 2.0]
     """
     times = basins.times
-
-    def pace(own: np.ndarray, far: np.ndarray) -> float:
-        return float(np.where(far > 0, times[own] / np.where(far > 0, far, 1), 0).mean())
-
-    return np.array([pace(own, far) for own, far in _basins_with_distance(basins)])
+    return np.array(
+        [
+            np.divide(times[own], far, out=np.zeros(far.size), where=far > 0).mean()
+            for own, far in _basins_with_distance(basins)
+        ]
+    )
 
 
 def noncritical_shocks(
@@ -65,9 +65,7 @@ def noncritical_shocks(
 ) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
     """Compute the mean and the largest distance of the cells of each basin from its attractor.
 
-    **Arguments:** basins. **Returns:** both distances for each attractor.
-
-    Both are in the units of the box.
+    **Arguments:** basins. **Returns:** both distances for each attractor, in the units of the box.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins(cells=4)
@@ -123,14 +121,12 @@ def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
 
 
 def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
-    """Compute the entropy of the basins in boxes of cells, in nats, and of boxes on a boundary.
+    """Compute the entropy of basins within boxes of cells, and within boxes on a boundary, in nats.
 
-    **Arguments:** basins, and the number of cells along the side of a box. **Returns:** both
-    entropies.
-
-    Boxes have `side` cells along each side; remaining cells at the ends are not used. Returns
-    `S_b`, over all boxes, and `S_bb`, over boxes with more than one basin (Daza et al. 2016). `S_bb
-    > log 2` proves a fractal boundary; without a boundary both are 0.
+    **Arguments:** basins, and the number of cells along the side of a box; remaining cells at the
+    ends of the axes are not used. **Returns:** the mean entropy `S_b` of all boxes, and `S_bb` of
+    boxes with more than one basin (Daza et al. 2016). `S_bb > log 2` proves a fractal boundary;
+    without a boundary both are 0.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -143,10 +139,8 @@ def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
     split = [part for n in blocks.shape for part in (n // side, side)]
     order = (*range(0, 2 * blocks.ndim, 2), *range(1, 2 * blocks.ndim, 2))
     boxes = blocks.reshape(split).transpose(order).reshape(-1, side**blocks.ndim)
-    entropy = np.zeros(len(boxes))
-    for label in np.unique(boxes):
-        share = (boxes == label).mean(axis=1)
-        entropy -= np.where(share > 0, share * np.log(np.where(share > 0, share, 1)), 0)
+    shares = ((boxes == label).mean(axis=1) for label in np.unique(boxes))
+    entropy = sum(map(special.entr, shares), np.zeros(len(boxes)))
     mixed = entropy > 0
     return float(entropy.mean()), float(entropy[mixed].mean()) if mixed.any() else 0.0
 
@@ -154,14 +148,11 @@ def basin_entropy(basins: Basins, side: int) -> tuple[float, float]:
 def uncertainty_exponent(
     basins: Basins, radii: tuple[int, ...] = (1, 2, 3, 5, 8, 13)
 ) -> tuple[float, Float[np.ndarray, "radii"]]:
-    """Measure how the share of cells with another basin within a radius grows with the radius.
+    """Fit the exponent with which the share of cells near another basin grows with the radius.
 
-    **Arguments:** basins, and radii in cells. **Returns:** the exponent, and the share for each
-    radius.
-
-    Radii are in cells, along any axis. Returns the exponent, the slope of logarithms: 1 for a
-    smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al. 1983); and the share
-    of uncertain cells by radius.
+    **Arguments:** basins, and radii in cells along any axis. **Returns:** the slope of the
+    logarithms, 1 for a smooth boundary in a plane, 0 for a boundary that fills it (Grebogi et al.
+    1983); and the share for each radius.
 
         >>> from jaxcell import dynamics, examples
         >>> basins = examples.basins()
@@ -184,7 +175,7 @@ def wada(basins: Basins, radius: float = 3.0) -> float:
     same (Daza et al. 2018). Cells that lead to no attractor count as a basin.
 
     **Arguments:** basins, and the distance in cells within which boundaries count as the same.
-    **Returns:** the largest share of the cells of a boundary that are farther from another one.
+    **Returns:** the largest share of cells of one boundary that are farther from another boundary.
 
     **Raises:** `ValueError` for fewer than three basins.
 
@@ -214,7 +205,7 @@ def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
 
 
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
-    """Compute the share of each basin that lies in each basin for other parameters in the same box.
+    """Compute the share of each basin that lies in each basin of another map of the same box.
 
     **Arguments:** basins of two maps in one box. **Returns:** the share for each pair of
     attractors.

@@ -21,7 +21,7 @@ def unstable_set(
 ) -> Int[np.ndarray, "reached"]:
     """Find the cells that a map reaches from given points, by a grid of points of each cell.
 
-    From equilibria it is a cover of their unstable manifolds (Dellnitz & Hohmann 1996), and so of
+    From equilibria, these cells cover their unstable manifolds (Dellnitz & Hohmann 1996), and so
     the attractor that contains them.
 
     **Arguments:** a map, a box, starting points `[points, axes]`, parameters, and the number of

@@ -12,7 +12,7 @@ _MOST_DOUBTED = 5
 
 def remarks_on(basins: Any) -> tuple[str, ...]:
     """List the doubts about [`Basins`][jaxcell.dynamics.Basins], with remedies."""
-    remarks = [remark_of_torn(axis, basins.labels) for axis in basins.torn]
+    remarks = [remark_of_torn(basins.names[axis]) for axis in basins.torn]
     if basins.self_images > 0.1:
         remarks.append(
             f"{basins.self_images:.0%} of the cells are their own images: the time of a mapping "

@@ -1,7 +1,6 @@
-"""Sines of many points at once on processors.
+"""Sines and cosines as polynomials, which a CPU computes for many points at once.
 
-On processors XLA calls the C library for each point, which takes longer than the rest of most
-fields. The vector units compute a polynomial for many points in the time of one.
+XLA calls the C library for each point on a CPU, which takes longer than the rest of most fields.
 """
 
 import functools
@@ -28,7 +27,7 @@ _TERMS = {"float32": 6, "float64": 11}
 
 
 def with_sines(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Return the same function with sines and cosines that are polynomials on processors."""
+    """Replace the sines and cosines of a function by polynomials on a CPU."""
 
     @functools.wraps(function)
     def of_polynomials(*arguments: Any) -> Result:
@@ -45,7 +44,7 @@ def without_polynomials(traced: ClosedJaxpr) -> ClosedJaxpr:
 
 
 def _changed(traced: ClosedJaxpr, change: Callable[[JaxprEqn], JaxprEqn | None]) -> ClosedJaxpr:
-    """Change the steps for which `change` returns another step, in all parts of a program."""
+    """Replace the steps for which `change` returns another step, in all parts of a program."""
     steps = []
     for step in traced.jaxpr.eqns:
         changed = change(step)

@@ -16,11 +16,11 @@ class System:
     labels: tuple[str, ...] = ()
     "The names of the axes, with units."
     about: str = ""
-    "A description of one line."
+    "A one-line description of the system."
 
     def __post_init__(self) -> None:
         if self.labels and len(self.labels) != self.box.dimensions:
             raise ValueError(
-                f"labels: expected {self.box.dimensions} for a box of as many axes, got "
+                f"labels: expected a name for each of the {self.box.dimensions} axes, got "
                 f"{len(self.labels)}"
             )

@@ -15,13 +15,13 @@ as in Eq. 2.1 and 3.1 but with its edge: a robot may touch a wall. Coordinates a
 angles are radians, counter-clockwise from the x axis (East).
 
 **The cells.** Squares of side `cell` cover the bounding box of `W`, from its lower left corner. A
-square is free if its centre lies in `E`; the `N_E` free ones are the *positions*, counted row by
+square is free if its centre lies in `E`; the `N_E` free squares are the *positions*, counted row by
 row from the bottom left, x fastest. With `N_S` *directions*, `theta_k = 2 pi k / N_S`, the cells
 are
 
     z = k N_E + position,     0 <= z < N = N_E N_S     (the source counts from 1).
 
-A configuration belongs to the square that holds its point (of an edge, to the upper or right
+A configuration belongs to the square that holds its point (on an edge, to the upper or right
 square) and to the nearest direction. Comparisons are made in units of a cell to 1e-9, so that cells
 are the same on every platform.
 

@@ -115,12 +115,12 @@ class Box:
         return self.lower[axis] + (np.arange(self.cells[axis]) + 0.5) * self.width[axis]
 
     def coordinates(self, index: Int[Any, "..."]) -> Int[Any, "... axes"]:
-        """Compute the coordinates of cells, in cells along each axis."""
+        """Compute the number of each cell along each axis."""
         xp = index.__array_namespace__()
         return xp.stack(self._unravel(index), axis=-1)
 
     def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
-        """Compute distances along each axis from differences in cells, the shorter way round."""
+        """Compute distances in cells from differences, the shorter way round on periodic axes."""
         xp = cells.__array_namespace__()
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
@@ -133,9 +133,7 @@ class Box:
         return xp.stack(along, axis=-1)
 
     def centre(self, index: Int[Any, "..."], dtype: Any = None) -> Float[Any, "... axes"]:
-        """Compute the centres of cells, not sinks, by default in the widest floating-point type in
-        use.
-        """
+        """Compute the centres of cells, by default in the widest floating-point type in use."""
         xp = index.__array_namespace__()
         kind = dtype or xp.asarray(0.0).dtype
         along = zip(self._unravel(index), self.lower, self.width.tolist(), strict=True)
@@ -156,9 +154,9 @@ class Box:
         return xp.asarray(xp.where(finite, cell, self.nowhere), dtype=xp.int32)
 
     def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
-        """Find the coordinates of the cells of points; for points outside, of a cell at the end.
+        """Find the coordinates of the cells of points; points outside get a cell at the end.
 
-        Returns whole numbers of the type of the points, and a mask of the points inside.
+        Returns whole numbers of the data type of the points, and a mask of the points inside.
         """
         xp = points.__array_namespace__()
         inside = xp.ones(points.shape[:-1], dtype=bool)

@@ -11,7 +11,7 @@ from .workspace import Workspace, edges
 
 
 MAX_CELLS = 2**31 - 1
-# Metres, or radians: far beyond any map, and no product with it overflows.
+# Largest side or coordinate in metres, and angle in radians; no product with it overflows.
 _LARGEST = 1e9
 
 
@@ -49,8 +49,7 @@ class CellSpace:
     free: Bool[np.ndarray, "rows columns"]
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.cell) and self.cell > 0):
-            raise ValueError(f"cell: the side must be a positive number of metres, got {self.cell}")
+        _check_side(self.cell)
         if isinstance(self.directions, bool) or int(self.directions) != self.directions:
             raise ValueError(f"directions: expected a whole number, got {self.directions!r}")
         if self.directions < 1:
@@ -74,10 +73,7 @@ class CellSpace:
         **Raises:** `ValueError` for a number out of range, no free centre, or more than `2**31 - 1`
         cells; `MemoryError` if the squares do not fit the free memory.
         """
-        if not (math.isfinite(cell) and cell > 0):
-            raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
-        if cell > _LARGEST:
-            raise ValueError(f"cell: the side must be at most {_LARGEST:g} m, got {cell}")
+        _check_side(cell)
         left, bottom = workspace.boundary.min(axis=0).tolist()
         right, top = workspace.boundary.max(axis=0).tolist()
         blocked = rasterise(workspace.free_space, (left, bottom, right, top), cell)
@@ -117,17 +113,17 @@ class CellSpace:
         cell: float = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> "CellSpace":
-        """Make the space of a grid whose blocked squares are the obstacles; row 0 is the lowest.
+        """Make the space of a grid whose other squares are obstacles; row 0 is the lowest.
 
-        The side of a square, and the lower left corner of the grid, are in metres.
+        The side of a square and the lower left corner of the grid are in metres.
         """
         return cls(None, float(cell), directions, origin, np.array(free))
 
     @property
     def room(self) -> Workspace:
-        """The map of the cells; a space made from a grid, which has none, raises `ValueError`."""
+        """The map of the cells. **Raises:** `ValueError` for cells of a grid, which has no map."""
         if self.workspace is None:
-            raise ValueError("cells: expected those of a map, got those of a grid without one")
+            raise ValueError("cells: expected cells of a map, got cells of a grid")
         return self.workspace
 
     @functools.cached_property
@@ -224,6 +220,13 @@ class CellSpace:
         return np.asarray(direction * self.positions + position, np.int32)
 
 
+def _check_side(cell: float) -> None:
+    if not (math.isfinite(cell) and cell > 0):
+        raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
+    if cell > _LARGEST:
+        raise ValueError(f"cell: the side must be at most {_LARGEST:g} m, got {cell}")
+
+
 def suggested(
     path: str | os.PathLike[str],
     cell: float | None,
@@ -243,7 +246,7 @@ def suggested(
 
 
 def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:
-    """Test whether walls, from end to end in cells, run along edges of squares."""
+    """Check whether walls run along edges of squares; their ends are in units of a cell."""
     on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
     level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
     return bool(on_lines.all() and level.any(axis=1).all())

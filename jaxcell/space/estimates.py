@@ -24,13 +24,13 @@ Need: TypeAlias = Callable[[Extent], float | int]
 IMAGE, ROADMAP, CHOICE = 30, 40, 250
 
 # Bytes per cell for coverage: a policy; a branch of a chain with its matrix; the groups and the
-# limiting distribution of an angle; in a persistent cell the solve, and its part for each branch.
+# limiting distribution of an angle; the solve in a persistent cell, and its part for each branch.
 POLICY, CHAIN, KEPT, SOLVE, SOLVED = 30, 16, 45, 620, 9
 
 # Bytes of compiled programs: groups on a section, coverage, a team, and the patrol of a map.
 SECTION, COVER, TEAM, PATROL = 80_000_000, 70_000_000, 150_000_000, 350_000_000
 
-# Tables of which wall follows which grow with the square of the number of ways.
+# Tables of successive walls grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
 
 # Round sides of cells to suggest.
@@ -38,12 +38,12 @@ _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
 def cutting(extent: Extent) -> float | int:
-    """Estimate the squares and the positions."""
+    """Estimate the bytes of the grid and the positions."""
     return cutting_bytes(extent.squares, extent.positions)
 
 
 def moves(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the ends of steps from every position."""
+    """Estimate the bytes of the ends of steps from every position."""
     ways = extent.ways(motion)
     any_shape = (50 + extent.directions) * extent.near_walls(motion)
     listed = 16 * extent.directions
@@ -51,18 +51,18 @@ def moves(extent: Extent, motion: Motion) -> float | int:
 
 
 def section(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the periodic groups at walls: the runs between walls, and the section."""
+    """Estimate the bytes of the periodic groups at walls, with the runs between walls."""
     walls = extent.ways(motion) * extent.bumps(motion) / extent.directions
     return _walls(extent, motion, 40 * walls + SECTION + 25 * extent.bumps(motion))
 
 
 def groups(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the periodic groups, and the runs from all positions."""
+    """Estimate the bytes of the periodic groups, with the runs from all positions."""
     return section(extent, motion) + 8 * extent.ways(motion) * extent.positions
 
 
 def counts(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the numbers of periodic groups, which are found at walls."""
+    """Estimate the bytes of the numbers of periodic groups, which are found at walls."""
     ways = extent.ways(motion)
     if ways > MAX_WALL_WAYS:
         return section(extent, motion)
@@ -70,44 +70,44 @@ def counts(extent: Extent, motion: Motion) -> float | int:
 
 
 def _walls(extent: Extent, motion: Motion, tables: float | int) -> float | int:
-    """Estimate tables of walls, or the tests of blocked steps if these take more."""
+    """Estimate the bytes of tables of walls, or of tests of blocked steps if these take more."""
     tested = min(extent.near_walls(motion) * extent.directions, STEPS_AT_ONCE)
     return (5 if extent.gridded else 10) * extent.squares + max(tables, 40 * tested)
 
 
 def images(extent: Extent, angles: int, motion: Motion) -> float | int:
-    """Estimate the groups, and the images and steps of all cells for several angles."""
+    """Estimate the bytes of groups, and of images and steps of all cells for several angles."""
     return groups(extent, motion) + IMAGE * angles * extent.size
 
 
 def by_direction(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the groups on the section, and the cells of one direction at a time."""
+    """Estimate the bytes of groups at walls, and of the cells of one direction at a time."""
     return section(extent, motion) + 50 * extent.positions
 
 
 def localization(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the images and a filter.
+    """Estimate the bytes of the images and a filter.
 
-    The number of states of a filter is not known beforehand. Measured localization takes longer on
-    larger maps. States are also watched while they are made.
+    The number of states of a filter is not known beforehand: as measured, it grows with the sides
+    of the map. The filter also watches the free memory while it makes states.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
     return moves(extent, motion) + (IMAGE + filter) * extent.size
 
 
 def plans(extent: Extent, motion: Motion) -> float | int:
-    """Estimate a roadmap and the plan to one goal."""
+    """Estimate the bytes of a roadmap and the plan to one goal."""
     runs = 8 * extent.ways(motion) * extent.positions
     return _walls(extent, motion, runs) + ROADMAP * extent.size
 
 
 def choice(extent: Extent, motion: Motion) -> float | int:
-    """Estimate a roadmap and the choice of angles that localizes a robot."""
+    """Estimate the bytes of a roadmap and the choice of angles that localizes a robot."""
     return plans(extent, motion) + CHOICE * extent.size
 
 
 def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> float | int:
-    """Estimate the noisy maps of several angles, one at a time, and what is kept of them.
+    """Estimate the bytes of the noisy maps of several angles, one at a time, and their results.
 
     As measured, all cells are persistent if turns spread over three of eight directions, and
     proportionally fewer if they spread less.
@@ -119,27 +119,27 @@ def coverage(extent: Extent, motion: Motion, *, angles: int, branches: int) -> f
 
 
 def team(extent: Extent, motion: Motion) -> float | int:
-    """Estimate the moves, and the trajectories of a team."""
+    """Estimate the bytes of the moves and the trajectories of a team."""
     return TEAM + moves(extent, motion) + 80 * extent.size
 
 
 def drift(cells: Sequence[int]) -> float | int:
-    """Estimate the maps of drifters in layers with these cells, and the solves for a layer."""
+    """Estimate the bytes of drift maps of layers with these cells, and of a solve for a layer."""
     return 200 * sum(cells) + 1500 * max(cells)
 
 
 def draws(cells: int, samples: int) -> float | int:
-    """Estimate a bootstrap of observed drifters: numbers per cell and sample."""
+    """Estimate the bytes of a bootstrap of observed drifters: numbers per cell and sample."""
     return 80 * cells * samples
 
 
 def walk(vertices: int, edges: int, weighted: bool) -> float | int:
-    """Estimate a walk on a graph; weights of least commute take a matrix of pairs of edges."""
+    """Estimate the bytes of a walk on a graph; least commute takes a matrix of pairs of edges."""
     return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
 
 
 def patrol(extent: Extent) -> float | int:
-    """Estimate the patrol of a map: matrices of cells by cells, and of edges by edges if few."""
+    """Estimate the bytes of a patrol: matrices of cells by cells, and of edges by edges if few."""
     cells = min(extent.positions, MAX_CELLS)
     return PATROL + cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 

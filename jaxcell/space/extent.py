@@ -19,7 +19,7 @@ _MAX_CROSSED = 50_000
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """The size of a cell space that is or will be made, from which its memory is estimated."""
+    """The size of a cell space, before or after it is made, for estimates of memory."""
 
     workspace: Workspace | None
     rows: int
@@ -32,11 +32,11 @@ class Extent:
     walls: int
     "Number of walls."
     wall_length: float
-    "The sum of their lengths, in cells."
+    "The sum of the lengths of the walls, in cells."
 
     @classmethod
     def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
-        """Estimate the extent of a cell space before it is cut, its positions by their area.
+        """Estimate the extent of a cell space before it is cut, from the area of its free space.
 
         Returns `None` if [`CellSpace.of`][] refuses the space.
 
@@ -98,12 +98,12 @@ class Extent:
         return self.positions * self.directions
 
     def ways(self, motion: Motion) -> int:
-        """Estimate the number of ways of the moves, at most."""
+        """Estimate the largest number of ways: sets of directions whose steps agree."""
         length = min(motion.in_cells(self.cell), 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
         if not self.gridded:
-            # Slanted walls part directions that are one way on a grid; not all, as measured.
+            # Slanted walls separate some directions that share a way on a grid, as measured.
             return min(self.directions, 32 + round(0.45 * self.directions))
         if motion.collision != "endpoint" and length * directions > _MAX_CROSSED:
             ends = stencil(directions, Motion(length, "endpoint"), grid)

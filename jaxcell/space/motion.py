@@ -16,15 +16,15 @@ from .segments import crossed_squares, meets_wall
 class Rule:
     """A rule of collision: the part of a step that has to stay in the closed free space.
 
-    A new rule is one more of these in `RULES`, and its name in `Collision`.
+    To add a rule, add an entry to `RULES`, and its name to `Collision`.
     """
 
     squares: Callable[[float, float, tuple[int, int]], tuple[tuple, tuple]]
-    "The squares that have to be free, as [`crossed_squares`][] lists them."
+    "A function such as [`crossed_squares`][]: the squares that have to be free."
     blocked: Callable[..., tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]]
-    "The centres near walls and their blocked directions, with the arguments of `_endpoint`."
+    "A function such as `_endpoint`: the centres near walls, and their blocked directions."
     part: Callable[[Float[np.ndarray, "paths points 2"]], Any]
-    "The part of each path, as geometries."
+    "A function that returns the part of each path that has to be free, as geometries."
 
 
 def _endpoint(
@@ -34,7 +34,7 @@ def _endpoint(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Test ends of steps. `near` and `wall` are the pairs of a centre and a wall in reach."""
+    """Test whether steps from `near` centres end in an obstacle; `wall` is not used."""
     near = np.unique(near)
     closed = cells.room.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
     shapely.prepare(closed)

@@ -20,9 +20,7 @@ MOST_SQUARES = 2**30
 TOLERANCE = 1e-9
 
 
-def blocked_rings(
-    blocked: Bool[np.ndarray, "rows columns"],
-) -> list[Int[np.ndarray, "_ 2"]]:
+def blocked_rings(blocked: Bool[np.ndarray, "rows columns"]) -> list[Int[np.ndarray, "_ 2"]]:
     """Cut the blocked squares of a grid into simple polygons that do not overlap.
 
     An obstacle is one ring, so it cannot hold free squares inside. The squares are therefore cut as
@@ -72,9 +70,7 @@ def _outline(left: list[int], right: list[int], bottom: int) -> Int[np.ndarray, 
 
 
 def rasterise(
-    environment: shapely.Geometry,
-    bounds: tuple[float, float, float, float],
-    cell: float,
+    environment: shapely.Geometry, bounds: tuple[float, float, float, float], cell: float
 ) -> Bool[np.ndarray, "rows columns"]:
     """Make the occupancy grid of a polygonal environment.
 

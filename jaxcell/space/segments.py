@@ -19,11 +19,11 @@ def displacement(direction: int, directions: int, step: float) -> tuple[float, f
 def crossed_squares(
     dx: float, dy: float, offset: tuple[int, int]
 ) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[tuple[int, int], tuple[int, int]], ...]]:
-    """List the squares that a step from the centre of a square passes.
+    """List the squares that a step from the centre of a square crosses.
 
-    The step is in sides of a square, and its end lies in the square at `offset`, a row and a
-    column. Returns the squares whose interior the step passes, with the end; and for each corner
-    that it passes the pair of squares beside it.
+    `dx` and `dy` are in sides of a square, and the step ends in the square at `offset`, a row and a
+    column. Returns the squares whose interior the step crosses, with the last square, and the pair
+    of squares beside each corner that the step passes.
     """
     crossed, beside = {offset: None}, []
     east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
@@ -57,7 +57,7 @@ def meets_wall(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Test steps for walls, in units of a cell from the origin.
+    """Test whether steps meet walls, in units of a cell from the origin of the cells.
 
     `near` and `wall` are the pairs of a centre and a wall in its reach, whose walls are those of
     [`jaxcell.space.CellSpace.walls`][]. Returns the centres with a wall in reach, and a mask of

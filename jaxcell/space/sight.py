@@ -1,5 +1,4 @@
 import dataclasses
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,7 +8,7 @@ from jaxtyping import Bool, Float, Int, Num
 from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
 from .segments import cross, meets_wall
-from .view import check_reach, check_view, sees_all_around
+from .view import check_reach
 from .workspace import edges, polygons
 
 
@@ -19,13 +18,8 @@ AT_CENTRE = 1e-6
 
 
 def visible_cells(
-    cells: CellSpace,
-    reach: float | int,
-    *,
-    part: float | int = 1.0,
-    field_of_view: float | int | None = None,
-    heading: Float[np.ndarray, "..."] | float | int | None = None,
-) -> Bool[np.ndarray, "*views positions positions"]:
+    cells: CellSpace, reach: float | int, *, part: float | int = 1.0
+) -> Bool[np.ndarray, "positions positions"]:
     """Find the cells that are wholly visible from each centre (Alam 2018, Eq. 4.1 and Alg. 4.3).
 
     A point is visible if it is no farther than `reach` and the segment to it stays in the closed
@@ -43,20 +37,14 @@ def visible_cells(
 
     - `cells`: the cell space.
     - `reach`: range of sight, in metres; may be infinite.
-    - `part`: side of the square around the centre of `j` that must be visible, in cells, more than
-        0 and at most 1; with `space.sight.AT_CENTRE`, 1e-6, its centre is enough.
-    - `field_of_view`: angle of the view of a camera, in radians, up to `2 * pi`; `None` for all
-        around. A camera that sees less than all around does not wholly see its own cell.
-    - `heading`: heading of the middle of the view, in radians counter-clockwise from East: a
-        number, or an array whose last axis has an entry for each position (or one entry for all).
-        Axes before the last are views, each of which gets a matrix of its own:
-        `2 * pi * np.arange(d)[:, None] / d` are the directions of a space that has `d`.
+    - `part`: side of the square around the centre of `j` that must be visible, in cells, at most
+        1; with `space.sight.AT_CENTRE`, 1e-6, its centre is enough.
 
-    **Returns:** `visible[..., i, j]`, true if `j` is wholly visible from the centre of `i`, a byte
-    per pair: 100 MB for 10,000 positions.
+    **Returns:** `visible[i, j]`, true if `j` is wholly visible from the centre of `i`, a byte per
+    pair: 100 MB for 10,000 positions.
 
-    **Raises:** `ValueError` for a number out of range, or only one of `field_of_view` and
-    `heading`; `MemoryError` if the pairs do not fit the free memory.
+    **Raises:** `ValueError` for a number out of range; `MemoryError` if the pairs do not fit the
+    free memory.
 
     In a corridor of three squares; the far corners of the next one are 1.58 m away:
 
@@ -66,13 +54,11 @@ def visible_cells(
         [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     reach = check_reach(reach) / cells.cell
-    camera = _camera(cells, field_of_view, heading)
-    views = () if camera is None else camera.heading.shape[:-1]
     if not AT_CENTRE <= part <= 1:
         raise ValueError(f"part: expected {AT_CENTRE:g} to 1, got {part}")
-    _check_pairs(cells, math.prod(views))
+    _check_pairs(cells, 1)
     scene = _Scene.of(cells, part)
-    visible = np.zeros((*views, cells.positions, cells.positions), bool)
+    visible = np.zeros((cells.positions, cells.positions), bool)
     # The places that a viewer may see, from its centre or, if these are fewer, from the origin.
     offset = _offsets(cells, reach)
     local = len(offset) < cells.positions
@@ -88,12 +74,7 @@ def visible_cells(
         viewer, target = viewers[row], target[row, column]
         pair, corners = scene.parts_seen(viewer, target)
         near = _of_all(pair, (np.hypot(*np.moveaxis(corners, -1, 0)) <= reach + TOLERANCE).all(-1))
-        if camera is None:
-            visible[viewer[near], target[near]] = True
-            continue
-        for view in np.ndindex(views):
-            ahead = _of_all(pair, camera.holds(corners, camera.heading[view][viewer[pair]]))
-            visible[view][viewer[near & ahead], target[near & ahead]] = True
+        visible[viewer[near], target[near]] = True
     return visible
 
 
@@ -119,7 +100,7 @@ def visible_centres(
         [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     reach = check_reach(reach) / cells.cell
-    # The relation, its transpose, and both together.
+    # Memory holds the relation, its transpose, and their union.
     _check_pairs(cells, 3)
     scene = _Scene.of(cells)
     near, wall = scene.walls_near(reach)
@@ -159,7 +140,7 @@ class _Scene:
 
     centre: Float[np.ndarray, "positions 2"]
     walls: Float[np.ndarray, "walls 3 2"]
-    "Edges of the environment, as `CellSpace.walls` has those of the free space."
+    "Edges of the environment, in the form of `CellSpace.walls`."
     part: Float[np.ndarray, "parts 4 2"]
     "Convex parts of the free part of each square: the square itself, or triangles (closed)."
     first: Int[np.ndarray, "bounds"]
@@ -221,7 +202,7 @@ def _squares(centre: Float[np.ndarray, "squares 2"], side: float) -> np.ndarray:
 def _of_all(
     part: Int[np.ndarray, "parts"], true: Bool[np.ndarray, "parts"]
 ) -> Bool[np.ndarray, "pairs"]:
-    """Find the pairs all parts of which are true."""
+    """Return a mask of the pairs whose parts are all true."""
     return np.logical_and.reduceat(true, np.flatnonzero(np.diff(part, prepend=-1)))
 
 
@@ -245,7 +226,7 @@ def _at(
 
 
 def _shadows(scene: _Scene, reach: float, width: int) -> Iterator[tuple]:
-    """List viewers, a few at a time, and the ends of the walls in reach that they are behind.
+    """Yield viewers, a few at a time, and the ends of the walls that cast shadows for them.
 
     The shadow of an obstacle lies beyond a wall whose free side is the far side. (The near walls of
     the obstacle fail if the viewer stands on one of them.) A wall whose line passes through the
@@ -284,7 +265,7 @@ def _hidden(
         return hidden
     # The depth of the centre of each square in each shadow, and the most of a corner.
     centre, corner = np.full((2, len(row), len(place)), np.inf)
-    for normal, least in _sides(a, b, 1.0):
+    for normal, least in _sides(a, b):
         depth = normal @ place.T - (least + np.vecdot(normal, origin[row]))[:, None]
         np.minimum(centre, depth, out=centre)
         depth += np.abs(normal).sum(axis=1, keepdims=True) / 2
@@ -295,86 +276,36 @@ def _hidden(
     # Squares that a shadow may graze.
     shadow, at = np.nonzero((corner > TOLERANCE) & ~hidden[row] & (target[row] >= 0))
     part, corners = scene.parts_seen(viewers[row[shadow]], target[row[shadow], at])
-    met = part[_overlap(corners, a[shadow][part], b[shadow][part], 1.0)]
+    met = part[_overlap(corners, a[shadow][part], b[shadow][part])]
     hidden[row[shadow[met]], at[met]] = True
     return hidden
 
 
 def _sides(
-    a: Float[np.ndarray, "shadows 2"], b: Float[np.ndarray, "shadows 2"], start: float
+    a: Float[np.ndarray, "shadows 2"], b: Float[np.ndarray, "shadows 2"]
 ) -> Iterator[tuple[Float[np.ndarray, "shadows 2"], Float[np.ndarray, "shadows"]]]:
-    """List the inner unit normal of each side of a shadow, and its product with points there.
+    """Yield the inner unit normal of each side of a shadow, and its product with the side.
 
-    The shadow is `s a + t b` with `s, t >= 0` and `s + t >= start`; `a` is to the left of `b`.
+    The shadow is `s a + t b` with `s, t >= 0` and `s + t >= 1`; `a` is to the left of `b`.
     """
-    for along, point in ((b, 0.0), (-a, 0.0), (b - a, start)):
+    for along, start in ((b, 0.0), (-a, 0.0), (b - a, 1.0)):
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
-        yield normal, point * np.vecdot(normal, a)
+        yield normal, start * np.vecdot(normal, a)
 
 
 def _overlap(
     corners: Float[np.ndarray, "parts 4 2"],
     a: Float[np.ndarray, "parts 2"],
     b: Float[np.ndarray, "parts 2"],
-    start: float,
 ) -> Bool[np.ndarray, "parts"]:
-    """Find the convex parts that overlap their shadow: no normal of a side separates the two."""
+    """Find the convex parts that overlap their shadows: no side of either separates the two."""
     overlap = np.ones(len(corners), bool)
-    for normal, least in _sides(a, b, start):
+    for normal, least in _sides(a, b):
         overlap &= (corners @ normal[:, :, None])[..., 0].max(axis=1) - least > TOLERANCE
     edge = np.roll(corners, -1, axis=1) - corners
     most = cross(corners, edge)
     least = np.minimum(cross(a[:, None], edge), cross(b[:, None], edge))
-    least = np.where(least < 0, -np.inf, start * least)
+    least = np.where(least < 0, -np.inf, least)
     # An edge of no length, which closes a triangle, separates nothing.
     overlap &= ~(least > most - TOLERANCE * np.hypot(*np.moveaxis(edge, -1, 0))).any(axis=1)
     return overlap
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Camera:
-    field_of_view: float
-    heading: Float[np.ndarray, "*views positions"]
-
-    def holds(
-        self, corners: Float[np.ndarray, "parts 4 2"], heading: Float[np.ndarray, "parts"]
-    ) -> Bool[np.ndarray, "parts"]:
-        """Find the convex parts, with corners from the viewer, that are wholly in the view."""
-        right, left = (
-            np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            for angle in (heading - self.field_of_view / 2, heading + self.field_of_view / 2)
-        )
-        if sees_all_around(self.field_of_view):
-            return np.ones(len(corners), bool)
-        if self.field_of_view > np.pi:
-            # The unseen area is convex, and lies behind the camera as the shadow of a point.
-            return ~_overlap(corners, right, left, 0.0)
-        in_view = np.minimum(cross(right[:, None], corners), cross(corners, left[:, None]))
-        return (in_view >= -TOLERANCE).all(axis=1)
-
-
-def _camera(
-    cells: CellSpace,
-    field_of_view: float | int | None,
-    heading: Float[np.ndarray, "..."] | float | int | None,
-) -> _Camera | None:
-    if (field_of_view is None) != (heading is None):
-        raise ValueError(
-            f"field_of_view and heading: expected both or neither, got {field_of_view!r} "
-            f"and {heading!r}"
-        )
-    if field_of_view is None:
-        return None
-    field_of_view = check_view(field_of_view)
-    headings = np.asarray(heading, float)
-    if headings.ndim and headings.shape[-1] not in (1, cells.positions):
-        raise ValueError(
-            f"heading: expected a number, or a last axis of 1 or {cells.positions} (positions), "
-            f"got shape {headings.shape}"
-        )
-    if not np.isfinite(headings).all():
-        wrong = headings[~np.isfinite(headings)].flat[0]
-        raise ValueError(f"heading: expected finite numbers, got {wrong}")
-    return _Camera(
-        field_of_view, np.broadcast_to(headings, (*headings.shape[:-1], cells.positions))
-    )

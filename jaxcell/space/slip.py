@@ -75,10 +75,9 @@ class Slip:
 
 
 def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
-    """Move the walls back to where they stop a robot whose bumper goes in a little.
+    """Move the walls back by the distance that a bumper goes in before it is felt.
 
-    **Arguments:** a map, and the distance that the bumper goes in, in metres. **Returns:** the ends
-    of each wall, in metres.
+    **Arguments:** a map, and the distance in metres. **Returns:** the ends of each wall, in metres.
 
     A room whose walls give 2 cm:
 
@@ -209,7 +208,7 @@ def slipping_step(
     felt = slip.bumper * e[8]
 
     def stretch(place, heading, leg, relative, drifts, sways):  # type: ignore[no-untyped-def]
-        """Drive a stretch: its end, headings, the distance to a wall or `inf`, and its slope."""
+        """Drive a stretch: return its end, headings, and the distance and slope of a wall."""
         length = leg * (1 + slip.step * relative)
         drift = slip.heading * xp.sqrt(xp.abs(leg)) * drifts
         chord = heading + drift / 2 + slip.heading * xp.sqrt(xp.abs(leg) / 12) * sways

@@ -18,9 +18,9 @@ class Stencil:
     """The squares that one step from the centre of a square depends on, for each direction.
 
     A step in one direction leads to the same relative square from every start, over the same
-    relative squares. Many directions do the same: 360 directions and a step of one square make 16
-    different *ways*. So everything that depends on walls is computed once per way. Squares are
-    relative, `(row, column)`.
+    relative squares. Many directions share these squares: 360 directions and a step of one square
+    make 16 different *ways*. So everything that depends on walls is computed once per way. A square
+    is relative to the start, `(row, column)`.
     """
 
     way: Int[np.ndarray, "directions"]
@@ -72,11 +72,9 @@ def line_places(
 ) -> Int[np.ndarray, "*shape"]:
     """Number the squares of a grid along the lines that steps of one offset follow.
 
-    From each square to the next one on its line the number grows by one. The numbers of different
-    lines do not mix.
-
-    Squares are of a grid, or of several grids of one shape, one after the other. The offset `step`
-    is `(row, column)`.
+    The number grows by one from each square to the next square on its line, and the numbers of
+    different lines do not mix. Squares may be of several grids of one shape, one after the other.
+    The offset `step` is `(row, column)`.
     """
     rows, columns = grid
     # The number of steps from where the line begins.

@@ -23,19 +23,19 @@ _BLOCK = 32
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Steps:
-    """The end of one step from each square of some grids of one shape.
+    """The end of one step from each square of several grids of one shape.
 
-    Directions whose steps do the same share a *way*. Only one way at a time is held for all
-    squares, as a bit each.
+    Directions whose steps agree from every square share a *way*. To save memory, the squares with a
+    possible step are computed for one way at a time.
     """
 
     free: Bool[np.ndarray, "grids rows columns"]
     way: Int[np.ndarray, "directions"]
     "The way of each direction."
     offset: Int[np.ndarray, "ways 2"]
-    "The number of rows and columns that a step leads on."
+    "The rows and columns by which a step of each way moves."
     possible: Callable[[int], Bool[np.ndarray, "grids rows columns"]]
-    "Gives the squares from which a step of a way is possible; it ends in a free square."
+    "A function that returns the squares from which a step of a way is possible."
 
     @classmethod
     def on_grids(
@@ -78,7 +78,7 @@ class Steps:
         ends_only = Motion(motion.in_cells(cells.cell), "endpoint")
         ends = cls.on_grids(cells.free[None], cells.directions, ends_only)
         near, blocked = _blocked_steps(cells, motion)
-        # Walls part directions that lead to the same square, but not where it is not free.
+        # Walls separate directions that lead to the same square, if this square is free.
         able = np.stack([ends.possible(way).ravel()[near] for way in range(len(ends.offset))])
         blocked = blocked.T & able[ends.way]
         number: dict[tuple[int, bytes], int] = {}
@@ -97,7 +97,7 @@ class Steps:
     def starts(
         self, way: int, possible: Bool[np.ndarray, "grids rows columns"]
     ) -> Bool[np.ndarray, "grids rows columns"]:
-        """Find the possible squares in which no step of a direction ends."""
+        """Find the free squares in which no step of a way ends; `possible` are its starts."""
         begins = self.free.copy()
         end: tuple[slice, ...] = (slice(None),)
         start: tuple[slice, ...] = (slice(None),)
@@ -108,7 +108,7 @@ class Steps:
         return begins
 
     def targets(self, cells: CellSpace) -> Int32[np.ndarray, "ways positions"]:
-        """List the position at the end of each step; the same one if the step is not possible."""
+        """List the position at the end of each step; a step that is not possible stays."""
         targets = np.tile(np.arange(cells.positions, dtype=np.int32), (len(self.offset), 1))
         for way, target in enumerate(targets):
             able = self.possible(way).ravel()[cells.square]
@@ -124,7 +124,7 @@ class Steps:
         return _listed(grid, (up, across))[square] + which * (self.free[0].size * sum(grid))
 
     def hop(self, way: int) -> int:
-        """Compute by how much a step of a way raises the number of a square."""
+        """Compute the difference of the numbers of squares at the end and start of a step."""
         up, across = self.offset[way].tolist()
         return int(up * self.free.shape[2] + across)
 
@@ -143,7 +143,7 @@ def _blocked_steps(
     step from the centre of each. From other squares only the end has to be free.
     """
     rows, columns = cells.free.shape
-    # All longer steps lead off the map too.
+    # All longer steps lead off the map, too.
     length = min(motion.in_cells(cells.cell), math.hypot(rows, columns) + 1)
     steps = np.array([displacement(k, cells.directions, length) for k in range(cells.directions)])
     reach = float(np.linalg.norm(steps[0])) + TOLERANCE

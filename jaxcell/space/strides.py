@@ -17,8 +17,8 @@ def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray,
 
     To the East, and to the North East, where the step ends short of the centre of its cell:
 
-        >>> from jaxcell import robot
-        >>> robot.cell_strides(8, 1.0, 1.0)[:2].round(3).tolist()
+        >>> from jaxcell import space
+        >>> space.cell_strides(8, 1.0, 1.0)[:2].round(3).tolist()
         [[1.0, 0.0], [1.414, 0.0]]
     """
     angle = 2 * np.pi * np.arange(directions) / directions

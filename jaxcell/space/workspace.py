@@ -67,7 +67,9 @@ class Workspace:
         cell: float | int | None = None,
         directions: int | None = None,
     ) -> None:
-        """**Arguments:**
+        """Make a map, and check it.
+
+        **Arguments:**
 
         - `boundary`: a shapely polygon without holes, or the vertices of a simple polygon, in order
             either way round; the first may be repeated at the end.
@@ -170,7 +172,7 @@ class Workspace:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Workspace":
-        """Read a map file: a `.json` map of ours, a ROS map_server `.yaml`, or an ASCII grid.
+        """Read a map file: a `.json` map of jaxcell, a ROS map_server `.yaml`, or an ASCII grid.
 
         A grid ends in `.txt` or `.map`, and the image of map_server stands beside its file; see
         `jaxcell.space.maps.map_files`. A map without a name takes the name of the file.
@@ -239,8 +241,7 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
 
 
 def coordinate_rounding(
-    boundary: Float[np.ndarray, "vertices 2"],
-    obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
+    boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> float:
     """Compute the unit of rounded vertices: above the rounding of float64, below any real wall."""
     largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
@@ -255,7 +256,7 @@ def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polyg
 
 
 def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """List the corner before each edge, its start and its end; free space lies to its left."""
+    """List the corner before each edge, its start and its end; the interior is to its left."""
     pieces, _ = polygons(np.array([environment]))
     rings = shapely.get_rings(shapely.orient_polygons(pieces))
     corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]
@@ -264,8 +265,7 @@ def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
 
 
 def _check_polygons(
-    boundary: Float[np.ndarray, "vertices 2"],
-    obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
+    boundary: Float[np.ndarray, "vertices 2"], obstacles: tuple[Float[np.ndarray, "_ 2"], ...]
 ) -> None:
     """Refuse polygons without area, polygons that meet themselves, and obstacles outside."""
     fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]

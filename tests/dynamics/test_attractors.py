@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from jaxcell import dynamics
-from jaxcell.dynamics import attractors
+from jaxcell.dynamics import attractors, batches
 from jaxcell.dynamics.basin import basins_of_each
 from jaxcell.dynamics.merging import merged
 from jaxcell.mapping.peel import groups_on_host
@@ -57,19 +57,19 @@ def test_groups_of_volume_preserving_maps_equal_brute_force(name):
         assert set(np.flatnonzero(found.group == number)) == nx.ancestors(graph, cycle[0]) | {
             *cycle
         }
-    keeps = any("preserve volumes" in said for said in found.remarks)
+    keeps = any("preserve volumes" in remark for remark in found.remarks)
     assert keeps == (name != "standard")
 
 
 def test_orbits_on_a_torus_keep_their_fractions():
-    # Without a way back, the coordinates would have 130 digits after the first look.
+    # Coordinates that are not wrapped would have 130 digits after the first mappings.
     found = dynamics.basins(cat, TORUS)
     assert found.attractors == 1
     assert found.outside_share == found.nowhere_share == 0
     assert (found.orbit >= 0).all()
     assert (found.orbit <= 1).all()
     assert np.unique(np.floor(4 * found.orbit[0]), axis=0).shape[0] == 16
-    # An orbit of cells is followed in the same way.
+    # Basins by orbits wrap coordinates, too.
     by_orbits = dynamics.basins(cat, TORUS, by="orbits")
     assert (by_orbits.basin == 0).all()
 
@@ -98,7 +98,7 @@ def test_orbits_across_a_periodic_axis_are_merged(kind, label):
 
 @pytest.mark.parametrize("chunk", [7, 1 << 20])
 def test_starts_are_even_among_the_cells_of_a_group(chunk, monkeypatch):
-    monkeypatch.setattr(attractors, "CHUNK", chunk)
+    monkeypatch.setattr(batches, "CHUNK", chunk)
     box = Box([0], [1], [60])
     image = np.random.default_rng(1).permutation(60).astype(np.int32)
     groups = groups_on_host(np.append(image, np.array([60, 61], np.int32)))
@@ -123,7 +123,7 @@ def test_groups_without_orbits_get_the_attractors_of_their_cells(monkeypatch):
 
 
 def test_groups_that_reach_no_known_attractor_are_reported(monkeypatch):
-    # Eight wells, of which two are followed, as long as nothing starts anywhere else.
+    # Only two of eight wells are followed, and one orbit starts elsewhere.
     box = Box([0], [8], [80])
 
     def wells(x, p):
@@ -135,10 +135,10 @@ def test_groups_that_reach_no_known_attractor_are_reported(monkeypatch):
     assert few.attractors < 8
     assert few.nowhere_share == 1 - few.attractors / 8
     assert few.outside_share == 0
-    assert any("reach none of these attractors" in said for said in few.remarks)
+    assert any("reach none of these attractors" in remark for remark in few.remarks)
 
 
-def test_remarks_on_single_attractors_are_few():
+def test_remarks_on_single_attractors_are_limited():
     box = Box([-1, -1], [1, 1], [40, 40])
     turn = dynamics.basins(quarter_turn, box)
     assert turn.attractors > 400
@@ -146,7 +146,6 @@ def test_remarks_on_single_attractors_are_few():
 
 
 def test_orbits_that_diverge_lead_nowhere():
-    """As those do that do not come back to a section, where cells around an equilibrium stay."""
 
     def fades(x, p):
         return jnp.where(jnp.abs(x) > 1e-3, x / 2, jnp.nan)
@@ -181,7 +180,7 @@ def test_remark_names_cells_that_agree_with_orbits():
     coarse = dynamics.basins(edge, Box([0], [1], [5]))
     assert coarse.trial.wrong[0] == pytest.approx(0.1, abs=0.03)
     assert coarse.trial.cells == (10,)
-    (remark,) = (said for said in coarse.remarks if "random starts end elsewhere" in said)
+    (remark,) = (each for each in coarse.remarks if "random starts end elsewhere" in each)
     assert "with cells of half and a quarter of the width, 0% and 0% of 1,024" in remark
     assert "take basins by orbits, which agree, or about 10 cells, which would leave 2%." in remark
     fine = dynamics.basins(edge, Box([0], [1], [10]))

@@ -1,4 +1,4 @@
-"""Systems whose groups, basins and sets others have published, or that were counted by others."""
+"""Systems whose groups, basins or sets were published, or counted with other programs."""
 
 from collections import Counter
 
@@ -33,62 +33,38 @@ def pendulum(x, p):
     return jnp.stack([x[1], p["T"] - 0.1 * x[1] - jnp.sin(x[0])])
 
 
-# Of Sun and Xiong's programs for the cell mapping method, computed with MATLAB; those of Henon's
-# map and of the one on edges again with NumPy, by the rule that an edge belongs to the upper cell
-# to 1e-9 of a cell.
-CASES = {
-    "Duffing": (
-        systems.duffing.map,
-        systems.duffing.box,
-        systems.duffing.params,
-        {2: 2, 3: 2, 28: 1},
-        0,
-        31,
-        [18317, 3048, 854, 353, 229],
-    ),
-    "double well": (
-        dynamics.flow(double_well, 0.05, 20),
-        Box([-1.5, -1.5], [1.5, 1.5], [151, 151]),
-        None,
-        {1: 3},
-        0,
-        15,
-        [11377, 11377, 47],
-    ),
-    "Hsu's bar": (
-        kicked_bar,
-        Box([-np.pi, -7], [np.pi, 7], [115, 151]),
-        None,
-        {1: 1, 6: 2},
-        11070,
-        24,
-        [5042, 1252, 1],
-    ),
-    "edges": (
-        edges,
-        Box([-1.5] * 2, [1.5] * 2, [151] * 2),
-        None,
-        {1: 1, 4: 11},
-        17207,
-        37,
-        [2120, 1961],
-    ),
-    "Henon": (
-        systems.henon.map,
-        Box([-2] * 2, [2] * 2, [151] * 2),
-        systems.henon.params,
-        {2: 1, 14: 1},
-        12974,
-        52,
-        [9789, 38],
-    ),
+def cylinder(cells):
+    """The box of the pendulum, of its angle and speed."""
+    return Box([-np.pi, -10], [np.pi, 10], [cells, cells], ["periodic", "sink"])
+
+
+def square(half):
+    return Box([-half] * 2, [half] * 2, [151] * 2)
+
+
+# Results of Sun and Xiong's programs for the cell mapping method in MATLAB. Henon's map and the map
+# with images on edges were computed with NumPy, because there an edge belongs to the upper cell.
+MAPS = {
+    "Duffing": (systems.duffing.map, systems.duffing.box, systems.duffing.params),
+    "double well": (dynamics.flow(double_well, 0.05, 20), square(1.5), None),
+    "Hsu's bar": (kicked_bar, Box([-np.pi, -7], [np.pi, 7], [115, 151]), None),
+    "edges": (edges, square(1.5), None),
+    "Henon": (systems.henon.map, square(2), systems.henon.params),
+}
+# The number of groups by period, the lost cells, the most mappings, and the sizes of basins.
+PUBLISHED = {
+    "Duffing": ({2: 2, 3: 2, 28: 1}, 0, 31, [18317, 3048, 854, 353, 229]),
+    "double well": ({1: 3}, 0, 15, [11377, 11377, 47]),
+    "Hsu's bar": ({1: 1, 6: 2}, 11070, 24, [5042, 1252, 1]),
+    "edges": ({1: 1, 4: 11}, 17207, 37, [2120, 1961]),
+    "Henon": ({2: 1, 14: 1}, 12974, 52, [9789, 38]),
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MAPS)
 def test_groups_equal_published_groups(name):
-    map, box, params, periods, lost, longest, largest = CASES[name]
-    found = dynamics.basins(map, box, params)
+    periods, lost, longest, largest = PUBLISHED[name]
+    found = dynamics.basins(*MAPS[name])
     assert Counter(found.group_period.tolist()) == periods
     basin = np.bincount(found.group, minlength=found.groups + 2)
     assert basin[found.groups] == lost
@@ -99,8 +75,7 @@ def test_groups_equal_published_groups(name):
 
 
 def test_basin_share_of_pendulum_equals_monte_carlo():
-    box = Box([-np.pi, -10], [np.pi, 10], [151, 151], ["periodic", "sink"])
-    found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})
+    found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), cylinder(151), {"T": 0.5})
     # 0.152 of 10,000 starts of bSTAB, 0.1523 of a grid of 150^2.
     assert found.fraction.min() == pytest.approx(0.152, abs=0.004)
     assert found.groups > found.attractors == 2
@@ -110,20 +85,18 @@ def test_basin_share_of_pendulum_equals_monte_carlo():
 
 
 def test_crossing_times_leave_few_cells_mapped_to_themselves():
-    box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
-    coarse = Box(box.lower, box.upper, [11, 11], box.axes)
-    slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), coarse, {"T": 0.5})
+    slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), cylinder(11), {"T": 0.5})
     assert slow.self_images > 0.1
-    assert any("own images" in said for said in slow.remarks)
-    crossing = dynamics.basins(dynamics.flow(pendulum, 0.05), box, {"T": 0.5})
-    # That of the equilibrium alone.
-    assert round(crossing.self_images * box.size) <= 1
+    assert any("own images" in remark for remark in slow.remarks)
+    crossing = dynamics.basins(dynamics.flow(pendulum, 0.05), cylinder(31), {"T": 0.5})
+    # Only the cell of the equilibrium is its own image.
+    assert round(crossing.self_images * crossing.box.size) <= 1
     assert crossing.attractors == 2
     assert crossing.fraction.min() == pytest.approx(0.152, abs=0.04)
 
 
 def test_cycle_of_a_whole_number_of_steps_is_one_attractor():
-    # Round in four steps, between which are a thousand cells.
+    # A turn takes four steps, each over a thousand cells.
     ring = dynamics.flow(lambda x, p: jnp.stack([2.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
     found = dynamics.basins(ring, Box([0, 0], [1, 1], [4000, 3], ["periodic", "sink"]))
     assert found.attractors == 1
@@ -140,15 +113,14 @@ def test_orbits_and_cells_agree_where_cells_are_fine(axes):
     by_orbits = dynamics.basins(wells, box, by="orbits")
     assert by_cells.attractors == by_orbits.attractors == 2**axes
     assert (by_cells.basin == by_orbits.basin).all()
-    assert not any("random starts" in said for said in by_cells.remarks)
+    assert not any("random starts" in remark for remark in by_cells.remarks)
 
 
 def test_orbits_find_attractors_that_coarse_cells_miss():
-    box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
-    flow = dynamics.flow(pendulum, 0.05, 20)
+    box, flow = cylinder(31), dynamics.flow(pendulum, 0.05, 20)
     coarse = dynamics.basins(flow, box, {"T": 0.5})
     assert abs(coarse.fraction.min() - 0.152) > 0.03
-    assert any("take basins by orbits" in said for said in coarse.remarks)
+    assert any("take basins by orbits" in remark for remark in coarse.remarks)
     found = dynamics.basins(flow, box, {"T": 0.5}, by="orbits")
     # 961 starts have a standard error of 0.012.
     assert found.fraction.min() == pytest.approx(0.152, abs=0.035)
@@ -161,24 +133,24 @@ def test_orbits_that_leave_are_followed_for_the_given_mappings():
     box = Box([-1], [1], [40])
     assert dynamics.basins(back, box, by="orbits").outside_share == 0.5
     assert dynamics.basins(back, box, by="orbits", follow=1).outside_share == 0
-    said = "take basins by orbits, which agree if points are followed outside the box (follow=1)"
-    assert any(said in one for one in dynamics.basins(back, box).remarks)
-    assert not any("outside" in one for one in dynamics.basins(back, box, follow=1).remarks)
+    advice = "take basins by orbits, which agree if points are followed outside the box (follow=1)"
+    assert any(advice in remark for remark in dynamics.basins(back, box).remarks)
+    assert not any("outside" in remark for remark in dynamics.basins(back, box, follow=1).remarks)
 
 
-def test_axis_that_the_map_does_not_keep_periodic_is_named():
+def test_periodic_axis_whose_ends_differ_is_reported():
     box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
     with pytest.warns(UserWarning, match="The axis x0 is periodic"):
         torn = dynamics.continuation(lambda x, p: x * p["rate"], box, {"rate": [0.5, 1.0]})
-    said = "The axis x0 is periodic, but the map differs at its two ends."
-    assert torn.members[0].remarks[0] == said
+    warning = "The axis x0 is periodic, but the map differs at its two ends."
+    assert torn.members[0].remarks[0] == warning
     # The identity is the same at both ends.
-    assert not any("periodic" in one for one in torn.members[1].remarks)
-    assert torn.remarks[0].startswith(f"2 of 2 parameters have remarks, as rate=0.5: {said}")
+    assert not any("periodic" in remark for remark in torn.members[1].remarks)
+    assert torn.remarks[0].startswith(f"2 of 2 parameters have remarks, as rate=0.5: {warning}")
     with pytest.warns(UserWarning, match="The axis x0 is periodic"):
         dynamics.chain(lambda x, p: 0.5 * x, box, samples=1)
     twice = dynamics.basins(lambda x, p: jnp.stack([2 * x[0], 0.5 * x[1]]), box)
-    assert not any("periodic" in one for one in twice.remarks)
+    assert not any("periodic" in remark for remark in twice.remarks)
 
 
 def test_images_that_are_not_finite_are_not_outside():
@@ -210,12 +182,12 @@ def test_near_attractors_are_not_merged():
     found = dynamics.basins(systems.lorenz84.map, box, systems.lorenz84.params)
     assert found.period.tolist() == [1, 0, 0]
     np.testing.assert_allclose(found.sampled, [0.645, 0.18, 0.175], atol=0.08)
-    assert sum("of the orbits from random starts end on it" in said for said in found.remarks) == 3
+    assert sum("from random starts end on it" in remark for remark in found.remarks) == 3
     assert "take basins by orbits, which agree" in found.remarks[0]
 
 
 def test_magnetic_pendulum_has_three_attractors():
-    # Of starts at rest; on their way orbits leave the thin box around that, and come back.
+    # Orbits start at rest, leave the thin box around these states, and come back.
     system = systems.magnetic
     box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [25, 25, 1, 1])
     found = dynamics.basins(system.map, box, system.params, follow=200)
@@ -225,11 +197,11 @@ def test_magnetic_pendulum_has_three_attractors():
 
 
 def test_fractions_of_the_pendulum_along_its_torque():
-    box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
     torque = np.array([0.11, 0.26, 0.46, 0.66, 0.96])
     # bSTAB, 10,000 starts each, of a standard error up to 0.005.
     rest = [1, 0.3268, 0.1703, 0.0839, 0.0071]
-    found = dynamics.continuation(dynamics.flow(pendulum, 0.05, 120), box, {"T": torque})
+    flow = dynamics.flow(pendulum, 0.05, 120)
+    found = dynamics.continuation(flow, cylinder(51), {"T": torque})
     assert found.attractors == 2
     assert found.fraction[0, 0] == 1
     np.testing.assert_allclose(found.fraction[:, 0], rest, atol=0.015)
@@ -254,7 +226,7 @@ def test_section_of_van_der_pol_has_its_period():
     found = dynamics.basins(section(0.2), Box([0.1], [8], [40]), params)
     assert found.period.tolist() == [1]
     assert found.fraction.tolist() == [1]
-    # Of a solver of high order, by smaller steps than will do to find the cycle.
+    # The period by a solver of high order; it takes smaller steps than the cycle.
     fine = section(0.01)
     time = jax.jit(lambda x: fine.timed(fine(x, params), params)[1])(found.orbit[0, -1])
     assert float(time) == pytest.approx(6.66328686, abs=1e-5)
@@ -277,7 +249,7 @@ def test_groups_of_product_maps_are_products_of_groups(axes):
     rates = np.array([1.4, 2.0, 3.0, -0.7, 1.0, -1.5])[:axes]
     shift = np.array([0.1, 0.3, -0.2, 0.4, 2.0, 0.0])[:axes]
     image = dynamics.images(lambda x, p: rates * x + shift, box)
-    # Each axis by itself, -1 for what leaves it.
+    # The image of each axis by itself, -1 if it leaves the axis.
     along = []
     for axis, (count, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
         centre = -2 + (np.arange(count) + 0.5) * 4 / count
@@ -287,7 +259,7 @@ def test_groups_of_product_maps_are_products_of_groups(axes):
         elif kind == "clamp":
             place = np.clip(place, 0, count - 1)
         along.append(np.where((place >= 0) & (place < count), place, -1))
-    each = np.stack([one.ravel() for one in np.meshgrid(*along, indexing="ij")])
+    each = np.stack(np.meshgrid(*along, indexing="ij")).reshape(axes, -1)
     inside = (each >= 0).all(axis=0)
     assert 0 < np.count_nonzero(~inside) < box.size
     expected = np.where(inside, np.ravel_multi_index(np.maximum(each, 0), box.cells), box.outside)

@@ -6,6 +6,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.stats import norm
 
 from jaxcell import dynamics, mapping, markov
+from jaxcell.dynamics import systems
 from jaxcell.space import Box
 
 
@@ -27,9 +28,9 @@ def test_chain_of_logistic_map_equals_ulams_matrix():
         both = np.minimum(right, edges[1:, None]) - np.maximum(left, edges[:-1, None])
         exact += np.maximum(both, 0) * cells
     np.testing.assert_allclose(exact.sum(axis=1), 1)
-    # Points are spread evenly, so that none of the shares is as far off as chance would have it.
+    # Points are spread evenly, so the errors are smaller than those of random points.
     assert np.abs(chain.to_scipy().toarray() - exact).max() < 0.01
-    # And its density is that of the arc sine, which the exact matrix of 64 cells misses by 0.14.
+    # The density is that of the arc sine, from which the exact matrix of 64 cells differs by 0.14.
     density = np.diff(2 / np.pi * np.arcsin(np.sqrt(edges)))
     assert np.abs(limiting(chain) - density).sum() < 0.2
 
@@ -66,8 +67,8 @@ def test_noise_by_quadrature_has_the_moments_of_a_linear_map():
     np.testing.assert_allclose(mass.reshape(150, 3).sum(axis=0), 1 / 3)
 
 
-# A walk that is seen every so often passes an end unseen, as if the end were farther away by this
-# share of its deviation (Chernoff 1965).
+# A walk that is observed at intervals may pass an end between them, as if the end were farther away
+# by this share of the deviation (Chernoff 1965).
 UNSEEN = 0.5826
 
 
@@ -83,12 +84,12 @@ def test_exit_time_of_ornstein_uhlenbeck_equals_quadrature():
 
 @pytest.fixture(scope="module")
 def well():
-    """A chain of dX = (X - X^3) dt + 0.5 dW from cells that end at a height, and the cells."""
+    """Makes chains of dX = (X - X^3) dt + 0.5 dW, whose target is beyond a height."""
     time, noise = 0.01, 0.5
     unseen = UNSEEN * noise * np.sqrt(time)
 
     def until(low, high, kind):
-        # Beyond the height as far as a step may go.
+        # The box extends beyond the height as far as a step may go.
         width = (high - low - unseen) / 300
         box = Box([low], [high - unseen + 60 * width], [360], kind)
         flow = dynamics.flow(lambda x, p: x - x**3, time, 1)
@@ -128,7 +129,7 @@ def test_default_chain_has_the_exit_time_of_a_fine_chain_at_the_cost_of_16_sampl
 
 
 def decays(time, kind):
-    """Return a chain of an Ornstein-Uhlenbeck process, whose exit is that of [-1.5, 1.5]."""
+    """Return a chain of an Ornstein-Uhlenbeck process that exits [-1.5, 1.5], and its numbers."""
     factor = np.exp(-time)
     deviation = np.sqrt((1 - factor**2) / 2)
     box = Box([-4.5 if kind == "clamp" else -1.5], [4.5], [300 if kind == "clamp" else 200], kind)
@@ -148,7 +149,7 @@ def integrated(gain, places, factor, deviation):
     return gain(places) + step(places) @ value
 
 
-# With long mappings four nodes are 14 % off, and the result says so.
+# With long mappings, the error of four nodes is 14 %, which `moved` shows.
 @pytest.mark.parametrize(("time", "largest"), [(0.5, 0.25), (0.1, 0.06)])
 def test_half_the_samples_move_times_and_committors_by_more_than_the_error(time, largest):
     chain, places, *step = decays(time, "clamp")
@@ -197,7 +198,7 @@ def test_chain_is_reproducible_from_its_key():
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "field"),
     [
         ({"quadrature": -1}, "quadrature"),
         ({"samples": 0}, "samples"),
@@ -205,19 +206,17 @@ def test_chain_is_reproducible_from_its_key():
         ({"noise": float("nan")}, "noise"),
     ],
 )
-def test_bad_options_are_refused(options, said):
-    with pytest.raises(ValueError, match=said):
+def test_bad_options_are_refused(options, field):
+    with pytest.raises(ValueError, match=field):
         dynamics.chain(lambda x, p: x, Box([0], [1], [4]), **options)
 
 
 def test_groups_of_duffing_chain_equal_sun_and_xiong():
-    def duffing(t, x, p):
-        return jnp.stack([x[1], -0.25 * x[1] - 0.05 * x[0] - x[0] ** 3 + 8.5 * jnp.cos(t)])
-
-    strobe, box = dynamics.strobe(duffing, 2 * np.pi, 50), Box([1.6, -3.5], [3.6, 5.5], [100, 100])
-    chain = dynamics.chain(strobe, box, samples=25)
-    # With other random points: 42,139 images, one persistent group of 420 cells, and transient
-    # cells that lead back to each other, 21 and 3.
+    duffing = systems.duffing
+    box = Box(duffing.box.lower, duffing.box.upper, [100, 100])
+    chain = dynamics.chain(duffing.map, box, duffing.params, samples=25)
+    # Their random points gave 42,139 images, one persistent group of 420 cells, and two transient
+    # classes of 21 and 3 cells.
     matrix = chain.to_scipy()
     assert matrix.nnz == pytest.approx(42_139, rel=0.02)
     groups = mapping.persistent_groups(chain)

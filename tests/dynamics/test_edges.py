@@ -20,7 +20,7 @@ def thomas(x, p):
     return jnp.stack([jnp.sin(x[(k + 1) % 3]) - B * x[k] for k in range(3)])
 
 
-# Of a saddle, a point and the rates of growth.
+# Each map, its box, its saddle, and the rates of growth at the saddle.
 CASES = {
     "double well": (
         dynamics.flow(lambda x, p: x - x**3, 0.25, 4),
@@ -86,7 +86,7 @@ def test_edge_state_that_is_a_cycle_of_a_flow_is_followed():
 
 
 def test_cycle_of_points_on_a_boundary_has_its_period():
-    # Both ends change places in each mapping, and so do the two saddles; 0 is an attractor.
+    # Each mapping swaps the two ends, and the two saddles; 0 is an attractor.
     def swap(x, p):
         return -(x + 0.5 * x * (x**2 - 1) * (4 - x**2) / 4)
 
@@ -120,8 +120,7 @@ wells = dynamics.System(wells, space.Box([-2, 0], [2, 1], [40, 10]))
 def test_command_reports_and_draws_edge_states(tmp_path, capsys):
     path = tmp_path / "own.py"
     path.write_text(OWN)
-    asked = ["dynamics", f"{path}:wells", "--edges", "--json", "--out", str(tmp_path)]
-    assert run(asked) == 0
+    assert run(["dynamics", f"{path}:wells", "--edges", "--json", "--out", str(tmp_path)]) == 0
     (state,) = json.loads(capsys.readouterr().out)["edge_states"]
     assert (state["edge_first"], state["edge_second"], state["edge_unstable"]) == (0, 1, 1)
     assert state["edge_point"] == pytest.approx([0, 0.5], abs=1e-9)

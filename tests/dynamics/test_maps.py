@@ -13,17 +13,12 @@ def turning(x, p):
 
 
 def mapped(map, *point):
-    """A point after one mapping."""
+    """Map a point once."""
     return jax.jit(map)(np.array(point), None)
 
 
-def test_flow_turns_by_its_time():
-    quarter = dynamics.flow(turning, np.pi / 200, 100)
-    np.testing.assert_allclose(mapped(quarter, 1.0, 0.0), [0, -1], atol=1e-8)
-
-
 def test_strobe_follows_the_phase_of_the_force():
-    # x' = cos(t) comes back after a period, x' = cos(t)^2 is pi farther.
+    # x' = cos(t) returns after a period; x' = cos(t)^2 moves by pi.
     back = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None], 2 * np.pi, 100)
     on = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None] ** 2, 2 * np.pi, 100)
     np.testing.assert_allclose(mapped(back, 0.3), [0.3], atol=1e-9)
@@ -38,7 +33,7 @@ def test_section_of_a_spiral_is_its_return_map():
     returns = dynamics.section(
         spiral,
         lambda x, p: x[1],
-        # By rounding the start is before the surface, to which it does not come back at once.
+        # Rounding puts the start before the surface, which it does not cross at once.
         lift=lambda u, p: jnp.stack([u[0], -1e-17 * u[0]]),
         project=lambda x, p: x[:1],
         dt=0.05,
@@ -67,7 +62,7 @@ def test_images_in_chunks_equal_images_at_once(monkeypatch):
     whole = dynamics.images(flow, box)
     monkeypatch.setattr("jaxcell.dynamics.imaging.CHUNK", 500)
     assert (dynamics.images(flow, box) == whole).all()
-    # One after the other, by hand.
+    # Some cells are mapped one by one.
     for cell in (0, 77, 1199):
         end = mapped(flow, *box.centre(np.array([cell]))[0])
         assert whole[cell] == int(box.index(np.asarray(end)))
@@ -110,7 +105,7 @@ def test_half_steps_reveal_coarse_steps():
 
 
 @pytest.mark.parametrize(
-    ("map", "said"),
+    ("map", "message"),
     [
         (lambda x, p: x[:1], "^map: expected an array of shape \\[2\\], got \\[1\\]$"),
         (lambda x, p: (x[0], x[1]), "^map: expected an array, got a tuple$"),
@@ -124,8 +119,8 @@ def test_half_steps_reveal_coarse_steps():
         (dynamics.strobe(lambda t, x, p: x / t, 1.0, 2), "^field: expected finite numbers, got"),
     ],
 )
-def test_bad_maps_are_refused(map, said):
-    with pytest.raises(ValueError, match=said):
+def test_bad_maps_are_refused(map, message):
+    with pytest.raises(ValueError, match=message):
         dynamics.images(map, Box([0, 0], [1, 1], [2, 2]), {})
 
 

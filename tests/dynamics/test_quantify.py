@@ -14,7 +14,7 @@ def dumb(x, p):
 
 @pytest.fixture(scope="module")
 def found():
-    """The example of Attractors.jl: nine cells, those from 0 to the right go to (1, 1)."""
+    """The example of Attractors.jl: nine cells, of which those with `x >= 0` go to (1, 1)."""
     return dynamics.basins(dumb, Box([-1.5, -1.5], [1.5, 1.5], [3, 3]))
 
 
@@ -29,7 +29,7 @@ def test_minimal_critical_shocks_equal_attractors_jl(found):
 
 
 def test_times_and_shocks_equal_attractors_jl(found):
-    # There sums over a basin are divided by all nine starts.
+    # Attractors.jl divides sums over a basin by all nine starts.
     share = np.array([2 / 3, 1 / 3])
     np.testing.assert_allclose(share * found.mean_steps, [5 / 9, 2 / 9])
     pace = dynamics.convergence_pace(found)
@@ -107,11 +107,11 @@ def test_shocks_wrap_around_periodic_axes():
         return jnp.where((x[0] > 1) & (x[0] < 4), jnp.array([1.5, 0.5]), jnp.array([7.5, 0.5]))
 
     found = dynamics.basins(map, box)
-    # Attractor 0 at 7.5 has the cell 1.5 two cells ahead, attractor 1 at 1.5 has 0.5 beside it.
+    # The cell 1.5 is two cells ahead of attractor 0 at 7.5, and 0.5 is beside attractor 1 at 1.5.
     np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
 
 
-def test_one_basin_has_no_critical_shock_no_entropy():
+def test_one_basin_has_no_critical_shock_and_no_entropy():
     found = dynamics.basins(lambda x, p: x / 2, Box([-1, -1], [1, 1], [9, 9]))
     assert dynamics.minimal_critical_shock(found).tolist() == [np.inf]
     assert dynamics.basin_entropy(found, 3) == (0, 0)
@@ -121,7 +121,7 @@ def test_one_basin_has_no_critical_shock_no_entropy():
 def test_entropy_of_a_straight_boundary_is_that_of_halves():
     box = Box([-1, -1], [1, 1], [40, 40])
     found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
-    # Of the 10 x 10 boxes of 4 cells none has both; of the boxes of 8 cells the middle column does.
+    # No box of 4 x 4 cells has both basins; the middle column of boxes of 8 x 8 cells has both.
     assert dynamics.basin_entropy(found, 4) == (0, 0)
     whole, mixed = dynamics.basin_entropy(found, 8)
     assert mixed == pytest.approx(np.log(2))
@@ -164,7 +164,7 @@ def test_attractors_are_matched_by_place():
         return jnp.where((x > 0.5) & (p["p"] >= 1), 0.8, 0.2) + 0.01 * p["p"]
 
     found = dynamics.continuation(well, Box([0], [1], [50]), {"p": np.array([0, 1, 2, 0, 1.0])})
-    assert [sorted(one.tolist()) for one in found.label] == [[0], [0, 1], [0, 1], [0], [0, 1]]
+    assert [sorted(names.tolist()) for names in found.label] == [[0], [0, 1], [0, 1], [0], [0, 1]]
     assert found.appears.tolist() == [0, 1]
     assert found.vanishes.tolist() == [4, 4]
     np.testing.assert_allclose(found.fraction[0], [1, 0])
@@ -172,7 +172,7 @@ def test_attractors_are_matched_by_place():
 
 def test_changes_of_attractors_are_reported():
     def steps(x, p):
-        # To 0.1, 0.5 and 0.9, if not ever more of them from the right have gone or leave.
+        # To 0.1, 0.5 and 0.9; the attractor at 0.9 vanishes first, then that at 0.1.
         left = jnp.where(x < 0.7, 0.5, jnp.where(p["p"] >= 1, 0.5, 0.9))
         return jnp.where(x < 0.3, jnp.where(p["p"] >= 2, 9.0, 0.1), left)
 
@@ -200,13 +200,13 @@ def test_batch_of_parameters_equals_one_by_one(by):
 
 def test_attractor_across_a_periodic_axis_is_matched():
     def ring(x, p):
-        # At a height of 0.47, and what is above 0.5 leaves; then at 0.53, where all go.
+        # The ring is at 0.47, and points above 0.5 leave; then it is at 0.53, and attracts all.
         lost = (p["p"] < 1) & (x[1] > 0.5)
         return jnp.stack([x[0] + 0.31 + 0.02 * p["p"], jnp.where(lost, 9.0, 0.47 + 0.06 * p["p"])])
 
     box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
     found = dynamics.continuation(ring, box, {"p": [0.0, 1.0]})
-    assert [one.tolist() for one in found.label] == [[0], [0]]
+    assert [names.tolist() for names in found.label] == [[0], [0]]
 
 
 @pytest.mark.parametrize("params", [{"a": 1.0}, {"a": [1.0, 2.0], "b": [1.0]}])

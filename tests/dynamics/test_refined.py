@@ -8,7 +8,7 @@ from jaxcell.space import Box
 
 
 def sloping(x, p):
-    """To one of two points, on both sides of a line that is parallel to no axis."""
+    """Map both sides of a line, which is parallel to no axis, to one point each."""
     return jnp.where(x[0] + 0.37 * x[1] > 0.113, jnp.array([0.8, 0.5]), jnp.array([-0.8, 0.5]))
 
 
@@ -18,7 +18,7 @@ def test_line_is_refined_to_its_exact_share():
     right = (1 - 0.113) / 2
     np.testing.assert_allclose(np.sort(fine.fraction), [right, 1 - right], atol=1e-3)
     assert fine.exponent == pytest.approx(1, abs=0.02)
-    # Cells at the line, and no others, are followed: 400 * 4^5 there are.
+    # Only cells at the line are followed, of 400 * 4^5 cells.
     assert fine.mapped < 20_000
     apart = fine.boundary @ np.array([1, 0.37]) - 0.113
     assert np.abs(apart).max() < 1.4 * 0.1 / 2**5
@@ -32,10 +32,9 @@ def henon(x, p):
 def test_refined_basins_equal_those_of_finer_cells():
     coarse = dynamics.basins(henon, Box([-2, -2], [2, 2], [101, 101]))
     fine = dynamics.refined(henon, coarse, 2)
-    # 0.43249 of 2000^2 cells; of 101^2, 0.4287.
+    # The share is 0.43249 with 2000^2 cells, and 0.4287 with 101^2.
     assert fine.fraction[0] == pytest.approx(0.4325, abs=0.001)
     assert fine.mapped < 0.2 * coarse.box.size * 16
-    # By bisection along a line: cells at the boundary are where the basin changes.
     x = np.unique(fine.boundary[:, 0])
     assert np.diff(x).min() == pytest.approx(4 / 404)
 
@@ -60,7 +59,7 @@ def test_one_basin_has_no_boundary():
 
 
 def test_cover_is_the_attractor_and_its_unstable_sets():
-    # x' = x - x^3 across, y' = -3 y: from (-1, 0) to (1, 0), through the saddle between them.
+    # x' = x - x^3, y' = -3 y: the segment from (-1, 0) to (1, 0), through the saddle at 0.
     flow = dynamics.flow(lambda x, p: jnp.stack([x[0] - x[0] ** 3, -3 * x[1]]), 0.1, 5)
     cover = dynamics.relative_attractor(flow, Box([-2, -2], [2, 2], [5, 5]), levels=5)
     width = 4 / (5 * 2**5)
@@ -89,7 +88,7 @@ def test_exponent_of_cantor_boundary_is_its_codimension():
         inside = jnp.where(x < 1 / 3, 3 * x, jnp.where(x > 2 / 3, 3 * x - 2, middle))
         return jnp.where(x < 0, -0.5, jnp.where(x > 1, 1.5, inside))
 
-    # Cells of 3^-3 have most of it inside, unseen from their centres.
+    # The centres of cells of width 3^-3 miss most of the boundary.
     found = dynamics.basins(thirds, Box([-1], [2], [81]), by="orbits")
     fine = dynamics.refined(thirds, found, 9)
     assert fine.exponent == pytest.approx(1 - np.log(2) / np.log(3), abs=0.03)

@@ -1,4 +1,4 @@
-"""Basins in files: equal to those in memory, whenever the computation was killed."""
+"""Basins in files equal basins in memory, also after a computation that was killed."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ def same(one, other):
 
 
 def make_parts_small(setattr):
-    """Divide the work into parts of few cells, and walk no cells that passes would drop."""
+    """Divide the work into parts of few cells; cells that passes can drop are not walked."""
     setattr(stored, "PART", 1000)
     setattr(batches, "CHUNK", 700)
     setattr(imaging, "CHUNK", 500)
@@ -101,9 +101,9 @@ def test_killed_computation_continues_to_the_basins_in_memory(tmp_path, few):
     command = [sys.executable, "-c", KILLED, str(tmp_path)]
     killed = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
-    said = []
-    found = dynamics.stored_basins(*HENON, folder=tmp_path, say=lambda *what: said.append(what))
-    assert said[0][1] > 2000, "cells were mapped twice"
+    steps = []
+    found = dynamics.stored_basins(*HENON, folder=tmp_path, say=lambda *step: steps.append(step))
+    assert steps[0][1] > 2000, "cells were mapped twice"
     same(found, dynamics.basins(*HENON))
 
 
@@ -123,6 +123,5 @@ def test_stored_basins_are_opened_without_mapping(tmp_path, few, monkeypatch):
 def test_files_beyond_the_disk_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10**9}))
     box = Box([-2, -2], [2, 2], [10_000, 10_000])
-    said = r"folder: .* needs 1.9 GB more of disk, and 1.0 GB are free"
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=r"folder: .* needs 1.9 GB more of disk, and 1.0 GB are"):
         dynamics.stored_basins(HENON[0], box, HENON[2], folder=tmp_path)

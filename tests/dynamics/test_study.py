@@ -63,8 +63,8 @@ def test_user_system_has_all_views_of_built_in_systems(own, tmp_path, capsys):
 def test_two_of_four_axes_are_drawn_and_the_cut_is_reported(tmp_path, capsys):
     path = tmp_path / "four.py"
     path.write_text(FOUR)
-    asked = ["dynamics", f"{path}:wells", "--json", "--out", str(tmp_path)]
-    assert run(asked) == 0
+    command = ["dynamics", f"{path}:wells", "--json", "--out", str(tmp_path)]
+    assert run(command) == 0
     assert json.loads(capsys.readouterr().out)["attractors"] == 16
     with xr.open_dataset(tmp_path / "dynamics.nc") as saved:
         basin = saved.basin.values.reshape(saved.attrs["box_cells"])
@@ -79,7 +79,7 @@ def test_two_of_four_axes_are_drawn_and_the_cut_is_reported(tmp_path, capsys):
     assert cut in text
     assert "to 1.333; they are cut at d = 0." in text
     # The last axis has more cells than the third.
-    assert run([*asked, "--params", "edge=0.1:0.2:2"]) == 0
+    assert run([*command, "--params", "edge=0.1:0.2:2"]) == 0
     recorded = Recording(tmp_path / "dynamics.rrd")
     last = recorded.pictures("edge x 10", "/box/basins")[2]
     labels = recorded.classes("/box/basins")
@@ -127,16 +127,16 @@ def test_torn_periodic_axis_is_reported_once_before_cells_are_mapped(tmp_path, c
         "from jaxcell import dynamics, space\n"
         "half = dynamics.System(lambda x, p: 0.5 * x, space.Box([0], [1], [20], ['periodic']), {})"
     )
-    said = "The axis x0 is periodic, but the map differs at its two ends."
+    warning = "The axis x0 is periodic, but the map differs at its two ends."
     assert run(["dynamics", f"{path}:half", "--json"]) == 0
-    assert capsys.readouterr().err.count(said) == 1
+    assert capsys.readouterr().err.count(warning) == 1
 
     def stop(*_, **__):
         raise RuntimeError("mapped")
 
     monkeypatch.setattr("jaxcell.dynamics.basin.images_of_each", stop)
     assert run(["dynamics", f"{path}:half", "--json"]) == 1
-    assert capsys.readouterr().err.splitlines()[-2:] == [said, "jaxcell dynamics: mapped"]
+    assert capsys.readouterr().err.splitlines()[-2:] == [warning, "jaxcell dynamics: mapped"]
 
 
 MEASURED = """
@@ -152,7 +152,7 @@ def found(cells):
 found(1100)
 before = psutil.Process().memory_info().rss
 one = found(2000)
-# What getrusage says counts the process that began this one too.
+# The peak of getrusage includes that of the process that started this one.
 status = pathlib.Path("/proc/self/status").read_text()
 peak = int(re.search(r"VmHWM:\\s*(\\d+) kB", status)[1]) * 1024
 kept = one.image, one.basin, one.group, one.step, one.several, one.left
@@ -162,7 +162,7 @@ print((peak - before - sum(array.nbytes for array in kept)) / one.box.size)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
 def test_basins_take_16_bytes_per_cell_beside_the_result():
-    # Programs that are not optimized keep what is between their steps.
+    # Programs without optimization keep intermediate arrays.
     run = subprocess.run(
         [sys.executable, "-c", MEASURED],
         env={**os.environ, "XLA_FLAGS": ""},
@@ -177,28 +177,22 @@ def test_boxes_beyond_the_memory_are_refused_with_the_number(own, monkeypatch):
     monkeypatch.setattr("jaxcell.base.memory.free", lambda: 10**9)
     small = study.Dynamics(system=own, cells=(1_000,))
     assert small.memory() < 10**9
-    for asked in ({"cells": (40_000_000,)}, {"params": ("edge=0:1:2000",), "cells": (30_000,)}):
+    for large in ({"cells": (40_000_000,)}, {"params": ("edge=0:1:2000",), "cells": (30_000,)}):
         with pytest.raises(MemoryError, match=r"dynamics needs about \d\.\d GB of memory, and 1.0"):
-            study.Dynamics(system=own, **asked).run()
+            study.Dynamics(system=own, **large).run()
 
 
 @pytest.mark.parametrize(
-    ("asked", "said"),
+    ("parameters", "message"),
     [
         ({"system": "none.py:duff"}, "system: none.py:duff: there is no file none.py"),
         ({"params": ("force=1:2:0",)}, "params: force: expected a number or FIRST:LAST:COUNT"),
         ({"cells": (3, 3, 3)}, "got 2, 2, 3 and 2"),
-        (
-            {"folder": "cells", "by": "orbits"},
-            "folder: expected basins by cells, not by orbits",
-        ),
-        (
-            {"params": ("force=1:2:2",), "edges": True},
-            "edges: expected one value of each parameter in --params",
-        ),
+        ({"folder": "cells", "by": "orbits"}, "folder: expected basins by cells, not by orbits"),
+        ({"params": ("force=1:2:2",), "edges": True}, "edges: expected one value of each"),
     ],
 )
-def test_bad_parameters_are_refused_in_one_line(asked, said):
-    with pytest.raises(ValueError, match=re.escape(said)) as refused:
-        study.Dynamics(**{"system": "duffing", **asked}).run()
+def test_bad_parameters_are_refused_in_one_line(parameters, message):
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
+        study.Dynamics(**{"system": "duffing", **parameters}).run()
     assert "\n" not in str(refused.value)

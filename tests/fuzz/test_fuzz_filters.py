@@ -1,4 +1,4 @@
-"""Filters in files, damaged and forged."""
+"""Damaged and forged files of filters and policies."""
 
 import io
 import json
@@ -36,7 +36,7 @@ HEADER = {
 
 
 def forged(header, arrays):
-    """A file with right checksums and any content."""
+    """Make a file with right checksums and any content."""
     text = header if isinstance(header, bytes) else json.dumps(header).encode()
     stored = {
         name: np.diff(np.array(values, "<i4"), prepend=np.zeros(1, "<i4"))
@@ -47,7 +47,18 @@ def forged(header, arrays):
     return file.getvalue()
 
 
-def use(path):
+POLICY = {
+    "turn": [-1, 0, -1, -1],
+    "first": [0, 2, 3, 3, 3],
+    "steps": [0, 2, 1],
+    "target": [1, 2, 3],
+    "offsets": [0, 3, 5, 6, 7],
+    "members": [0, 1, 2, 1, 2, 0, 1],
+}
+POLICY_HEADER = {"kind": "policy", "metadata": {"bounces_deg": [45.0]}}
+
+
+def use_filter(path):
     """Reads a filter, runs it, and writes it in all formats."""
     filter = Filter.load(path)
     assert len(filter.color) == len(filter.transition)
@@ -56,10 +67,33 @@ def use(path):
         write(minimize(filter))
 
 
+def use_policy(path):
+    """Reads a policy, and follows it for up to 20 steps."""
+    policy = Policy.load(path)
+    policy_to_c_header(policy)
+    state = policy.start()
+    while not (state.localized or state.refuted) and state.time < 20:
+        state = state.observe(int(min(policy.after(state.index)) == state.steps))
+
+
+GOOD = {
+    "filter": (use_filter, forged(HEADER, ARRAYS)),
+    "policy": (use_policy, forged(POLICY_HEADER, POLICY)),
+}
+
+
+@pytest.mark.parametrize("kind", GOOD)
+def test_good_files_are_read(tmp_path, kind):
+    read, content = GOOD[kind]
+    assert reads_or_refuses(read, place(tmp_path, "f.jxf", content))
+
+
+@pytest.mark.parametrize("kind", GOOD)
 @cases()
-@given(damaged({"f.jxf": forged(HEADER, ARRAYS)}))
-def test_damaged_filters(tmp_path, file):
-    reads_or_refuses(Filter.load, place(tmp_path, "f.jxf", file[1]))
+@given(data=st.data())
+def test_damaged_files_are_read_or_refused(tmp_path, kind, data):
+    read, content = GOOD[kind]
+    reads_or_refuses(read, place(tmp_path, *data.draw(damaged({"f.jxf": content}))))
 
 
 @cases()
@@ -69,7 +103,7 @@ def test_damaged_filters(tmp_path, file):
 @example(
     ("f.jxf", json.dumps(HEADER).encode().replace(b'"metadata": {', b'"metadata": [], "x": {'))
 )
-def test_forged_headers(tmp_path, file):
+def test_forged_headers_are_read_or_refused(tmp_path, file):
     reads_or_refuses(Filter.load, place(tmp_path, "f.jxf", forged(file[1], ARRAYS)))
 
 
@@ -90,63 +124,9 @@ numbers = st.sampled_from([-(2**31), -2, -1, 0, 0, 1, 1, 2, 2, 3, 3, 4, 5, 2**31
     ),
     st.booleans(),
 )
-def test_forged_tables(tmp_path, arrays, open_world):
-    path = place(tmp_path, "f.jxf", forged({**HEADER, "open_world": open_world}, arrays))
-    if reads_or_refuses(Filter.load, path):
-        filter = Filter.load(path)
-        assert len(filter.color) == len(filter.transition)
-        for write in (to_dot, to_jflap, to_json, to_c_header):
-            write(minimize(filter))
-
-
-def test_the_undamaged_one_is_read(tmp_path):
-    assert reads_or_refuses(use, place(tmp_path, "f.jxf", forged(HEADER, ARRAYS)))
-
-
-@pytest.mark.parametrize("length", [10**6, 10**9, 10**18, 10**40])
-def test_wrong_lengths_of_arrays_are_refused(tmp_path, length):
-    path = place(tmp_path, "f.jxf", b"")
-    file = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        file, {"descr": "<i4", "fortran_order": False, "shape": (length,)}
-    )
-    with zipfile.ZipFile(path, "w") as zipped:
-        zipped.writestr("header.npy", _npy(json.dumps(HEADER).encode()))
-        zipped.writestr("members.npy", file.getvalue() + b"\1\0\0\0")
-    with pytest.raises(ValueError, match=r"f\.jxf: not a jaxcell file, truncated or altered"):
-        read_arrays(path)
-
-
-def _npy(text):
-    file = io.BytesIO()
-    np.lib.format.write_array(file, np.frombuffer(text, np.uint8))
-    return file.getvalue()
-
-
-POLICY = {
-    "turn": [-1, 0, -1, -1],
-    "first": [0, 2, 3, 3, 3],
-    "steps": [0, 2, 1],
-    "target": [1, 2, 3],
-    "offsets": [0, 3, 5, 6, 7],
-    "members": [0, 1, 2, 1, 2, 0, 1],
-}
-POLICY_HEADER = {"kind": "policy", "metadata": {"bounces_deg": [45.0]}}
-
-
-def use_policy(path):
-    """Reads a policy, and follows it for up to 20 steps."""
-    policy = Policy.load(path)
-    policy_to_c_header(policy)
-    state = policy.start()
-    while not (state.localized or state.refuted) and state.time < 20:
-        state = state.observe(int(min(policy.after(state.index)) == state.steps))
-
-
-@cases()
-@given(damaged({"f.jxf": forged(POLICY_HEADER, POLICY)}))
-def test_damaged_policies(tmp_path, file):
-    reads_or_refuses(Policy.load, place(tmp_path, "f.jxf", file[1]))
+def test_forged_tables_are_read_or_refused(tmp_path, arrays, open_world):
+    header = {**HEADER, "open_world": open_world}
+    reads_or_refuses(use_filter, place(tmp_path, "f.jxf", forged(header, arrays)))
 
 
 @cases()
@@ -154,10 +134,19 @@ def test_damaged_policies(tmp_path, file):
     st.sampled_from(sorted(POLICY)),
     st.lists(st.integers(-2, 6) | st.sampled_from([-(2**31), 2**31 - 1]), max_size=8),
 )
-def test_forged_policies(tmp_path, name, values):
+def test_forged_policies_are_read_or_refused(tmp_path, name, values):
     path = place(tmp_path, "f.jxf", forged(POLICY_HEADER, POLICY | {name: values}))
     reads_or_refuses(use_policy, path)
 
 
-def test_the_undamaged_policy_is_read(tmp_path):
-    use_policy(place(tmp_path, "f.jxf", forged(POLICY_HEADER, POLICY)))
+@pytest.mark.parametrize("length", [10**6, 10**9, 10**18, 10**40])
+def test_wrong_lengths_of_arrays_are_refused(tmp_path, length):
+    path, header, members = tmp_path / "f.jxf", io.BytesIO(), io.BytesIO()
+    np.lib.format.write_array(header, np.frombuffer(json.dumps(HEADER).encode(), np.uint8))
+    about = {"descr": "<i4", "fortran_order": False, "shape": (length,)}
+    np.lib.format.write_array_header_1_0(members, about)
+    with zipfile.ZipFile(path, "w") as zipped:
+        zipped.writestr("header.npy", header.getvalue())
+        zipped.writestr("members.npy", members.getvalue() + b"\1\0\0\0")
+    with pytest.raises(ValueError, match=r"f\.jxf: not a jaxcell file, truncated or altered"):
+        read_arrays(path)

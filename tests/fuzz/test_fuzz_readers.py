@@ -27,7 +27,7 @@ CELLS = CellSpace.load(DATA / "maps/lab_a.json")
 
 @dataclasses.dataclass(frozen=True)
 class Reader:
-    """A reader, and the good files that are damaged: of any bytes, and of JSON."""
+    """A reader, the good files to damage, of any bytes or JSON, and files that it also opens."""
 
     read: Callable
     files: Mapping = dataclasses.field(default_factory=dict)
@@ -36,15 +36,19 @@ class Reader:
 
     def every_file(self):
         """The bytes of all good files."""
-        return {**self.files, **{name: encoded(it) for name, it in self.documents.items()}}
+        return {**self.files, **{name: encoded(text) for name, text in self.documents.items()}}
 
 
 def encoded(document):
     return json.dumps(document).encode()
 
 
-def picture(form, mode="L", size=(7, 5)):
-    pixels = np.full(size[::-1], 254, np.uint8)
+def bundled(name):
+    return json.loads((DATA / name).read_text())
+
+
+def picture(form, mode="L"):
+    pixels = np.full((5, 7), 254, np.uint8)
     pixels[1:3, 2] = 0
     file = io.BytesIO()
     Image.fromarray(pixels).convert(mode).save(file, form)
@@ -100,25 +104,18 @@ MAP_PICTURES = {
 COMMON = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.1}
 TASKS = {
     "plan.json": {
-        "command": "jaxcell navigate",
-        **COMMON,
-        "found": True,
-        "start": 0,
+        **{"command": "jaxcell navigate", "found": True, "start": 0, **COMMON},
         "actions_deg": [0.0, 0.0, 90.0, 0],
     },
     "team.json": {
-        "format": "jaxcell-robot-task",
-        "kind": "team",
-        **COMMON,
+        **{"format": "jaxcell-robot-task", "kind": "team", **COMMON},
         "robots": [
             {"start": [0.5, 0.5, 90.0], "bounce_deg": 135.0, "actions": "0012+-"},
             {"start": [1.5, 0.5, 0], "bounce_deg": 45, "actions": ""},
         ],
     },
     "patrol.json": {
-        "format": "jaxcell-robot-task",
-        "kind": "patrol",
-        **COMMON,
+        **{"format": "jaxcell-robot-task", "kind": "patrol", **COMMON},
         "range_m": 2.0,
         "origin_m": [0.0, 0.0],
         "free": ["..", ".#"],
@@ -156,11 +153,7 @@ READERS = {
             "g.edges": b"# Three\nhall 0 0\nyard 3.5 1\n\nroom 1e3 -2 # far\nhall yard\n",
             "g.txt": b"a 0 0\nb 0 1\na b\n",
         },
-        {
-            "g.json": PLAIN_GRAPH,
-            "l.json": LINKS,
-            "tree.json": json.loads((DATA / "graphs/tree.json").read_text()),
-        },
+        {"g.json": PLAIN_GRAPH, "l.json": LINKS, "tree.json": bundled("graphs/tree.json")},
     ),
     "land": Reader(
         read_land,
@@ -176,10 +169,7 @@ READERS = {
             b"; directions 8\n;; a remark\n#######\n#..#..#\n#.....#\n#######\n",
             "n.map": b"...\n.#.\n...\n",
         },
-        {
-            name: json.loads((DATA / "maps" / name).read_text())
-            for name in ("arena.json", "lab_a.json", "complex.json")
-        },
+        {name: bundled(f"maps/{name}") for name in ("arena.json", "lab_a.json", "complex.json")},
     ),
     "description of a map": Reader(Workspace.load, {"m.yaml": YAML}, beside=MAP_PICTURES),
     "picture of a map": Reader(
@@ -190,12 +180,8 @@ READERS = {
     "picture to cover": Reader(
         lambda path: read_target(CELLS, str(path)),
         {
-            "a.png": picture("PNG"),
-            "a.pgm": picture("PPM"),
-            "a.tif": picture("TIFF", "F"),
-            "a.gif": picture("GIF"),
-            "a.jpg": picture("JPEG"),
-            "a.bmp": picture("BMP", "RGB"),
+            **{"a.png": picture("PNG"), "a.pgm": picture("PPM"), "a.tif": picture("TIFF", "F")},
+            **{"a.gif": picture("GIF"), "a.jpg": picture("JPEG"), "a.bmp": picture("BMP", "RGB")},
         },
     ),
     "task of a robot": Reader(use_task, documents=TASKS),
@@ -224,8 +210,7 @@ def test_good_files_are_read(folder, reader):
 @cases()
 @given(data=st.data())
 def test_damaged_files_are_read_or_refused(folder, reader, data):
-    name, content = data.draw(damaged(reader.every_file()))
-    reads_or_refuses(reader.read, place(folder, name, content))
+    reads_or_refuses(reader.read, place(folder, *data.draw(damaged(reader.every_file()))))
 
 
 @pytest.mark.parametrize("name", [name for name in READERS if READERS[name].documents])
@@ -310,12 +295,13 @@ HARD = [
 ]
 
 
-@pytest.mark.parametrize(("name", "file", "content", "message"), HARD, ids=range(len(HARD)))
-def test_hard_files_are_refused(tmp_path, name, file, content, message):
-    reader = READERS[name]
-    for beside, good in reader.beside.items():
-        place(tmp_path, beside, good)
-    path = place(tmp_path, file, content)
+@pytest.mark.parametrize(
+    ("reader", "file", "content", "message"),
+    [(READERS[name], *hard) for name, *hard in HARD],
+    ids=range(len(HARD)),
+)
+def test_hard_files_are_refused(folder, reader, file, content, message):
+    path = place(folder, file, content)
     assert not reads_or_refuses(reader.read, path)
     with limits(), pytest.raises((ValueError, OSError), match=message):
         reader.read(path)

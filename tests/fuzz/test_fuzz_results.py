@@ -1,18 +1,19 @@
 """Damaged recordings and sweeps."""
 
+import functools
 import shutil
 
 import pytest
 import rerun as rr
 from hypothesis import given, strategies as st
-from mutations import answers, cases, damaged, limits, reads_or_refuses, tree
+from mutations import answers, cases, damaged, limits, place, reads_or_refuses, tree
 
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 
 
-SPEC = 'task = "sweep_stub:stub"\nchunk = 2\n[grid]\nx = [1, 2, 3]\n[fixed]\nfail = 3\n'
+SPEC = b'task = "sweep_stub:stub"\nchunk = 2\n[grid]\nx = [1, 2, 3]\n[fixed]\nfail = 3\n'
 
 
 @pytest.fixture(scope="module")
@@ -28,30 +29,30 @@ def recording(tmp_path_factory):
 
 @cases()
 @given(data=st.data())
-def test_damaged_recordings(tmp_path, recording, data):
-    name, content = data.draw(damaged({"run.rrd": recording}))
-    path = tmp_path / name
-    path.write_bytes(content)
-    reads_or_refuses(describe, path)
+def test_damaged_recordings_are_read_or_refused(tmp_path, recording, data):
+    reads_or_refuses(describe, place(tmp_path, *data.draw(damaged({"run.rrd": recording}))))
 
 
-def test_the_undamaged_recording_is_read(tmp_path, recording):
-    (tmp_path / "run.rrd").write_bytes(recording)
-    assert "step" in describe(tmp_path / "run.rrd")["timelines"]
+def test_undamaged_recording_is_read(tmp_path, recording):
+    assert "step" in describe(place(tmp_path, "run.rrd", recording))["timelines"]
+
+
+def run(out, **options):
+    spec = Spec.load(place(out.parent, "spec.toml", SPEC))
+    run_sweep(spec, out, **options)
 
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory):
     """A sweep of two chunks, of which one failed."""
-    folder = tmp_path_factory.mktemp("sweep")
-    (folder / "spec.toml").write_text(SPEC)
-    run_sweep(Spec.load(folder / "spec.toml"), folder / "out")
-    return folder / "out"
+    out = tmp_path_factory.mktemp("sweep") / "out"
+    run(out)
+    return out
 
 
 @cases(60)
 @given(data=st.data())
-def test_damaged_sweeps(tmp_path, sweep, data):
+def test_damaged_sweeps_are_used_or_refused(tmp_path, sweep, data):
     out = tmp_path / "out"
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(sweep, out)
@@ -60,20 +61,15 @@ def test_damaged_sweeps(tmp_path, sweep, data):
     if data.draw(st.integers(0, 9)) == 0:
         (out / name).unlink()
     else:
-        _, content = data.draw(damaged({name: (out / name).read_bytes()}))
-        (out / name).write_bytes(content)
-    for use in (sweep_status, describe, open_sweep, resumed, verify_sweep):
+        place(out, *data.draw(damaged({name: (out / name).read_bytes()})))
+    resume = functools.partial(run, resume=True)
+    for use in (sweep_status, describe, open_sweep, resume, verify_sweep):
         try:
             with limits():
                 use(out)
         except (ValueError, OSError) as error:
             assert "out" in str(error), repr(error)
             assert len(str(error)) < 1500
-
-
-def resumed(out):
-    (out.parent / "spec.toml").write_text(SPEC)
-    run_sweep(Spec.load(out.parent / "spec.toml"), out, resume=True)
 
 
 @pytest.mark.parametrize("options", [[], ["--select", "x=1"]])
@@ -85,6 +81,6 @@ def test_a_sweep_with_damaged_values_is_not_shown(tmp_path, sweep, capsys, optio
     assert tree(tmp_path) == before
 
 
-def test_the_undamaged_sweep_is_read(sweep):
+def test_undamaged_sweep_is_read(sweep):
     assert (sweep_status(sweep).done, len(sweep_status(sweep).failures)) == (1, 1)
     assert open_sweep(sweep).value.notnull().sum() == 2

@@ -1,4 +1,4 @@
-"""Specifications of sweeps, damaged."""
+"""Damaged specifications of sweeps, and specifications with any numbers."""
 
 import pytest
 from hypothesis import example, given, strategies as st
@@ -43,15 +43,21 @@ SPECS = {"grid.toml": GRID, "list.toml": LIST, "random.toml": RANDOM, "design.to
 
 
 def use(path):
+    """Read a specification, and its last chunk."""
     spec = Spec.load(path)
     chunk = spec.chunk(spec.chunk_count - 1)
     assert len(spec.batch(chunk)) == len(spec.parameters)
     assert spec.places(chunk).size
 
 
+def test_undamaged_specifications_are_read(tmp_path):
+    for name, content in SPECS.items():
+        assert reads_or_refuses(use, place(tmp_path, name, content))
+
+
 @cases()
 @given(damaged(SPECS))
-def test_damaged_specifications(tmp_path, file):
+def test_damaged_specifications_are_read_or_refused(tmp_path, file):
     reads_or_refuses(Spec.load, place(tmp_path, *file))
 
 
@@ -85,14 +91,10 @@ designs = st.sampled_from(
 @example(["{start=-1.7e308, stop=1.7e308, step=1}"], "1", "0")
 @example(["{start=0, stop=1, step=5e-324}"], "1", "0")
 @example(["{start=1, stop=0, step=5e-324}"], "1", "0")
-@example(
-    ["{start=0, stop=1000000000000000000000000000000, step=100000000000000000000000000000}"],
-    "1",
-    "0",
-)
+@example([f"{{start=0, stop={10**30}, step={10**29}}}"], "1", "0")
 @example(["{start=-1.7e308, stop=1.7e308, num=3}"], "1", "0")
 @example(["[0.5, " + "1" * 400 + "]"], "1", "0")
-def test_grids(tmp_path, grid, chunk, seed):
+def test_any_grids_are_read_or_refused(tmp_path, grid, chunk, seed):
     rows = "\n".join(f"p{i} = {values}" for i, values in enumerate(grid))
     text = f'task = "stub:one"\nchunk = {chunk}\nseed = {seed}\n[grid]\n{rows}\n'
     reads_or_refuses(Spec.load, place(tmp_path, "s.toml", text.encode()))
@@ -100,18 +102,13 @@ def test_grids(tmp_path, grid, chunk, seed):
 
 @cases()
 @given(st.lists(draws | numbers, min_size=1, max_size=3), numbers, numbers, designs)
-def test_random_samples(tmp_path, random, samples, chunk, design):
+def test_any_random_samples_are_read_or_refused(tmp_path, random, samples, chunk, design):
     rows = "\n".join(f"p{i} = {values}" for i, values in enumerate(random))
     text = f'task = "stub:one"\nchunk = {chunk}\n[random]\nsamples = {samples}\n{rows}\n{design}'
     reads_or_refuses(Spec.load, place(tmp_path, "s.toml", text.encode()))
 
 
-def test_the_undamaged_ones_are_read(tmp_path):
-    for name, content in SPECS.items():
-        assert reads_or_refuses(use, place(tmp_path, name, content))
-
-
-def test_a_million_million_members(tmp_path):
+def test_too_many_members_for_a_chunk_size_are_refused(tmp_path):
     grid = "\n".join(f"p{i} = {{count = 10_000}}" for i in range(3))
     path = place(tmp_path, "s.toml", f'task = "stub:one"\n[grid]\n{grid}\n'.encode())
     with limits(), pytest.raises(ValueError, match=r"chunk: \d+ chunks for 1000000000000 members"):
@@ -121,5 +118,5 @@ def test_a_million_million_members(tmp_path):
 @pytest.mark.parametrize(
     "text", ["a = " + "[" * 50_000, "a." * 5000 + "b = 1", "[" + "a." * 5000 + "b]\n", "=" * 9]
 )
-def test_toml_that_is_nested(tmp_path, text):
+def test_deeply_nested_toml_is_refused(tmp_path, text):
     assert not reads_or_refuses(Spec.load, place(tmp_path, "s.toml", text.encode()))

@@ -49,11 +49,7 @@ def test_every_map_is_named_in_the_readme(name):
     ("name", "area", "obstacles"),
     [
         ("lab_a.json", 19, [(1, 1, 3, 3), (4, 0, 7, 3)]),
-        (
-            "lab_b.json",
-            19,
-            [(2, 1, 5, 3), (0, 0, 1, 1), (4, 0, 6, 1), (0, 4, 1, 5), (5, 4, 6, 5)],
-        ),
+        ("lab_b.json", 19, [(2, 1, 5, 3), (0, 0, 1, 1), (4, 0, 6, 1), (0, 4, 1, 5), (5, 4, 6, 5)]),
     ],
 )
 def test_labs_have_the_obstacles_of_the_dissertation(name, area, obstacles):

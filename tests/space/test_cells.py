@@ -84,7 +84,7 @@ def test_points_in_obstacles_and_spaces_without_centres_are_refused():
         CellSpace.of(walled, 1.0, 8).index(1.5, 1.5)
     with pytest.raises(ValueError, match="no cell of side 10 m"):
         CellSpace.of(Workspace([(0, 0), (1, 0), (0, 1)]), 10.0, 8)
-    with pytest.raises(ValueError, match="got those of a grid"):
+    with pytest.raises(ValueError, match="got cells of a grid"):
         _ = CellSpace.of_grid(np.ones((1, 2), bool), 4).room
 
 

@@ -23,6 +23,12 @@ def text_of(blocked):
     return "\n".join("".join("#."[1 - b] for b in row) for row in blocked[::-1].tolist())
 
 
+def refuse(path, message):
+    """Check that loading a map raises an error that begins with its path and a message."""
+    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: {message}")):
+        Workspace.load(path)
+
+
 def centres(grid, cell=1.0, origin=(0.0, 0.0)):
     rows, columns = np.indices(grid.shape)
     return origin[0] + (columns + 0.5) * cell, origin[1] + (rows + 0.5) * cell
@@ -109,9 +115,7 @@ def test_a_map_without_a_fitting_cell_is_not_saved_as_a_grid(tmp_path):
         Workspace([(0, 0), (1, 0), (1, 1)]).save(tmp_path / "room.txt")
     with pytest.raises(ValueError, match=r"room\.yaml: cell: no square of side 9 m has its centre"):
         Workspace([(0, 0), (1, 0), (1, 1)], cell=9).save(tmp_path / "room.yaml")
-    with pytest.raises(
-        ValueError, match=r"cell: squares of 1e-05 m make a grid of 100000 x 100000"
-    ):
+    with pytest.raises(ValueError, match=r"cell: squares of 1e-05 m make a grid of 100000 x 1"):
         Workspace([(0, 0), (1, 0), (1, 1)], cell=1e-5).save(tmp_path / "room.yaml")
     assert list(tmp_path.iterdir()) == []
 
@@ -163,38 +167,31 @@ def test_fields_of_an_ascii_header_are_read():
 def test_bad_ascii_grids_are_refused(tmp_path, text, message):
     path = tmp_path / "grid.txt"
     path.write_bytes(text.encode())
-    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: {message}")):
-        Workspace.load(path)
+    refuse(path, message)
 
 
-MAP = {
-    "image": "map.pgm",
-    "resolution": 0.5,
-    "origin": [-1.0, 2.0, 0.0],
-    "negate": 0,
-    "occupied_thresh": 0.65,
-    "free_thresh": 0.196,
-}
+MAP = {"resolution": 0.5, "origin": [-1.0, 2.0, 0.0], "negate": 0}
+MAP |= {"occupied_thresh": 0.65, "free_thresh": 0.196}
 # Top row: free, the last free shade, the first unknown, unknown, occupied.
 SHADES = np.array([[255, 206, 205, 128, 0], [254, 254, 0, 0, 255]], np.uint8)
 SHADES_FREE = np.array([[1, 1, 0, 0, 0], [1, 1, 0, 0, 1]], bool)
 
 
-def save_map(folder, pixels, **changes):
+def save_map(folder, pixels=SHADES, file="map.pgm", **changes):
     """Writes a map_server map; the pixels are an array, a Pillow image, or a file's bytes."""
-    document = {key: value for key, value in (MAP | changes).items() if value is not ...}
+    fields = {"image": file} | MAP | changes
+    document = {key: value for key, value in fields.items() if value is not ...}
     (folder / "map.yaml").write_text(yaml.safe_dump(document))
-    if isinstance(pixels, np.ndarray):
-        pixels = Image.fromarray(pixels)
-    if isinstance(pixels, Image.Image):
-        pixels.save(folder / document["image"])
+    if isinstance(pixels, bytes):
+        (folder / file).write_bytes(pixels)
     else:
-        (folder / document["image"]).write_bytes(pixels)
+        image = Image.fromarray(pixels) if isinstance(pixels, np.ndarray) else pixels
+        image.save(folder / file)
     return folder / "map.yaml"
 
 
 def free_pixels(path):
-    """Which pixels of a map came out free, row 0 at the top."""
+    """The mask of free pixels of a map, row 0 at the top."""
     room = Workspace.load(path)
     rows, columns = np.round(np.ptp(room.boundary, axis=0) / room.cell).astype(int)[::-1]
     x, y = centres(np.empty((rows, columns)), room.cell, room.boundary.min(axis=0))
@@ -202,12 +199,10 @@ def free_pixels(path):
 
 
 def test_a_map_server_map_is_read(tmp_path):
-    room = Workspace.load(save_map(tmp_path, SHADES))
+    room = Workspace.load(save_map(tmp_path))
     assert (room.name, room.cell, room.robot_radius) == ("map", 0.5, 0.0)
     assert room.boundary.tolist() == [[-1, 2], [1.5, 2], [1.5, 3], [-1, 3]]
-    assert room.free_space.equals(
-        shapely.union_all([shapely.box(-1, 2, 0, 3), shapely.box(1, 2, 1.5, 2.5)])
-    )
+    assert room.free_space.equals(shapely.box(-1, 2, 0, 3) | shapely.box(1, 2, 1.5, 2.5))
     assert room.pieces == 2
 
 
@@ -222,18 +217,18 @@ def test_a_map_server_map_is_read(tmp_path):
     ],
 )
 def test_png_images_of_all_kinds_are_read(tmp_path, image):
-    path = save_map(tmp_path, image(SHADES), image="map.png")
+    path = save_map(tmp_path, image(SHADES), "map.png")
     assert np.array_equal(free_pixels(path), SHADES_FREE)
 
 
 def test_channels_of_colours_and_of_a_transparent_palette_are_averaged(tmp_path):
     colours = np.array([[[255, 255, 106], [255, 255, 105], [255, 0, 0]]], np.uint8)
-    path = save_map(tmp_path, colours, image="map.png")
+    path = save_map(tmp_path, colours, "map.png")
     assert free_pixels(path).tolist() == [[True, False, False]]
     palette = Image.fromarray(np.array([[0, 1]], np.uint8)).convert("P")
     palette.putpalette([255, 255, 255, 255, 255, 255])
     palette.info["transparency"] = 1
-    path = save_map(tmp_path, palette, image="map.png")
+    path = save_map(tmp_path, palette, "map.png")
     assert free_pixels(path).tolist() == [[True, False]]
 
 
@@ -244,7 +239,7 @@ def test_alpha_is_averaged_as_map_server_does(tmp_path, mode):
     pixels = [[(*[grey] * (3 if mode == "RGBA" else 1), alpha) for grey, alpha in channels]]
     image = Image.fromarray(np.array(pixels, np.uint8), mode=None)
     assert image.mode == mode
-    path = save_map(tmp_path, image, image="map.png")
+    path = save_map(tmp_path, image, "map.png")
     assert free_pixels(path).tolist() == [[False, True, False, True]]
 
 
@@ -273,32 +268,26 @@ def test_pgm_images_of_all_kinds_are_read(tmp_path, image):
 )
 def test_pixels_below_the_threshold_are_free(tmp_path_factory, shades, free, negate):
     expected = (shades / 255.0 if negate else (255 - shades.astype(float)) / 255.0) < free
-    path = save_map(
-        tmp_path_factory.mktemp("maps"),
-        shades,
-        free_thresh=free,
-        occupied_thresh=1.0,
-        negate=int(negate),
-    )
+    changes = {"free_thresh": free, "occupied_thresh": 1.0, "negate": int(negate)}
+    path = save_map(tmp_path_factory.mktemp("maps"), shades, **changes)
     if expected.any():
         assert np.array_equal(free_pixels(path), expected)
     else:
-        with pytest.raises(ValueError, match="the grid has no free square"):
-            Workspace.load(path)
+        refuse(path, "the grid has no free square")
 
 
 def test_numbers_that_are_text_in_yaml_1_1_are_read(tmp_path):
-    path = save_map(tmp_path, SHADES)
+    path = save_map(tmp_path)
     path.write_text(path.read_text().replace("resolution: 0.5", "resolution: 5e-1"))
     assert Workspace.load(path).cell == 0.5
 
 
 def test_the_image_is_relative_to_the_yaml_file(tmp_path, monkeypatch):
     (tmp_path / "maps").mkdir()
-    save_map(tmp_path / "maps", SHADES)
+    save_map(tmp_path / "maps")
     monkeypatch.chdir(tmp_path)
     assert Workspace.load("maps/map.yaml").cell == 0.5
-    path = save_map(tmp_path, SHADES, image=str(tmp_path / "maps" / "map.pgm"))
+    path = save_map(tmp_path, image=str(tmp_path / "maps" / "map.pgm"))
     assert Workspace.load(path).cell == 0.5
 
 
@@ -323,21 +312,15 @@ def test_the_image_is_relative_to_the_yaml_file(tmp_path, monkeypatch):
     ],
 )
 def test_bad_map_server_fields_are_refused(tmp_path, changes, message):
-    path = save_map(tmp_path, SHADES)
-    document = {key: value for key, value in (MAP | changes).items() if value is not ...}
-    path.write_text(yaml.safe_dump(document))
-    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: {message}")):
-        Workspace.load(path)
+    refuse(save_map(tmp_path, **changes), message)
 
 
 def test_a_missing_image_is_refused(tmp_path):
-    path = save_map(tmp_path, SHADES)
+    path = save_map(tmp_path)
     (tmp_path / "map.pgm").unlink()
-    with pytest.raises(ValueError, match=r"map\.yaml: image: map\.pgm: No such file"):
-        Workspace.load(path)
+    refuse(path, "image: map.pgm: No such file")
     (tmp_path / "map.pgm").mkdir()
-    with pytest.raises(ValueError, match=r"map\.yaml: image: map\.pgm: Is a directory"):
-        Workspace.load(path)
+    refuse(path, "image: map.pgm: Is a directory")
 
 
 @pytest.mark.parametrize(
@@ -356,8 +339,7 @@ def test_a_missing_image_is_refused(tmp_path):
 def test_other_yaml_is_refused(tmp_path, content, message):
     path = tmp_path / "map.yaml"
     path.write_text(content)
-    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: {message}")):
-        Workspace.load(path)
+    refuse(path, message)
 
 
 def png(array):
@@ -373,7 +355,6 @@ def png(array):
         (b"GIF89a", "expected a PGM or PNG image"),
         (b"P5\n0 0\n255\n", "expected a PGM or PNG image"),
         (b"P5\n2 2\n0\n\x00\x00\x00\x00", "broken or cut short: maxval must be greater than 0"),
-        (b"P5\n100000 100000\n255\n", "too large: Image size (10000000000 pixels)"),
         (b"P5\n10000 10000\n255\n", "too large: Image size (100000000 pixels)"),
         (b"P5\n2 2\n255\n\xfe\xfe\xfe", "broken or cut short: "),
         (b"P2\n2 2\n255\n254 254 25x 254", "broken or cut short: "),
@@ -381,9 +362,7 @@ def png(array):
     ],
 )
 def test_bad_images_are_refused(tmp_path, content, message):
-    path = save_map(tmp_path, content)
-    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: image: map.pgm: {message}")):
-        Workspace.load(path)
+    refuse(save_map(tmp_path, content), f"image: map.pgm: {message}")
 
 
 @pytest.mark.parametrize(
@@ -403,6 +382,4 @@ def test_every_cut_of_an_image_is_refused(tmp_path, content, least):
     """The last `least` bytes may be missing without loss of a pixel."""
     assert free_pixels(save_map(tmp_path, content)).any()
     for end in range(len(content) - least):
-        path = save_map(tmp_path, content[:end])
-        with pytest.raises(ValueError, match="^" + re.escape(f"{path}: image: map.pgm: ")):
-            Workspace.load(path)
+        refuse(save_map(tmp_path, content[:end]), "image: map.pgm: ")

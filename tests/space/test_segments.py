@@ -3,7 +3,8 @@ import pytest
 import shapely
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
-from random_rooms import slanted_obstacles
+from random_rooms import cells_of, slanted_rooms
+from shapely import box
 
 from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace, free_steps, stencil
 from jaxcell.space.steps import Steps
@@ -11,12 +12,8 @@ from jaxcell.space.steps import Steps
 
 def workspace_of(free):
     """The map whose obstacles are the blocked squares."""
-    rows, columns = free.shape
-    squares = [(c, r) for r, c in np.argwhere(~free).tolist()]
-    return Workspace(
-        [(0, 0), (columns, 0), (columns, rows), (0, rows)],
-        [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)] for x, y in squares],
-    )
+    obstacles = [box(x, y, x + 1, y + 1) for y, x in np.argwhere(~free)]
+    return Workspace(box(0, 0, *free.shape[::-1]), obstacles)
 
 
 @given(
@@ -47,22 +44,13 @@ def test_a_step_may_end_in_a_corner_unless_two_obstacles_meet_there(blocked):
     assert steps.targets(cells)[steps.way][1, 0] == free_steps(cells, motion)[1, 0] == end
 
 
-@st.composite
-def rooms(draw):
-    """Rooms with slanted obstacles, some of them overlapping or across the boundary."""
-    number = st.floats(0, 8, allow_subnormal=False)
-    obstacles = draw(slanted_obstacles(number))
-    radius = draw(st.sampled_from([0.0, 0.0, 0.3]))
-    return [(0, 0), (8, 0), (7.5, 6), (0.2, 7)], obstacles, radius
-
-
-@given(rooms(), st.sampled_from([(7, 1.0), (16, 1.0), (9, 2.3)]))
+@given(
+    slanted_rooms(st.floats(0, 6, allow_subnormal=False), (0.0, 0.0, 0.3)),
+    st.sampled_from([(7, 1.0), (16, 1.0), (9, 2.3)]),
+)
 def test_a_step_is_free_if_its_segment_is_covered(room, scale):
     directions, step = scale
-    try:
-        cells = CellSpace.of(Workspace(*room), 0.9, directions)
-    except ValueError:
-        return
+    cells = cells_of(room, 0.9, directions)
     # Steps that touch a wall within a rounding error have tests of their own below.
     surely, maybe = (cells.workspace.free_space.buffer(margin) for margin in (-1e-6, 1e-6))
     x, y, _ = cells.centre(np.arange(cells.positions))
@@ -85,45 +73,42 @@ def test_a_step_is_free_if_its_segment_is_covered(room, scale):
                 assert targets[direction, position] == expected, (rule, direction, position)
 
 
-def step(workspace, start, direction, directions=8, length=1.0):
-    cells = CellSpace.of(workspace, 1.0, directions)
+def step(workspace, start, direction):
+    cells = CellSpace.of(workspace, 1.0, 8)
     position = int(cells.index(*start))
-    return bool(free_steps(cells, Motion(length))[direction, position] != position)
+    return bool(free_steps(cells)[direction, position] != position)
 
 
-ROOM = [(0, 0), (6, 0), (6, 6), (0, 6)]
+ROOM = box(0, 0, 6, 6)
 
 
-def square(x, y):
-    return [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)]
-
-
-def test_may_graze_one_corner():
-    assert step(Workspace(ROOM, [square(2, 1)]), (1.5, 1.5), 1)
-    assert step(Workspace(ROOM, [square(1, 2)]), (1.5, 1.5), 1)
-    # The tip of a triangle that points at the way.
+def test_step_may_graze_a_corner():
+    assert step(Workspace(ROOM, [box(2, 1, 3, 2)]), (1.5, 1.5), 1)
+    assert step(Workspace(ROOM, [box(1, 2, 2, 3)]), (1.5, 1.5), 1)
+    # The tip of a triangle that points at the path.
     assert step(Workspace(ROOM, [[(2, 2), (3, 1), (3.5, 1.2)]]), (1.5, 1.5), 1)
 
 
-def test_may_not_slip_between_two_obstacles_that_meet_in_a_point():
-    assert not step(Workspace(ROOM, [square(2, 1), square(1, 2)]), (1.5, 1.5), 1)
+def test_step_may_not_slip_between_two_obstacles_that_meet_in_a_point():
+    assert not step(Workspace(ROOM, [box(2, 1, 3, 2), box(1, 2, 2, 3)]), (1.5, 1.5), 1)
     tips = [[(2, 2), (3, 1), (3.5, 1.2)], [(2, 2), (1, 3), (1.2, 3.5)]]
     assert not step(Workspace(ROOM, tips), (1.5, 1.5), 1)
 
 
-def test_may_run_along_a_wall():
-    assert step(Workspace(ROOM, [[(0, 0), (6, 0), (6, 1.5), (0, 1.5)]]), (1.5, 1.5), 0)
-    assert not step(Workspace(ROOM, [[(0, 0), (6, 0), (6, 1.5), (0, 1.5)]]), (1.5, 1.5), 6)
+def test_step_may_run_along_a_wall():
+    floor = box(0, 0, 6, 1.5)
+    assert step(Workspace(ROOM, [floor]), (1.5, 1.5), 0)
+    assert not step(Workspace(ROOM, [floor]), (1.5, 1.5), 6)
 
 
-def test_may_not_run_along_a_wall_past_a_point_where_another_obstacle_meets_it():
-    floor = [(0, 0), (6, 0), (6, 1.5), (0, 1.5)]
+def test_step_may_not_run_along_a_wall_past_a_point_where_another_obstacle_meets_it():
+    floor = box(0, 0, 6, 1.5)
     assert not step(Workspace(ROOM, [floor, [(2, 1.5), (2.5, 3), (1.5, 3)]]), (1.5, 1.5), 0)
     assert step(Workspace(ROOM, [floor, [(2, 1.6), (2.5, 3), (1.5, 3)]]), (1.5, 1.5), 0)
 
 
-def test_may_not_go_through_an_obstacle_thinner_than_a_step():
-    thin = [(1.9, 0), (2.1, 0), (2.1, 6), (1.9, 6)]
+def test_step_may_not_go_through_an_obstacle_thinner_than_a_step():
+    thin = box(1.9, 0, 2.1, 6)
     assert not step(Workspace(ROOM, [thin]), (1.5, 1.5), 0)
     cells = CellSpace.of(Workspace(ROOM, [thin]), 1.0, 8)
     position = int(cells.index(1.5, 1.5))
@@ -133,9 +118,9 @@ def test_may_not_go_through_an_obstacle_thinner_than_a_step():
 @pytest.mark.parametrize(
     ("direction", "free"), [(0, True), (1, True), (2, True), (4, False), (6, False)]
 )
-def test_starts_from_a_corner_into_the_free_side(direction, free):
+def test_step_may_leave_a_corner_into_the_free_side(direction, free):
     # The centre (1.5, 1.5) is the corner of an obstacle to its lower left.
-    corner = [(1.5, 1.5), (0.6, 1.5), (0.6, 0.6), (1.5, 0.6)]
+    corner = box(0.6, 0.6, 1.5, 1.5)
     assert step(Workspace(ROOM, [corner]), (1.5, 1.5), direction) == (free or direction in (4, 6))
 
 
@@ -150,7 +135,7 @@ def test_a_step_longer_than_the_map_leads_nowhere(step, collision):
 
 
 def test_steps_that_lead_off_the_map_are_one_way():
-    # Thirty squares long: off a map of twenty rows to the North and South alone.
+    # Steps of thirty squares lead off a map of twenty rows to the North and South only.
     shape = stencil(8, Motion(30.0, "endpoint"), (20, 35))
     off = shape.way[[1, 2, 3, 5, 6, 7]]
     assert len(set(off.tolist())) == 1

@@ -34,7 +34,7 @@ def test_shapely_polygons_are_taken():
     assert room.free_space.area == pytest.approx(30 - shapely.Point(3, 3).buffer(1).area)
 
 
-def test_survives_pickling():
+def test_a_map_survives_pickling():
     room = pickle.loads(pickle.dumps(Workspace(ROOM, [box(1, 1, 2, 2)], robot_radius=0.1)))
     assert room.free_space.equals(Workspace(ROOM, [box(1, 1, 2, 2)], robot_radius=0.1).free_space)
 

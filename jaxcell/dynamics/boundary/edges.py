@@ -28,7 +28,7 @@ _ROUNDS = 8
 _PERIODS = range(1, 9)
 _NEWTON = 12
 _SETTLED, _MOVED = 1e-3, 1e-1
-# Edge states that are nearer to each other, in cells, are one.
+# Distance in cells below which two edge states are the same.
 _SAME = 0.5
 
 
@@ -37,9 +37,9 @@ class EdgeStates:
     """Saddles on the boundaries of basins: orbits on a boundary go to them."""
 
     first: Int[np.ndarray, "edges"]
-    "The smaller number of the two attractors to which orbits near the edge state lead."
+    "The smaller number of the two attractors beside the edge state."
     second: Int[np.ndarray, "edges"]
-    "The larger number of these two attractors."
+    "The larger number of the two attractors beside the edge state."
     point: Float[np.ndarray, "edges axes"]
     "A point of each edge state."
     period: Int[np.ndarray, "edges"]
@@ -47,7 +47,7 @@ class EdgeStates:
     multipliers: Complex[np.ndarray, "edges axes"]
     "The eigenvalues of the derivative after a period, the largest first; NaN without a period."
     orbit: Float[np.ndarray, "edges window axes"]
-    "An orbit beside each edge state."
+    "An orbit near each edge state."
 
     @property
     def unstable(self) -> Int[np.ndarray, "edges"]:
@@ -115,7 +115,7 @@ def edge_states(map: Map, basins: Basins, *, say: Say | None = None) -> EdgeStat
 
 
 def _starts(basins: Basins) -> Float[np.ndarray, "starts 2 axes"]:
-    """Return pairs of points on both sides of boundaries, some for each pair of basins."""
+    """Choose pairs of points on both sides of boundaries, a few for each pair of basins."""
     box, count = basins.box, basins.attractors
     grid = basins.basin.reshape(box.cells)
     cells, pairs, steps = [], [], []
@@ -195,7 +195,7 @@ def _track(map: Map, box: Box, params: Any, ends: Any, wide: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames="map")
 def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
-    """Solve for points that return after a period. Returns the errors and the derivatives, too."""
+    """Solve for points that return after a period. Returns points, errors, and derivatives."""
 
     def after(x):  # type: ignore[no-untyped-def]
         return jax.lax.fori_loop(0, period, lambda _, y: map(y, params), x)
@@ -214,7 +214,7 @@ def _newton(map: Map, params: Any, start: Any, period: Any) -> Any:
 def _refined(
     map: Map, params: Any, box: Box, orbit: Float[np.ndarray, "states window axes"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a point of each state, its period by Newton's method, and its multipliers."""
+    """Refine a point of each state by Newton's method. Returns points, periods and multipliers."""
     point, period = orbit[:, 0].astype(float), np.zeros(len(orbit), np.int64)
     multipliers = np.full(point.shape, np.nan, complex)
     tolerance = float(np.finfo(orbit.dtype).eps) ** 0.6 * (box.width * box.cells).max()
@@ -236,7 +236,7 @@ def _refined(
 def _returns(
     box: Box, orbit: Float[np.ndarray, "states window axes"], period: int
 ) -> tuple[Int[np.ndarray, "states"], Float[np.ndarray, "states"]]:
-    """Return the place of each orbit from which it comes back best, and the distance in cells."""
+    """Find the index in each orbit of the point that returns nearest, and the distance in cells."""
     back = box.apart((orbit[:, period:] - orbit[:, :-period]) / box.width).max(axis=-1)
     back = np.where(np.isnan(back), np.inf, back)
     return back.argmin(axis=1), back.min(axis=1)
@@ -245,7 +245,7 @@ def _returns(
 def _different(
     box: Box, labels: Int[np.ndarray, "states 2"], orbit: Float[np.ndarray, "states window axes"]
 ) -> list[int]:
-    """Return the edge states of different orbits: the first of those whose orbits meet."""
+    """Choose edge states that differ: of several whose orbits meet, the first."""
     kept: list[int] = []
     for k in np.flatnonzero((labels >= 0).all(axis=1)):
         others = [other for other in kept if (labels[other] == labels[k]).all()]

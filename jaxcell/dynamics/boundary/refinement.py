@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ...space.box import Box
 from ...space.cells import TOLERANCE
 from ..basin import Basins
-from ..batches import CHUNK, with_last
+from ..batches import slices, with_last
 from ..imaging import check_begin, check_map, mapped_points
 from ..maps import Map
 from ..orbits import VISITS, attractor_owners, orbit_ends
@@ -35,7 +35,7 @@ class Refined(NamedTuple):
     boundary: Float[np.ndarray, "cells axes"]
     "Centres of the finest cells at a boundary."
     basin: Int[np.ndarray, "cells"]
-    "The attractor of each of these cells, -1 for none."
+    "The attractor of each cell in `boundary`, -1 for none."
     mapped: int
     "Number of finer cells that were followed."
 
@@ -47,8 +47,9 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
     are mapped until they reach a cell that has its own basin on all sides. Parts with another basin
     beside them are cut again. A fractal boundary also passes between cells of one basin, which are
     not cut. So random points of the whole box, at the finest level, are followed to their
-    attractors: they correct the shares. If any point shows that a cell contains basins that are not
-    beside it, every point is followed, and boundary cells are counted among the random points.
+    attractors, and correct the shares. If such a point shows that its cell contains a basin that is
+    not beside it, the boundary counts as fractal: all points are followed to their attractors, and
+    the share of cells at the boundary is estimated by the random points.
 
     **Arguments:** a map, its basins, and the number of times that cells are halved. **Returns:**
     [`Refined`][jaxcell.dynamics.boundary.refinement.Refined].
@@ -115,7 +116,7 @@ def refined(map: Map, basins: Basins, levels: int = 3) -> Refined:
 def relative_attractor(
     map: Map, box: Box, params: Any = None, *, levels: int = 4, samples: int = 3
 ) -> Float[np.ndarray, "cells axes"]:
-    """Cover the points that have always been in a box, by halving cells and dropping others.
+    """Cover the points that have always been in a box, by repeatedly halving and dropping cells.
 
     Cells that are not reached from any cell of the cover are dropped, the rest are cut in two along
     each axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors
@@ -150,7 +151,7 @@ def relative_attractor(
 
 
 def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
-    """Return the cells of a level that contain points, without points outside."""
+    """Return the cells of a level that contain points; points outside are ignored."""
     count = np.array(box.cells) << level
     place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
     place = place.reshape(-1, box.dimensions)
@@ -163,14 +164,14 @@ def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.
 
 
 def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
-    """Cut cells of the level before into their parts of a level."""
+    """Cut cells of the previous level into their parts, the cells of a level."""
     halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
     places = 2 * _places(box, keys, level - 1)[:, None] + halves
     return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
 
 
 def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:
-    """Return the coordinates of cells of a level; 32-bit numbers may not suffice for the cells."""
+    """Return the coordinates of cells of a level, which may be too many for 32-bit numbers."""
     return np.stack(np.unravel_index(keys, tuple(n << level for n in box.cells)), axis=-1)
 
 
@@ -234,7 +235,7 @@ def _ends(
     """Return the basins of points, by the owners of the cells that they reach."""
     options = {"follow": basins.follow, "visits": visits}
     parts = [
-        orbit_ends(map, basins.box, basins.params, owner, points[k : k + CHUNK], **options)[0]
-        for k in range(0, len(points), CHUNK)
+        orbit_ends(map, basins.box, basins.params, owner, points[part], **options)[0]
+        for part in slices(len(points))
     ]
     return np.maximum(np.concatenate([np.empty(0, np.int32), *parts]), -1)

@@ -14,9 +14,9 @@ from ..orbits import attractor_owners, orbit_ends
 
 
 AGREE = 0.02
-"""The share of points that disagree at which the search for remedies ends."""
+"""The share of points that may disagree with their orbits after a remedy."""
 DOUBTFUL = 0.05
-"""The share of random starts with other ends by orbits, above which remedies are tried."""
+"""The share of random starts that disagree with their orbits, above which remedies are tried."""
 # Number of points whose cells are compared with their orbits, and of halvings that are tried.
 _POINTS = 1 << 10
 _HALVINGS = 2
@@ -40,11 +40,11 @@ class Trial:
     "The share of points that disagree, with the cells, and with cells of half and quarter width."
     cells: tuple[int, ...] | None = None
     """Extrapolated numbers of cells along the axes with which 2 % disagree; `None` if finer cells
-    do not help, or if they are more than 32 bits number."""
+    do not help, or if 32 bits cannot number them."""
 
 
 def tried(map: Map, basins: Any) -> Trial:
-    """Try the remedies for [`Basins`][jaxcell.dynamics.Basins] by cells."""
+    """Try remedies for [`Basins`][jaxcell.dynamics.Basins] by cells: orbits, and finer cells."""
     box, owner = basins.box, attractor_owners(basins.box, basins.attractor_cells)
     params = jax.tree.map(jnp.asarray, basins.params)
 
@@ -92,7 +92,7 @@ def _cells(box: Box, wrong: list[float]) -> tuple[int, ...] | None:
 def _snapped(
     map: Map, box: Box, params: Any, points: Any, width: Any, mappings: Any, follow: Any
 ) -> Any:
-    """Map points that are moved to the centres of cells of a width, before each mapping."""
+    """Map points repeatedly, each time from the centre of the cell that holds the point."""
     lower = jnp.asarray(np.array(box.lower), points.dtype)
 
     def centred(x):  # type: ignore[no-untyped-def]

@@ -17,13 +17,13 @@ class Folder:
     def __init__(self, path: str | Path, made_from: str) -> None:
         """Create the folder; `made_from` is a digest of the map, the box and the options.
 
-        **Raises:** `ValueError` if the folder has arrays of other ones.
+        **Raises:** `ValueError` if the folder has arrays with another digest.
         """
         self.path = Path(path)
         self.path.mkdir(parents=True, exist_ok=True)
         self._record = self.path / "work.json"
         self.done: dict[str, int] = {}
-        "Number of cells, or of levels, of each kind of work that is done."
+        "Number of finished cells, or levels, by the kind of work."
         if self._record.exists():
             record = json.loads(self._record.read_text())
             if record["made_from"] != made_from:
@@ -36,7 +36,7 @@ class Folder:
         self._arrays: dict[str, np.memmap] = {}
 
     def array(self, name: str, dtype: Any, size: int) -> np.ndarray:
-        """Open the array of a name, or create it."""
+        """Open the array of this name, or create it."""
         file = self.path / f"{name}.npy"
         if file.exists():
             array = np.load(file, mmap_mode="r+")

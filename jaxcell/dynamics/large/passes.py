@@ -1,11 +1,11 @@
 """Periodic groups of a map in a file, by passes over the file from one end to the other.
 
-A cell without preimages is transient, and is dropped with the number of its pass, its level. A pass
-marks the images of the remaining cells, and drops the cells without a mark. The few cells that
-remain of a dissipative map are walked in memory. Passes back, from the last level to the first,
-then copy the group of the image of each cell, and add one to its steps.
+A cell without preimages is transient. A pass marks the images of the remaining cells, and drops the
+cells without a mark; the level of a cell is the number of the pass that dropped it. The few cells
+that remain of a dissipative map are walked in memory. Passes back, from the last level to the
+first, then copy the group of the image of each cell, and add one to its steps.
 
-A pass may be repeated, so that a killed computation continues with the pass that was not finished.
+A pass may be repeated, so a killed computation continues with its unfinished pass.
 """
 
 import jax

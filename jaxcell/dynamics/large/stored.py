@@ -14,13 +14,7 @@ from ...space.box import Box
 from ..attractors import attractors
 from ..basin import Basins, by_cells, with_trial
 from ..batches import CHUNK
-from ..imaging import (
-    Say,
-    changed_by_half_step,
-    check_map,
-    images_of_each,
-    torn_axes,
-)
+from ..imaging import Say, changed_by_half_step, check_map, images_of_each, torn_axes
 from ..maps import Flow, Map
 from .folder import Folder
 from .passes import groups_in_passes
@@ -42,7 +36,7 @@ class Foretold:
 
     cells: int
     seconds: float
-    "Time to map all cells, by that of one chunk, and of the passes."
+    "Time to map all cells, extrapolated from one chunk, and for the passes."
     memory: float
     "Peak memory in bytes, for a map of which few cells remain after the passes."
     disk: float
@@ -56,12 +50,10 @@ class Foretold:
         )
 
 
-def foretold(
-    map: Map, box: Box, params: Any = None, *, follow: int = 0, dtype: Any = None
-) -> Foretold:
-    """Estimate what [`jaxcell.dynamics.stored_basins`][] takes, by mapping one chunk of cells.
+def foretold(map: Map, box: Box, params: Any = None, *, follow: int = 0) -> Foretold:
+    """Estimate time and memory of [`jaxcell.dynamics.stored_basins`][], by mapping some cells.
 
-    **Arguments:** as for [`jaxcell.dynamics.stored_basins`][]. **Returns:** time, memory and disk.
+    **Arguments:** as for [`jaxcell.dynamics.images`][]. **Returns:** time, memory and disk.
 
     Henon's map:
 
@@ -78,8 +70,7 @@ def foretold(
     image = np.empty((1, box.size), np.int32)
     for _ in range(2):
         begun = time.perf_counter()
-        options: dict[str, Any] = {"follow": follow, "dtype": dtype}
-        images_of_each(map, box, [params], out=image, within=within, **options)
+        images_of_each(map, box, [params], follow=follow, out=image, within=within)
         each = (time.perf_counter() - begun) / (within.stop - within.start)
     return Foretold(
         box.size,
@@ -96,7 +87,6 @@ def stored_basins(
     *,
     folder: str | Path,
     follow: int = 0,
-    dtype: Any = None,
     seed: int = 0,
     labels: tuple[str, ...] = (),
     say: Say | None = None,
@@ -127,23 +117,23 @@ def stored_basins(
         [1.0]
     """
     check_map(map, box, params)
-    files = Folder(folder, _digest(map, box, params, follow, dtype))
+    files = Folder(folder, _digest(map, box, params, follow))
     _check_disk(files, box)
     (torn,) = torn_axes(map, box, [params], labels)
     image = files.array("image", np.int32, box.size + 2)
-    cells, options = image[:-2], {"follow": follow, "dtype": dtype}
+    cells = image[:-2]
     for part in files.parts("images", box.size, PART):
-        images_of_each(map, box, [params], out=cells[None], within=part, say=say, **options)
+        images_of_each(map, box, [params], follow=follow, out=cells[None], within=part, say=say)
     image[-2:] = box.outside, box.nowhere
     groups = groups_in_passes(image, files, say)
     if say is not None:
         say("finding attractors", 0, 0)
     (ends,) = attractors(map, box, [params], [groups], follow=follow, seed=seed)
-    (changed,) = changed_by_half_step(map, box, [params], cells[None], **options)
+    (changed,) = changed_by_half_step(map, box, [params], cells[None], follow=follow)
     basins = by_cells(box, params, cells, groups, ends, changed, new=files.array)
     duration = getattr(map, "duration", None)
-    known: dict[str, Any] = {"torn": torn, "duration": duration, "labels": labels, "follow": follow}
-    return with_trial(map, dataclasses.replace(basins, **known))
+    basins = dataclasses.replace(basins, torn=torn, duration=duration, labels=labels, follow=follow)
+    return with_trial(map, basins)
 
 
 def _check_disk(files: Folder, box: Box) -> None:
@@ -157,12 +147,12 @@ def _check_disk(files: Folder, box: Box) -> None:
         )
 
 
-def _digest(map: Map, box: Box, params: Any, follow: int, dtype: Any) -> str:
+def _digest(map: Map, box: Box, params: Any, follow: int) -> str:
     """Identify a map by its operations and constants, and its box and options."""
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     traced = jax.make_jaxpr(map)(middle, params)
     known = hashlib.sha256(str(traced).encode())
-    known.update(repr((box, dtype and np.dtype(dtype).name, follow)).encode())
+    known.update(repr((box, follow)).encode())
     crossing = (map.dt, map.steps, map.crossing) if isinstance(map, Flow) else ()
     for leaf in (*traced.consts, *jax.tree.leaves(params), *crossing):
         known.update(np.asarray(leaf).tobytes())

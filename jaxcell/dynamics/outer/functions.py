@@ -107,7 +107,7 @@ def logistic(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: Interval) -> Interval:
-    """Enclose real powers; those of numbers below 0 are not defined."""
+    """Enclose real powers, which numbers below 0 do not have."""
     return unless(a.lower < 0, exp(mul(exponent, log(a))))
 
 

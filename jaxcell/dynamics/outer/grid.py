@@ -1,4 +1,4 @@
-"""Cells of a box that is bisected again and again, and the graph of their outer images."""
+"""Cells of a repeatedly bisected box, and the graph of their outer images."""
 
 import dataclasses
 from collections.abc import Callable
@@ -21,10 +21,10 @@ _TABLE, _TABLE_PER_CELL = 1 << 22, 64
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """The cells of a box after bisections, along the first axis, the second, and so on in turn.
+    """The cells of a box after a number of bisections, along its axes in turn.
 
-    Cells are between faces that are numbers of 64 bits, and two halves join to their cell exactly.
-    So the cells that touch an image are found by comparisons, without rounding.
+    Cells lie between faces that are 64-bit numbers, and two halves join to their cell exactly. So
+    the cells that touch an image are found by comparisons, without rounding.
     """
 
     box: Box
@@ -41,7 +41,7 @@ class Grid:
     def faces(self) -> list[Float[np.ndarray, "faces"]]:
         """The faces between cells along each axis.
 
-        **Raises:** `ValueError` if cells are as small as the distance of two numbers.
+        **Raises:** `ValueError` if cells are smaller than the distance of two 64-bit numbers.
         """
         each = []
         for axis, count in enumerate(self.counts):
@@ -62,7 +62,7 @@ class Grid:
         return lower, upper
 
     def halves(self, cells: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "halves"]:
-        """Return the cells of the next bisection that are the halves of cells, two for each."""
+        """Return the two halves of each cell, which are cells of the next bisection."""
         axis = self.bisections % self.box.dimensions
         places = [np.repeat(k, 2) for k in np.unravel_index(cells, self.counts)]
         places[axis] = 2 * places[axis] + np.tile([0, 1], cells.size)
@@ -73,8 +73,8 @@ class Grid:
     ) -> tuple[Int[np.ndarray, "images axes"], Int[np.ndarray, "images axes"]]:
         """Find the first and last cells along each axis that touch images.
 
-        Without such cells the last comes before the first. Along periodic axes, cells before 0 and
-        after the last one are those at the other end.
+        If no cell touches an image, its last cell comes before its first. Along a periodic axis,
+        numbers of cells continue beyond both ends.
         """
         firsts, lasts = [], []
         for axis, (kind, faces) in enumerate(zip(self.box.axes, self.faces, strict=True)):
@@ -85,7 +85,7 @@ class Grid:
                 around = ~(high - low < period)
                 low, high = np.where(around, faces[0], low), np.where(around, faces[0], high)
                 turns = np.floor((low - faces[0]) / period)
-                # More than the rounding of a shift; images that are inside do not move.
+                # The error exceeds the rounding of a shift; images that are inside do not move.
                 error = 2.0**-50 * (np.abs(low) + np.abs(high) + np.abs(turns) * period)
                 error[turns == 0] = 0
                 low, high = low - turns * period - error, high - turns * period + error
@@ -114,7 +114,7 @@ class Grid:
     ) -> csr_array:
         """Make the matrix whose entry `i, j` is 1 if the block of cell `i` holds cell `j`.
 
-        Numbers of cells ascend. `first` and `last` are the block of cells of the image of each.
+        `cells` ascend, and `first` and `last` are the corners of their blocks, as in `blocks`.
 
         **Raises:** `MemoryError` for more edges than fit into memory.
         """

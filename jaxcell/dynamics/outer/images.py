@@ -27,20 +27,20 @@ Boxes: TypeAlias = tuple[Float[np.ndarray, "boxes axes"], Float[np.ndarray, "box
 
 @runtime_checkable
 class OuterMap(Protocol):
-    """A map of boxes to boxes: the lower and upper corners of their images."""
+    """A map from boxes to the lower and upper corners of boxes around their images."""
 
     proof: str
-    "The reason why images contain all points of the true ones; empty without a proof."
+    "The reason why images contain the images of all points; empty without a proof."
 
     def images(self, lower: Any, upper: Any, params: Any, /) -> Boxes: ...
 
 
 @dataclasses.dataclass(frozen=True)
 class Intervals:
-    """Images by interval arithmetic, rounded outward: with proof, for any map that has no `while`.
+    """Images by interval arithmetic, rounded outward, with proof; for maps without a `while` loop.
 
-    Of a [`flow`][jaxcell.dynamics.flow], the images of the Runge-Kutta steps are enclosed, and not
-    the difference of these steps from the flow itself.
+    The images under a [`flow`][jaxcell.dynamics.flow] enclose its Runge-Kutta steps, but not the
+    difference of these steps from the exact flow.
     """
 
     map: Map
@@ -72,7 +72,7 @@ def _enclosed(map: Map, mean_value: bool, params: Any, lower: Any, upper: Any) -
 
 @dataclasses.dataclass(frozen=True)
 class Corners:
-    """Boxes around the images of points of a box: usual, fast, without proof."""
+    """Images as boxes around the images of some points: usual and fast, but without proof."""
 
     map: Map
     points: int = 2
@@ -90,7 +90,7 @@ class Corners:
             low, high = (with_last(x[k : k + _PART], _PART)[:, None] for x in (lower, upper))
             points = np.where(place == 1, high, low + place * (high - low))
             images = np.asarray(mapped_points(self.map, params, points))[: len(lower) - k]
-            # Points with an image that is no number have none.
+            # `fmin` and `fmax` leave out images that are no numbers.
             return np.fmin.reduce(images, axis=1), np.fmax.reduce(images, axis=1)
 
         low, high = _joined(part, lower)
@@ -107,7 +107,7 @@ def _joined(part: Callable[[int], Boxes], lower: Any) -> Boxes:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Samples:
-    """Images from data: samples of a map, and a bound of its slopes, with proof if both hold.
+    """Images from samples of a map and a bound of its slopes, with proof if both are right.
 
     Coordinate `i` of the images of two points differs by at most the sum of
     `lipschitz[i, j] * abs(difference along axis j)`. The image of a box is within this bound of the
@@ -122,7 +122,7 @@ class Samples:
     proof = "samples, and the bound of slopes (lipschitz)"
 
     def __post_init__(self) -> None:
-        """Check the bound on neighbours."""
+        """Check that neighbouring samples satisfy the bound of slopes."""
         points, values = (np.asarray(x, float) for x in (self.points, self.values))
         if points.ndim != 2 or points.shape != values.shape or not len(points):
             raise ValueError(
@@ -155,7 +155,7 @@ class Samples:
         _, near = self._tree.query(lower / 2 + upper / 2, k=[*range(1, count + 1)])
         at = self.points[near]
         away = np.maximum(np.abs(upper[:, None] - at), np.abs(lower[:, None] - at))
-        # Larger than the rounding of the sum.
+        # The factor exceeds the rounding of the sum.
         reach = away @ np.transpose(self.lipschitz) * (1 + 1e-14)
         low, high = self.values[near] - reach, self.values[near] + reach
         low, high = np.nextafter(low, -np.inf).max(axis=1), np.nextafter(high, np.inf).min(axis=1)

@@ -1,13 +1,14 @@
 """Intervals whose ends are rounded outward, so that they enclose every exact value.
 
-Processors round a sum, a difference, a product or a square root to the nearest number of 64 bits.
-The end of an interval then moves one number outward. The move is an operation on integers, through
-which no compiler merges a product with a following sum, or reorders sums. Two liberties remain. A
-division by a constant may become a product with its reciprocal, so a quotient moves three numbers
-outward. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
+Processors round a sum, a difference, a product or a square root to the nearest 64-bit number. The
+end of an interval then moves outward to the next number. The move is an operation on integers,
+through which no compiler merges a product with a following sum, or reorders sums. Two liberties
+remain. A division by a constant may become a product with its reciprocal, so a quotient moves by
+three numbers. Processors may replace numbers below 2^-1022 by 0, so an end that is nearer to 0 than
 2^-1000 moves to 2^-1000.
 """
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -19,9 +20,9 @@ from jax import lax
 
 
 TINY = 2.0**-1000
-"""Results nearer to 0 may have lost all digits."""
+"""Magnitude below which results may have lost all digits."""
 HUGE = 2.0**1000
-"""Reciprocals of larger numbers may be replaced by 0."""
+"""Magnitude above which reciprocals may be replaced by 0."""
 _INFINITY = 0x7FF0000000000000
 
 
@@ -49,7 +50,7 @@ def point(value: Any) -> Interval:
 
 
 def up(x: Any, numbers: int = 1) -> Any:
-    """Move several numbers of 64 bits up, to infinity at most."""
+    """Move up by several 64-bit numbers, to infinity at most."""
     bits = lax.bitcast_convert_type(x, jnp.int64)
     moved = jnp.where(bits < 0, bits - numbers, jnp.minimum(bits + numbers, _INFINITY))
     moved = lax.bitcast_convert_type(moved, jnp.float64)
@@ -57,7 +58,7 @@ def up(x: Any, numbers: int = 1) -> Any:
 
 
 def down(x: Any, numbers: int = 1) -> Any:
-    """Move several numbers of 64 bits down."""
+    """Move down by several 64-bit numbers."""
     return -up(-x, numbers)
 
 
@@ -67,17 +68,17 @@ def outward(lower: Any, upper: Any, numbers: int = 1) -> Interval:
 
 
 def hull(parts: Sequence[Interval]) -> Interval:
-    """Return the smallest intervals that contain several."""
+    """Return the smallest interval that contains all parts."""
     return Interval(_least([a.lower for a in parts]), _largest([a.upper for a in parts]))
 
 
 def within(a: Interval, lower: float, upper: float) -> Interval:
-    """Intersect with the range of a function, which contains some value of `a`."""
+    """Clip an interval to the range of a function."""
     return Interval(jnp.clip(a.lower, lower, upper), jnp.clip(a.upper, lower, upper))
 
 
 def where(mask: Any, a: Interval, b: Interval) -> Interval:
-    """Choose by an exact mask."""
+    """Choose between intervals by a mask that is certain."""
     return Interval(jnp.where(mask, a.lower, b.lower), jnp.where(mask, a.upper, b.upper))
 
 
@@ -87,7 +88,7 @@ def unless(undefined: Any, a: Interval) -> Interval:
 
 
 def monotone(function: Callable[[Any], Interval], a: Interval) -> Interval:
-    """Apply a function that grows, and encloses its values at points."""
+    """Apply an increasing function, which encloses its value at a point."""
     if a.lower is a.upper:
         return function(a.lower)
     return Interval(function(a.lower).lower, function(a.upper).upper)
@@ -130,25 +131,23 @@ def absolute(a: Interval) -> Interval:
 
 
 def power(a: Interval, exponent: int) -> Interval:
-    """Multiply an interval with itself."""
+    """Enclose the power with a whole exponent, by products."""
     if exponent < 0:
         return div(ONE, power(a, -exponent))
-    if exponent % 2:
-        # An odd power grows; each end is multiplied as a point.
-        return monotone(lambda x: _repeated(Interval(x, x), exponent), a)
-    low, high = absolute(a)
-    whole = monotone(lambda x: _repeated(Interval(x, x), exponent), Interval(low, high))
-    return within(whole, 0.0, jnp.inf)
+    odd = exponent % 2 == 1
+    # A power grows with `a`, or with its absolute value; each end is multiplied as a point.
+    whole = monotone(lambda x: _repeated(Interval(x, x), exponent), a if odd else absolute(a))
+    return whole if odd else within(whole, 0.0, jnp.inf)
 
 
 def sqrt(a: Interval) -> Interval:
-    """Enclose roots of the part of an interval above 0."""
+    """Enclose square roots of the part of an interval above 0."""
     low, high = jnp.sqrt(jnp.maximum(a.lower, 0.0)), jnp.sqrt(jnp.maximum(a.upper, 0.0))
     return unless(a.upper < 0, within(outward(low, high, 2), 0.0, jnp.inf))
 
 
 def total(a: Interval, axis: int) -> Interval:
-    """Sum along an axis, by halves."""
+    """Sum intervals along an axis, by adding halves."""
     while (count := a.lower.shape[axis]) > 1:
         half = count // 2
         first, second, rest = (
@@ -182,11 +181,8 @@ def _unlimited(x: Any) -> Any:
 
 
 def _least(values: Sequence[Any]) -> Any:
-    least = values[0]
-    for value in values[1:]:
-        least = jnp.minimum(least, value)
-    return least
+    return functools.reduce(jnp.minimum, values)
 
 
 def _largest(values: Sequence[Any]) -> Any:
-    return -_least([-value for value in values])
+    return functools.reduce(jnp.maximum, values)

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from ...base.quantities import Result, derived, from_part, quantity
+from ...base.quantities import derived, from_part, quantity
 from ...space.box import Box
-from ..imaging import Say, axis_name, check_begin, check_map
+from ..imaging import OnBox, Say, check_begin, check_map
 from ..maps import Map
 from .grid import Grid
 from .images import Intervals, OuterMap
@@ -39,7 +39,7 @@ class MorseCertificate:
 
     @property
     def statement(self) -> str:
-        """The proved statements, as text for people."""
+        """The proved statements, as text."""
         if not self.proved:
             return "Nothing is proved: images of boxes are boxes around images of some points."
         return (
@@ -50,7 +50,7 @@ class MorseCertificate:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MorseSets(Result):
+class MorseSets(OnBox):
     """Sets of boxes that contain all recurrent points of a map, and their order."""
 
     title: ClassVar[str] = "Morse sets"
@@ -58,7 +58,7 @@ class MorseSets(Result):
     picture: ClassVar[str] = "drawn"
 
     box: Box
-    "The cells of the picture: those of the start, or of bisections up to 262,144 cells."
+    "The cells for pictures: the initial cells, or bisections with at most 262,144 cells."
     params: Any
     "The parameters of the map."
     lower: Annotated[
@@ -74,7 +74,7 @@ class MorseSets(Result):
         Bool[np.ndarray, "sets sets"],
         quantity("set other", "whether boxes lead from the set to the other one", kind="flag"),
     ]
-    "Transitive; a set leads only to sets with smaller numbers."
+    "The relation is transitive, and a set leads only to sets with smaller numbers."
     certificate: MorseCertificate
     labels: tuple[str, ...] = ()
     "The names of the axes; empty for `x0`, `x1`, ..."
@@ -107,7 +107,7 @@ class MorseSets(Result):
 
     @derived("set next", "sets that follow it in the order", kind="index", listed=True)
     def leads_to(self) -> Int[np.ndarray, "sets next"]:
-        """The sets to which each set leads, without those to which it leads by others."""
+        """The sets to which each set leads directly."""
         leads = self.leads.astype(np.int32)
         direct = self.leads & (leads @ leads == 0)
         following = np.full((self.sets, max(1, direct.sum(axis=1, initial=0).max(initial=0))), -1)
@@ -126,20 +126,6 @@ class MorseSets(Result):
     )
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the axes."""
-        return tuple(axis_name(axis, self.labels) for axis in range(self.box.dimensions))
-
-    @property
-    def attributes(self) -> Mapping[str, Any]:
-        return {
-            "box_lower": list(self.box.lower),
-            "box_upper": list(self.box.upper),
-            "box_axes": " ".join(self.box.axes),
-            "box_labels": ", ".join(self.names),
-        }
-
-    @property
     def remarks(self) -> tuple[str, ...]:
         return (self.certificate.statement,)
 
@@ -155,11 +141,11 @@ def morse_sets(
     labels: tuple[str, ...] = (),
     say: Say | None = None,
 ) -> MorseSets:
-    """Find the recurrent sets of a map in a box, and which lead to which.
+    """Find the recurrent sets of a map in a box, and the order in which orbits visit them.
 
     Images of boxes are boxes that contain the image of every point. A box leads to the boxes that
-    touch its image. A Morse set is a largest set of boxes that all lead to each other. The boxes on
-    no cycle are dropped, the others are bisected along one axis, and so on (Dellnitz & Hohmann
+    touch its image. A Morse set is a largest set of boxes that all lead to each other. Boxes on no
+    cycle are dropped, the other boxes are bisected along one axis, and so on (Dellnitz & Hohmann
     1997; Arai et al. 2009). The sets contain all chain recurrent points whose orbits stay in the
     box.
 
@@ -168,12 +154,12 @@ def morse_sets(
     - `map`: a [`Map`][jaxcell.dynamics.Map], whose images are computed by
         [`Intervals`][jaxcell.dynamics.Intervals], with proof; or other images of boxes, such as
         [`Corners`][jaxcell.dynamics.Corners] or [`Samples`][jaxcell.dynamics.Samples].
-    - `box`: the box, and the cells of the start.
+    - `box`: the box, with its initial cells.
     - `params`: the parameters of the map.
     - `depth`: number of bisections, along each axis in turn.
     - `check`: number of further bisections that test sets: a set without a cycle after them is left
-        out, as it contains no recurrent point.
-    - `limit`: a set with more boxes than this counts as tested.
+        out, because it contains no recurrent point.
+    - `limit`: number of boxes above which a set counts as tested.
     - `labels`: names of the axes.
     - `say`: a function that is called with the activity and its progress.
 
@@ -228,7 +214,7 @@ def morse_sets(
         parts = tuple(x[component >= 0] for x in (parts[0], component, parts[2]))
     kept[parts[2]] = True
     leads = _order(levels, np.flatnonzero(kept))
-    # Sets with fewer sets after them come first, then those with smaller boxes.
+    # Sets that lead to fewer sets come first, then sets whose first box comes first.
     first: np.ndarray = np.full(count, cells.size)
     np.minimum.at(first, member, np.arange(cells.size))
     order = np.lexsort((first[kept], leads.sum(axis=1)))
@@ -249,13 +235,13 @@ def morse_sets(
 
 
 class _Level(NamedTuple):
-    """The boxes after some bisections, within the components of the bisection before."""
+    """The graph of boxes after some bisections, within the components of the previous level."""
 
     graph: csr_array
     member: Int[np.ndarray, "boxes"]
     "The component of each box, -1 if it is on no cycle."
     parent: Int[np.ndarray, "components"]
-    "The component of the level before that contains each component."
+    "The component of the previous level that contains each component."
 
 
 @dataclasses.dataclass
@@ -269,7 +255,7 @@ class _Search:
     def level(
         self, bisections: int, cells: Int[np.ndarray, "boxes"], component: Int[np.ndarray, "boxes"]
     ) -> _Level:
-        """Find the recurrent components within each component of the level before."""
+        """Find the recurrent components within each component of the previous level."""
         grid = Grid(self.box, bisections)
         images = self.outer.images(*grid.corners(cells), self.params)
         graph = _within(grid.graph(cells, *grid.blocks(*images)), component)
@@ -282,7 +268,7 @@ class _Search:
     def halved(
         self, bisections: int, cells: Int[np.ndarray, "boxes"], *others: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Return the halves of boxes in ascending order, with further numbers of their boxes."""
+        """Return the halves of boxes in ascending order, and copies of other arrays over boxes."""
         halves = Grid(self.box, bisections).halves(cells)
         order = np.argsort(halves)
         return halves[order], *(np.repeat(x, 2)[order] for x in others)
@@ -300,10 +286,9 @@ def _within(graph: csr_array, component: Int[np.ndarray, "boxes"]) -> csr_array:
 
 
 def _order(levels: list[_Level], sets: Int[np.ndarray, "sets"]) -> Bool[np.ndarray, "sets sets"]:
-    """Find which sets of the last level lead to which.
+    """Find the pairs of sets of the last level of which the first leads to the second.
 
-    Two sets lead to each other as the components that contain them at the first level at which
-    these differ.
+    A pair is decided at the first level where different components contain both sets.
     """
     leads = np.zeros((sets.size, sets.size), bool)
     here = sets
@@ -321,7 +306,7 @@ def _order(levels: list[_Level], sets: Int[np.ndarray, "sets"]) -> Bool[np.ndarr
 
 
 def _picture(box: Box, depth: int) -> Box:
-    """Return the box in the finest cells that a picture may have."""
+    """Cut the box into the finest cells that may be drawn."""
     grids = (Grid(box, bisections).counts for bisections in range(depth, 0, -1))
     counts = next((n for n in grids if np.prod(n, dtype=float) <= _DRAWN), box.cells)
     return Box(box.lower, box.upper, counts, box.axes)

@@ -11,7 +11,7 @@ _BITS = 64
 
 
 def recurrent_components(graph: csr_array) -> Int[np.ndarray, "vertices"]:
-    """Number the sets of vertices that all lead to each other; -1 for vertices on no cycle."""
+    """Number the strong components of vertices on cycles; -1 for vertices on no cycle."""
     _, label = connected_components(graph, directed=True, connection="strong")
     recurs = np.bincount(label) > 1
     recurs[label[graph.diagonal() > 0]] = True
@@ -23,7 +23,7 @@ def reachable(
 ) -> Bool[np.ndarray, "sets sets"]:
     """Find the pairs of different sets `i` and `j` with a path from `i` to `j`.
 
-    The vertices of a set all lead to each other; those of no set have -1.
+    `member` is the set of each vertex, -1 for none; the vertices of a set lead to each other.
     """
     into = graph.T.tocsr()
     leads = np.zeros((count, count), bool)

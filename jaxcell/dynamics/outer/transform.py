@@ -29,13 +29,13 @@ def enclose(
 ) -> tuple[Float[Array, "axes"], Float[Array, "axes"]]:
     """Enclose the image of a box under a map, with outward rounding.
 
-    The map is the one in real numbers whose constants are the numbers of the program. Its points
-    with an image that is not a real number, such as a logarithm of a number below 0, have none.
+    The map is that of real arithmetic, with the constants of the program. Points whose image is not
+    a real number, such as the logarithm of a negative number, have no image.
 
     **Arguments:** a map, its parameters, and the corners of a box, of 64 bits. `mean_value`
     intersects the image with that of the mean value theorem, `f(centre) + f'(box) (box - centre)`,
-    which is much smaller for small boxes. It is left out where the program compares numbers of the
-    box, and both results are possible.
+    which is much smaller for small boxes. It is not used if a comparison in the program may have
+    both results on the box.
 
     **Returns:** the lower and upper corners of the image.
 
@@ -90,10 +90,10 @@ def enclose(
 
 
 def evaluate(program: ClosedJaxpr, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Evaluate a program on intervals of its floating-point arguments and arrays of the others.
+    """Evaluate a program on intervals, in place of floating-point arguments, and on other arrays.
 
     Masks are added to `decided`: `False` if a comparison may have both results. Floating-point
-    results are intervals, and so are others that are not known exactly.
+    results are intervals, and so are uncertain other results.
     """
     inner = program.jaxpr
     known = dict(zip(inner.constvars, (_exact(value) for value in program.consts), strict=True))
@@ -146,21 +146,26 @@ def _results(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]
     )
 
 
+def _interval(value: Any) -> Interval:
+    """Return an interval; whole numbers, which are certain, become an interval of one point."""
+    return value if isinstance(value, Interval) else Interval(value, value)
+
+
 def _uncertain_index(value: Any) -> bool:
     return isinstance(value, Interval) and jnp.issubdtype(value.lower.dtype, jnp.integer)
 
 
 def _of_ends(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
-    """Apply a primitive that grows with all arguments to the lower and to the upper ends."""
+    """Apply a primitive that grows with all arguments to the lower ends, and to the upper ends."""
 
     def at(ends: list[Any]) -> list[Any]:
         results = step.primitive.bind(*ends, **step.params)
         return list(results) if step.primitive.multiple_results else [results]
 
-    intervals = [value for value in values if isinstance(value, Interval)]
-    lower = at([v.lower if isinstance(v, Interval) else v for v in values])
+    intervals = [*map(_interval, values)]
+    lower = at([a.lower for a in intervals])
     points = all(a.lower is a.upper for a in intervals)
-    upper = lower if points else at([v.upper if isinstance(v, Interval) else v for v in values])
+    upper = lower if points else at([a.upper for a in intervals])
     name, results = step.primitive.name, [*map(Interval, lower, upper)]
     if name in _STEPS:
         decided += [jnp.all(a.lower == a.upper) for a in results]
@@ -198,12 +203,12 @@ def _scan(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
 
 def _cond(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
     index, *operands = values
-    low, high = index if isinstance(index, Interval) else (index, index)
+    low, high = _interval(index)
     decided.append(low == high)
     branches = [evaluate(branch, operands, decided) for branch in step.params["branches"]]
     results = []
     for ends in zip(*branches, strict=True):
-        parts = [part if isinstance(part, Interval) else Interval(part, part) for part in ends]
+        parts = [*map(_interval, ends)]
         result = where(high == 0, parts[0], parts[-1])
         for k, part in enumerate(parts):
             # The first possible branch is alone, and further ones extend it.
@@ -214,7 +219,7 @@ def _cond(step: JaxprEqn, values: list[Any], decided: list[Any]) -> list[Any]:
 
 
 def _select(_: Any, decided: list[Any], which: Any, *values: Any) -> Interval:
-    cases = [case if isinstance(case, Interval) else Interval(case, case) for case in values]
+    cases = [*map(_interval, values)]
     if not isinstance(which, Interval):
         ends = (jax.lax.select_n(which, *(case[k] for case in cases)) for k in (0, 1))
         return Interval(*ends)
@@ -264,7 +269,7 @@ def _sum(step: JaxprEqn, _: Any, a: Interval) -> Interval:
 
 
 def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
-    """Multiply matrices: batch dimensions, those of `a`, those of `b`, and the summed ones."""
+    """Multiply arrays whose dimensions are batched, free in `a`, free in `b`, or summed."""
     summed, batch = step.params["dimension_numbers"]
     sides = []
     for k, value in enumerate((a, b)):
@@ -280,10 +285,8 @@ def _dot(step: JaxprEqn, _: Any, a: Interval, b: Interval) -> Interval:
 
 
 def _plain(function: Callable[..., Interval]) -> Callable[..., Interval]:
-    """Make a rule of a function of intervals; whole numbers are intervals of one point."""
-    return lambda _, __, *values: function(
-        *(value if isinstance(value, Interval) else Interval(value, value) for value in values)
-    )
+    """Make a rule of a function of intervals."""
+    return lambda _, __, *values: function(*map(_interval, values))
 
 
 _PLAIN: dict[str, Callable[..., Interval]] = {

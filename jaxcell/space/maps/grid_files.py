@@ -27,7 +27,7 @@ _HEADER = ("name", "cell", "origin", "robot_radius", "directions")
 
 
 class _Loader(yaml.BaseLoader):
-    """A loader without aliases, a few lines of which can expand beyond any memory."""
+    """A loader that refuses aliases, because a few lines of them may fill any memory."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         if self.check_event(yaml.AliasEvent):
@@ -175,9 +175,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
 
 
 def format_map_server(
-    fields: Mapping[str, Any],
-    environment: shapely.Polygon | shapely.MultiPolygon,
-    image: str,
+    fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon, image: str
 ) -> tuple[str, bytes]:
     """Write the YAML text and the PGM image of a map_server map.
 

@@ -1,28 +1,13 @@
-"""Map files: the choice of the format, our own JSON format, and safe writing.
+"""Map files: the choice of the format, the JSON format of jaxcell, and safe writing.
 
-The other formats are in `grid_files`. A map is the keyword arguments of `Workspace`.
-
-Our format is a JSON object. `format` ("jaxcell-map"), `version` (1) and `boundary` are required:
-
-```json
-{
-  "format": "jaxcell-map",
-  "version": 1,
-  "units": "m",
-  "name": "a room with a table",
-  "boundary": [[0, 0], [6, 0], [6, 5], [0, 5]],
-  "obstacles": [[[2, 2], [3, 2], [3, 3], [2, 3]]],
-  "robot_radius": 0.17,
-  "cell": 0.25,
-  "directions": 16
-}
-```
-
-`units` ("m" by default, or "cm", "mm", "ft") holds for all lengths of the file. Unknown keys are
-refused, so that a misspelt key is noticed.
+The other formats are in `grid_files`. A map is the keyword arguments of `Workspace`. In JSON,
+`format` ("jaxcell-map"), `version` (1) and `boundary` are required; `units` ("m" by default, or
+"cm", "mm", "ft") holds for all lengths of the file. Unknown keys are refused, so that a misspelt
+key is noticed.
 """
 
 import json
+import math
 import os
 import reprlib
 from collections.abc import Mapping
@@ -34,6 +19,7 @@ import shapely
 from ...base.documents import (
     check_file,
     checked_list,
+    checked_number,
     checked_pair,
     decode_json,
     read_text,
@@ -109,7 +95,7 @@ def write_map(
 
 
 def parse_json(text: str) -> dict[str, Any]:
-    """Read a map in our own format: keyword arguments of `Workspace`, with lengths in metres.
+    """Read a map in JSON: keyword arguments of `Workspace`, with lengths in metres.
 
     **Raises:** `ValueError` that names the field.
     """
@@ -145,7 +131,7 @@ def parse_json(text: str) -> dict[str, Any]:
 
 
 def format_json(fields: Mapping[str, Any]) -> str:
-    """Write the text of a map in our own format, in metres; reading it gives the same numbers."""
+    """Write the JSON text of a map, in metres; it is read back to the same numbers."""
     obstacles = ",\n".join(f"    {json.dumps(ring.tolist())}" for ring in fields["obstacles"])
     values = {
         "format": '"jaxcell-map"',
@@ -170,10 +156,5 @@ def _vertices(field: str, value: object, units: str) -> list[list[float]]:
 
 
 def _length(field: str, value: object, units: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise refused(field, "a number", value)
     metres, parts = _UNITS[units]
-    try:
-        return float(value) * metres / parts
-    except OverflowError:
-        raise ValueError(f"{field}: the number is too large") from None
+    return checked_number(field, value, most=math.inf) * metres / parts

@@ -9,9 +9,9 @@ from jaxtyping import Bool
 
 
 DIRECTIONS = 360
-"Directions in the environments of Figure 2.7."
+"Number of directions in the environments of Figure 2.7."
 ROOM = np.ones((125, 200), bool)
-"The free cells of their room: 200 x 125, with the static obstacle [70, 100] x [0, 20]."
+"The free cells of the room of Figure 2.7: 200 x 125, without the obstacle [70, 100] x [0, 20]."
 ROOM[:20, 70:100] = False
 _SQUARE = np.ones((25, 25), bool)
 _RECTANGLE = np.ones((18, 40), bool)
@@ -31,14 +31,14 @@ ENVIRONMENTS: dict[str, Callable[[np.random.Generator], list[np.ndarray]]] = {
 
 
 class Placement(NamedTuple):
-    """A room of Figure 2.7."""
+    """A room of Figure 2.7 with obstacles at random places."""
 
     free: Bool[np.ndarray, "rows columns"]
     "The free cells of the room."
     corners: list[tuple[int, int]]
     "Lower left corner (x, y) of each obstacle."
     side: int
-    "Side of the square."
+    "Side of the square obstacle, in cells."
 
 
 def place(seed: int, environment: str, run: int) -> Placement:

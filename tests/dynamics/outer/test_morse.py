@@ -1,4 +1,4 @@
-"""Morse sets are compared with CMGDB's published counts, and with brute force."""
+"""Morse sets equal the published counts of CMGDB, and sets by brute force."""
 
 import itertools
 
@@ -27,39 +27,31 @@ def logistic(x, p):
     return 1.4 * x * (1 - x)
 
 
+def cube(axes, cells):
+    return Box([0] * axes, [1.2] * axes, [cells] * axes)
+
+
 LESLIE_2 = Box([-0.001] * 2, [90, 70], [1, 1])
 LESLIE_3 = Box([-0.001] * 3, [90, 65, 45], [1, 1, 1])
-UNPADDED = dynamics.Corners(product)
+CORNERS, UNPADDED = dynamics.Corners(leslie), dynamics.Corners(product)
+PADDED, LINE = dynamics.Corners(logistic, padding=1.0), Box([-1], [1], [1024])
+# The depth and the check of each search, the sizes of the sets and the number of pairs in their
+# order, from benchmarks/references.json and Examples.ipynb of CMGDB.
+CMGDB = {
+    "intervals": (dynamics.Intervals(leslie, False), LESLIE_2, 20, 6, [1, 236, 1608, 55100], 5),
+    "corners": (CORNERS, LESLIE_2, 20, 4, [1, 45372], 1),
+    "3-D": (CORNERS, LESLIE_3, 21, 3, [1, 16724], 1),
+    "product": (UNPADDED, cube(2, 64), 0, 0, [1] * 25, 119),
+    "3-D product": (UNPADDED, cube(3, 32), 0, 0, [1] * 125, 1603),
+    "adaptive": (UNPADDED, cube(2, 16), 6, 4, [1] * 4, 5),
+    "padded": (PADDED, LINE, 0, 0, [1] * 8 + [6, 6], None),
+}
 
 
-# CMGDB's benchmarks/references.json and Examples.ipynb: sizes of the sets, and pairs in the order.
-@pytest.mark.parametrize(
-    ("images", "box", "options", "sizes", "pairs"),
-    [
-        (
-            dynamics.Intervals(leslie, mean_value=False),
-            LESLIE_2,
-            {"depth": 20, "check": 6},
-            [1, 236, 1608, 55100],
-            5,
-        ),
-        (dynamics.Corners(leslie), LESLIE_2, {"depth": 20, "check": 4}, [1, 45372], 1),
-        (dynamics.Corners(leslie), LESLIE_3, {"depth": 21, "check": 3}, [1, 16724], 1),
-        (UNPADDED, Box([0] * 2, [1.2] * 2, [64] * 2), {}, [1] * 25, 119),
-        (UNPADDED, Box([0] * 3, [1.2] * 3, [32] * 3), {}, [1] * 125, 1603),
-        (UNPADDED, Box([0] * 2, [1.2] * 2, [16] * 2), {"depth": 6, "check": 4}, [1] * 4, 5),
-        (
-            dynamics.Corners(logistic, padding=1.0),
-            Box([-1], [1], [1024]),
-            {},
-            [1] * 8 + [6, 6],
-            None,
-        ),
-    ],
-    ids=["intervals", "corners", "3-D", "product", "3-D product", "adaptive", "padded"],
-)
-def test_morse_sets_equal_those_of_cmgdb(images, box, options, sizes, pairs):
-    sets = dynamics.morse_sets(images, box, **options)
+@pytest.mark.parametrize("name", CMGDB)
+def test_morse_sets_equal_those_of_cmgdb(name):
+    images, box, depth, check, sizes, pairs = CMGDB[name]
+    sets = dynamics.morse_sets(images, box, depth=depth, check=check)
     assert sorted(sets.boxes.tolist()) == sizes
     assert pairs is None or sets.leads.sum() == pairs
     assert sets.proved == isinstance(images, dynamics.Intervals)
@@ -71,7 +63,7 @@ def drift(x, p):
 
 
 def brute(box, depth, images):
-    """Morse sets and their order, by every pair of boxes, in real numbers of turns."""
+    """Find Morse sets and their order by every pair of boxes, shifted by whole turns."""
     box = Box(box.lower, box.upper, [n << depth for n in box.cells], box.axes)
     width, low = box.width, np.array(box.lower)
     cells = np.arange(box.size)
@@ -89,13 +81,9 @@ def brute(box, depth, images):
             period = box.upper[axis] - box.lower[axis]
             # Faces and images may differ by rounding, which 1e-9 of a cell exceeds.
             edge = 1e-9 * width[axis]
+            starts = [lower[:, axis] + shift * period for shift in shifts]
             touched &= np.any(
-                [
-                    (lower[:, axis] + s * period <= b + edge)
-                    & (a - edge <= lower[:, axis] + s * period + width[axis])
-                    for s in shifts
-                ],
-                axis=0,
+                [(at <= b + edge) & (a - edge <= at + width[axis]) for at in starts], axis=0
             )
         graph.add_edges_from((k, int(j)) for j in np.flatnonzero(touched))
     sets = [
@@ -108,10 +96,9 @@ def brute(box, depth, images):
         for a, b in itertools.permutations(sets, 2)
         if b[0] in nx.descendants(graph, a[0])
     }
-    centre = lower + width / 2
-    return {tuple(map(tuple, centre[part].round(9))) for part in sets}, {
-        tuple(tuple(centre[k].round(9)) for k in pair) for pair in pairs
-    }
+    centre = [tuple(place) for place in (lower + width / 2).round(9)]
+    parts = {tuple(centre[k] for k in part) for part in sets}
+    return parts, {tuple(centre[k] for k in pair) for pair in pairs}
 
 
 @pytest.mark.parametrize("axes", ["sink", "clamp", ["periodic", "sink"], ["clamp", "periodic"]])
@@ -135,7 +122,7 @@ def test_morse_sets_equal_brute_force(axes, depth):
 
 
 def test_order_is_transitive_and_sets_that_end_orbits_come_first():
-    sets = dynamics.morse_sets(UNPADDED, Box([0] * 2, [1.2] * 2, [16] * 2), depth=6)
+    sets = dynamics.morse_sets(UNPADDED, cube(2, 16), depth=6)
     leads = sets.leads.astype(int)
     assert not ((leads @ leads > 0) & (leads == 0)).any()
     assert (np.triu(leads) == 0).all()
@@ -204,36 +191,32 @@ def test_images_of_samples_contain_images_of_boxes():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("arguments", "depth", "message"),
     [
-        (lambda: dynamics.Samples(np.zeros((1, 1)), np.full((1, 1), np.nan), 1.0), "finite"),
-        (
-            lambda: dynamics.Samples(np.array([[0.0], [1.0]]), np.array([[0.0], [2.0]]), 1.5),
-            "samples 0 and 1 contradict the bound: along axis 0 images differ by 0.5 more",
-        ),
-        (lambda: dynamics.morse_sets(henon, HENON, depth=-1), "depth: expected a number from 0"),
-        (lambda: dynamics.morse_sets(henon, Box([0], [1], [4])), "map: "),
-        (
-            lambda: dynamics.morse_sets(lambda x, p: p * x, HENON, np.float64(np.inf)),
-            "expected finite numbers",
-        ),
-        (
-            lambda: dynamics.morse_sets(lambda x, p: x, Box([1], [1 + 1e-15], [1]), depth=4),
-            "bisections leave cells without width",
-        ),
+        ((henon, HENON), -1, "depth: expected a number from 0"),
+        ((henon, Box([0], [1], [4])), 0, "map: "),
+        ((lambda x, p: p * x, HENON, np.float64(np.inf)), 0, "expected finite numbers"),
+        ((lambda x, p: x, Box([1], [1 + 1e-15], [1])), 4, "bisections leave cells without width"),
     ],
 )
-def test_wrong_input_is_refused(make, message):
+def test_wrong_input_is_refused(arguments, depth, message):
     with pytest.raises(ValueError, match=message):
-        make()
+        dynamics.morse_sets(*arguments, depth=depth)
+
+
+def test_samples_that_contradict_the_bound_are_refused():
+    with pytest.raises(ValueError, match="finite"):
+        dynamics.Samples(np.zeros((1, 1)), np.full((1, 1), np.nan), 1.0)
+    message = "samples 0 and 1 contradict the bound: along axis 0 images differ by 0.5 more"
+    with pytest.raises(ValueError, match=message):
+        dynamics.Samples(np.array([[0.0], [1.0]]), np.array([[0.0], [2.0]]), 1.5)
 
 
 def test_graph_that_exceeds_the_memory_is_refused(monkeypatch):
     monkeypatch.setattr("jaxcell.base.memory.free", lambda: 10**8)
+    box = Box([-1] * 2, [1] * 2, [64] * 2)
     with pytest.raises(MemoryError, match="the graph of images needs about"):
-        dynamics.morse_sets(
-            lambda x, p: jnp.sin(200 * x), Box([-1] * 2, [1] * 2, [64] * 2), depth=2
-        )
+        dynamics.morse_sets(lambda x, p: jnp.sin(200 * x), box, depth=2)
 
 
 def test_map_that_leaves_the_box_has_no_sets():

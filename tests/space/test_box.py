@@ -43,14 +43,14 @@ def test_cells_of_points_equal_numpy(corners, data):
             at = min(max(at, 0), count - 1)
         inside &= 0 <= at < count
         expected.append(int(at))
-    # A place that rounding moves over an edge may be on either side of it.
+    # Rounding decides the cell of a place at an edge.
     if (np.abs(place - np.round(place) + 1e-9) < 1e-10).any():
         return
     found = int(box.index(point))
     assert found == (np.ravel_multi_index(expected, box.cells) if inside else box.outside)
 
 
-def test_edge_belongs_to_the_upper_cell_and_the_last_edge_to_none():
+def test_edge_belongs_to_the_upper_cell_and_the_last_edge_is_outside():
     box = Box([0], [1], [10])
     edges = np.linspace(0, 1, 11)[:, None]
     assert box.index(edges).tolist() == list(range(11))
@@ -81,7 +81,7 @@ def test_far_points_do_not_overflow():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (([0, 0], [1, 0], [2, 2]), "axis 1 goes from 0 to 0: no volume"),
         (([0], [np.inf], [2]), "no volume"),
@@ -90,7 +90,7 @@ def test_far_points_do_not_overflow():
         (([0] * 4, [1] * 4, [1000] * 4), "more than the 2,147,483,646"),
     ],
 )
-def test_bad_boxes_are_refused(arguments, said):
-    with pytest.raises(ValueError, match=said) as refused:
+def test_bad_boxes_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message) as refused:
         Box(*arguments)
     assert "\n" not in str(refused.value)
