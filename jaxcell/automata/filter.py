@@ -23,8 +23,8 @@ class Filter:
     Alam 2018, Definitions 2.4.5 and 2.4.6.
 
     State 0 is the start, and states are numbered in breadth-first order, observation 0 before
-    observation 1. Use [`Filter.of`][] to make a filter; the constructor takes the parts and checks
-    that they match.
+    observation 1. [`Filter.of`][] makes a filter of an automaton; the constructor only checks that
+    its arguments match.
 
     Three cells in a ring, with a bump between cells 2 and 0:
 
@@ -46,7 +46,7 @@ class Filter:
     uncertainty: Int32[np.ndarray, "states"]
     "The number of possible configurations of each state, 0 in the trap."
     offsets: Int64[np.ndarray, "states+1"]
-    "The start of the configurations of each state in `members`."
+    "The place in `members` at which the configurations of each state begin, and their number."
     members: Int32[np.ndarray, "total"]
     "The configurations of each state in ascending order, one state after the other."
     open_world: bool = False
@@ -70,10 +70,10 @@ class Filter:
                 "transition: expected every observation and, as last state, a trap in an open world"
             )
         # The largest state met before each edge grows by 1; a state is met before its edges.
-        ordinary = self._ordinary
-        met = np.maximum.accumulate(np.append(0, ordinary.ravel()))
-        late = met[:-1:2] < np.arange(len(ordinary))
-        if met[-1] != len(ordinary) - 1 or np.any(np.diff(met) > 1) or np.any(late):
+        closed = self.closed_transition
+        met = np.maximum.accumulate(np.append(0, closed.ravel()))
+        late = met[:-1:2] < np.arange(len(closed))
+        if met[-1] != len(closed) - 1 or np.any(np.diff(met) > 1) or np.any(late):
             raise ValueError(
                 "transition: expected states in breadth-first order from state 0, each reached"
             )
@@ -124,11 +124,12 @@ class Filter:
     @functools.cached_property
     def cycles(self) -> tuple[KnowledgeCycle, ...]:
         """The knowledge cycles in the order of their smallest states, with colours 2, 3, ..."""
-        return knowledge_cycles(self._ordinary, self.uncertainty[: len(self._ordinary)])
+        transition = self.closed_transition
+        return knowledge_cycles(transition, self.uncertainty[: len(transition)])
 
     @property
-    def _ordinary(self) -> Int32[np.ndarray, "ordinary 2"]:
-        """The transitions without the trap; -1 if an observation is impossible."""
+    def closed_transition(self) -> Int32[np.ndarray, "ordinary 2"]:
+        """The transitions of the closed-world filter: without the trap, with -1 in its place."""
         if not self.open_world:
             return self.transition
         transition = self.transition[:-1]
@@ -148,7 +149,7 @@ class Filter:
         return color
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the possible configurations of the robot in a state, in ascending order.
+        """Return the possible configurations of a robot in a state, in ascending order.
 
         **Raises:** `ValueError` if the state does not exist.
         """
@@ -165,8 +166,8 @@ class Filter:
     def run(self, observations: Observations) -> "FilterRun":
         """Run the filter on observations 0 and 1, as numbers or as a string of digits.
 
-        **Raises:** `ValueError`, with its index, for an observation that is neither 0 nor 1, or
-        that is impossible in a closed-world filter.
+        **Raises:** `ValueError` for an observation that is neither 0 nor 1, or that is impossible
+        in a closed-world filter.
         """
         state = self.start()
         states = [state.index]
@@ -239,7 +240,7 @@ class FilterRun:
 
 @dataclasses.dataclass(slots=True, eq=False)
 class FilterState:
-    """The state of a filter after some observations; an observation returns another object.
+    """The state of a filter after some observations. An observation makes a new object.
 
     Each observation takes constant time and memory.
     """
@@ -297,7 +298,7 @@ class FilterState:
 
 
 def digits(observations: Observations) -> Iterable[int]:
-    """Return observations as numbers; those of a string are its digits."""
+    """Return observations as numbers, the digits of a string."""
     if isinstance(observations, np.ndarray):
         return observations.tolist()
     if not isinstance(observations, str):

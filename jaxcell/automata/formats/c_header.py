@@ -26,18 +26,18 @@ IN_FLASH = """\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 """
-"The end of the first comment, and the macros that read tables, in all headers."
+"The end of the first comment of all headers, and the macros that read their tables."
 
 USE = """\
  *
  *     ${name}_state state = ${NAME}_START;
  *     state = ${name}_next(state, observation);    after each observation, 0 or 1
 """
-"The use of a header, in its first comment."
+"The example in the first comment of all headers."
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Write the template of a table; its type is `bits` wide, by default that of its entries."""
+    """Write the template of a table; its entries have `bits` bits, by default a template field."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -47,7 +47,7 @@ def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -
 
 
 def look_up(entry: str, names: str, beyond: str) -> str:
-    """Write the template of the function that reads a table of states."""
+    """Write the template of the function that returns an entry of a table, by the state."""
     return (
         f"static inline uint${{{entry}_bits}}_t ${{name}}_{entry}(${{name}}_state state) {{\n"
         f"    if ($at >= ${{NAME}}_STATES) return {beyond};\n"
@@ -57,7 +57,7 @@ def look_up(entry: str, names: str, beyond: str) -> str:
 
 
 TRANSITIONS = table("transition", size="$states][2", bits="${state_bits}")
-"The state after each state and observation."
+"The table of the state after each state and observation."
 
 OBSERVATION_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -66,10 +66,10 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"The function of a state and an observation, each of which leads to a state."
+"The function that returns the next state from a table of transitions."
 
 KNOWLEDGE = table("color", "colors") + table("uncertainty", "uncertainties")
-"The color and the uncertainty of each state of a filter or a policy."
+"The tables of the colour and the uncertainty of each state of a filter or a policy."
 
 LOCALIZED = """\
 /* 1 if the robot cannot be in the map, else 0. */
@@ -114,10 +114,10 @@ $trap
 
 
 def to_c_header(filter: Filter, *, name: str = "filter") -> str:
-    """Write the filter as a C99 header for a microcontroller: small tables, and functions for them.
+    """Write a filter as a C99 header for a microcontroller: small tables and their functions.
 
-    **Arguments:** a filter, and the prefix of every name in the header, in which characters that C
-    does not allow become underscores. **Returns:** the text, with a comment that shows its use.
+    **Arguments:** a filter, and the prefix of every name in the header; characters that C does not
+    allow become underscores. **Returns:** the text, with a comment that shows its use.
 
     The filter of a ring of three cells:
 
@@ -152,7 +152,7 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
 
 
 def fill(template: string.Template, name: str, states: int, **fields: object) -> str:
-    """Fill in a template; numbers of `states` have a suffix for their type."""
+    """Fill in a template; the number of states gets the suffix of its C type."""
     name = identifier(name)
     suffix = "u" if states < 2**16 else "ul"
     return template.substitute(fields, name=name, NAME=name.upper(), states=states, suffix=suffix)

@@ -64,11 +64,10 @@ static inline int ${name}_localized(${name}_state state) {
 
 
 def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
-    """Write a machine as a C99 header for a microcontroller, as [`to_c_header`][].
+    """Write a machine as a C99 header for a microcontroller, as [`to_c_header`][] writes a filter.
 
-    A machine that reads runs counts the steps since the last bump, so that the program passes
-    observations, 0 for a step and 1 for a bump, to each kind of machine. Its output then stays the
-    same from bump to bump.
+    The program always passes observations, 0 for a step and 1 for a bump, because the header of a
+    machine that reads runs counts the steps since the last bump. Its output changes only at bumps.
 
     **Arguments:** a machine, and the prefix of every name. **Returns:** the text.
 
@@ -113,15 +112,15 @@ def fewest_bytes(
     seconds: float | int = 60.0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Smallest:
-    """Find the smallest machine in observations and that in runs, and take the smaller tables.
+    """Find the smallest machines that read observations and runs; return the one with fewer bytes.
 
-    **Arguments:** as for [`MooreMachine.of`][], and as for [`smallest`][] for each of the two
-    machines.
+    **Arguments:** as for [`MooreMachine.of`][], and as for [`smallest`][], for each of the two
+    searches.
 
-    **Returns:** the search for the machine that was taken; of equal tables, for that in
+    **Returns:** the search whose machine has the smaller tables; if they are equal, the search in
     observations.
 
-    For three cells in a ring one state per run takes more bytes than one per observation:
+    For three cells in a ring, the machine that reads runs takes more bytes:
 
         >>> from jaxcell import automata, examples
         >>> machine = automata.fewest_bytes(examples.ring()).machine
@@ -135,7 +134,7 @@ def fewest_bytes(
 
 
 def table_bits(machine: MooreMachine) -> dict[str, int]:
-    """Return the width of the entries of each table of [`machine_to_c_header`][]."""
+    """Return the number of bits of an entry of each table of [`machine_to_c_header`][]."""
     return {
         table: bits_for(max(int(values.max(initial=0)), table in _STATES and len(machine.color)))
         for table, values in _tables(machine).items()
@@ -143,7 +142,7 @@ def table_bits(machine: MooreMachine) -> dict[str, int]:
 
 
 def machine_bytes(machine: MooreMachine) -> int:
-    """Count the bytes of all tables of [`machine_to_c_header`][] together.
+    """Compute the total number of bytes of the tables of [`machine_to_c_header`][].
 
     **Arguments:** a machine. **Returns:** the number of bytes.
 
@@ -157,7 +156,7 @@ def machine_bytes(machine: MooreMachine) -> int:
     return sum(values.size * bits[name] // 8 for name, values in _tables(machine).items())
 
 
-# Tables of states, or of the number after the last one, which stands for IMPOSSIBLE.
+# Tables whose entries are states, or IMPOSSIBLE, the number after the last state.
 _STATES = ("transition", "target")
 
 

@@ -14,10 +14,11 @@ _SPACING = 90
 def to_jflap(
     filter: Filter, kind: Literal["fa", "moore"] = "moore", *, name: str = "filter"
 ) -> str:
-    """Write the filter as a `.jff` file of JFLAP 7.
+    """Write a filter as a `.jff` file of JFLAP 7.
 
-    **Arguments:** a filter; a note in the drawing; and a kind: a `"moore"` machine whose output is
-    the colour, or `"fa"`, a finite automaton whose final states are those of the knowledge cycles.
+    **Arguments:** a filter; the kind, a `"moore"` machine whose output is the colour, or `"fa"`, a
+    finite automaton whose final states are those of the knowledge cycles; and the text of a note in
+    the drawing.
 
     **Returns:** the text, with states in columns by their distance from the start.
 
@@ -61,7 +62,7 @@ def to_jflap(
 
 
 def _add(node: ElementTree.Element, **texts: object) -> None:
-    """Add elements with texts to a node."""
+    """Add elements with texts, by their tags, to a node."""
     for tag, text in texts.items():
         ElementTree.SubElement(node, tag).text = str(text)
 
@@ -71,7 +72,7 @@ def _place(x: int, y: int) -> dict[str, float]:
 
 
 def _columns(filter: Filter) -> Iterable[tuple[int, int]]:
-    """Compute the column of each state, its distance from the start, and its row in the column."""
+    """Compute the column of each state, its distance from the start, and its row."""
     column = [0] * len(filter.transition)
     height: list[int] = [1]
     row = [0] * len(filter.transition)
