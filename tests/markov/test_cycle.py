@@ -86,6 +86,23 @@ def test_time_in_two_nearly_closed_wells_has_its_digits(leak, monkeypatch):
     np.testing.assert_allclose(found[: 2 * size, 0], expected, rtol=1e-6)
 
 
+def test_chain_whose_aggregates_are_singular_is_eliminated(monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(trial=1, worthwhile=0, cycle=10))
+    # Pairs of states that change places, and leave so rarely that their rows sum to 1. One state
+    # in eight begins an aggregate, so that some pair is an aggregate that nothing leaves.
+    size, rare = 400, 1e-18
+    step = np.eye(size)[np.arange(size) ^ 1]
+    step[:-2, -2] = rare
+    step[-2:] /= 2
+    none = np.zeros((size, size))
+    matrix = scipy.sparse.csr_array(np.block([[none, step], [np.eye(size), none]]))
+    with pytest.raises(RuntimeError, match="singular"):
+        Cycle.of(matrix)(np.ones(2 * size))
+    found, _ = solve.solve_transient(matrix, np.ones((2 * size, 1)))
+    np.testing.assert_allclose(found[: size - 2, 0], 2 / rare, rtol=1e-12)
+    np.testing.assert_allclose(found[size - 2 : size, 0], 4 - 1, rtol=1e-12)
+
+
 def test_chain_with_phases_is_a_cycle_and_walk_is_not():
     matrix = tide(2)
     for one in (matrix, matrix.T.tocsr()):

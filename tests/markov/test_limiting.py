@@ -86,7 +86,7 @@ def test_weights_of_groups(weights, expected):
     ("weights", "message"),
     [
         ("mass", "expected 'basin', 'size' or an array, got 'mass'"),
-        (np.array([0.5, 0.25, 0.25]), r"expected 2, one a group, got shape \(3,\)"),
+        (np.array([0.5, 0.25, 0.25]), r"expected 2, one per group, got shape \(3,\)"),
         (np.array([0.5, 0.6]), r"sum to 1, got \[0.5, 0.6\]"),
         (np.array([1.5, -0.5]), r"from 0 that sum to 1, got \[1.5, -0.5\]"),
         (np.array([np.nan, 1.0]), r"got \[nan, 1.0\]"),
