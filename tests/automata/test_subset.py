@@ -13,7 +13,7 @@ from jaxcell.automata import subset, subset_construction
 
 
 def sets_one_by_one(image, observation):
-    """Subset construction over Python's own sets: rows of successors, and the sets, in order."""
+    """Construct subsets one by one. Returns the successors of each set, and the sets."""
     image, observation = image.tolist(), observation.tolist()
     start = frozenset(range(len(image)))
     number, queue, rows = {start: 0}, [start], []
@@ -46,18 +46,18 @@ def test_states_of_table_2_1(labs, room, angle, states):
 
 @pytest.mark.parametrize("narrow", [0, 48, 10**9])
 @given(data=st.data())
-def test_equals_sets_one_by_one(graphs, narrow, data):
+def test_automaton_equals_sets_one_by_one(graphs, narrow, data):
     graph = data.draw(graphs)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(subset, "NARROW", narrow)
         assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
 
 
-def test_equals_sets_one_by_one_on_larger_maps(labs, bounce):
+def test_automata_of_larger_maps_equal_sets_one_by_one(labs, bounce):
     rng = np.random.default_rng(0)
     graphs = [*labs.values(), bounce(rng.random((12, 20)) < 0.8, 36, 9)]
     graphs += [(rng.integers(0, n, n), rng.random(n) < 0.5) for n in (100, 1000, 3000)]
-    # Few observations of 1: large sets, and many levels.
+    # Few observations are 1, so that sets are large and levels many.
     graphs += [(rng.permutation(n), rng.random(n) < 0.1) for n in (100, 500)]
     for image, observation in graphs:
         found = subset_construction(image.astype(np.int32), observation)
@@ -65,7 +65,7 @@ def test_equals_sets_one_by_one_on_larger_maps(labs, bounce):
 
 
 @given(data=st.data())
-def test_equals_automata_lib(graphs, data):
+def test_automaton_equals_automata_lib(graphs, data):
     image, observation = data.draw(graphs)
     cells = range(image.size)
     nfa = NFA(
@@ -80,7 +80,7 @@ def test_equals_automata_lib(graphs, data):
     )
     dfa = DFA.from_nfa(nfa, retain_names=True, minify=False)
     transition, sets = lists(subset_construction(image, observation))
-    # The library's start holds its own extra state; its empty set, where it keeps one, is no state.
+    # The start of the library contains its extra state; its empty set is no state here.
     theirs = {
         (frozenset(s) - {"start"}, bit): frozenset(t) - {"start"}
         for s, row in dfa.transitions.items()
@@ -111,7 +111,7 @@ def test_hash_collisions_do_not_change_the_automaton(graphs, data, bits):
             patch.setattr(subset, "random_words", weak_words)
             patch.setattr(subset, "NARROW", narrow)
             assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
-    # Words of zero bits cannot tell any two sets apart.
+    # With words of zero bits, all sets have the same hash.
     if bits == 0 and len(sets_one_by_one(*graph)[1]) > 1:
         assert seeds == [0, 1, 2, 3] * 2
 
