@@ -11,14 +11,14 @@ from jaxcell.markov.decision import DecisionModel, policy_chain, value_iteration
 
 
 def of_policy(matrices, reward, policy, discount):
-    """The value of a policy in the source's convention, by a dense solve."""
+    """Compute the value of a policy, with the first reward discounted, by a dense solve."""
     cell = np.arange(len(policy))
     chosen = matrices[policy, cell]
     return np.linalg.solve(np.eye(len(policy)) - discount * chosen, discount * reward[policy, cell])
 
 
 def grid_model(seed, stays):
-    """Four directions on a torus, with noise; nothing leaves it, or something does in one cell."""
+    """Make a model of four noisy directions on a torus, which cell 0 leaves unless it `stays`."""
     side, draw = 7, np.random.default_rng(seed)
     y, x = np.divmod(np.arange(side * side), side)
     to = [((y + v) % side) * side + (x + u) % side for u, v in ((1, 0), (0, 1), (-1, 0), (0, -1))]
@@ -84,7 +84,7 @@ def test_gap_bounds_the_error_at_any_tolerance(stays, tolerance):
 
 
 def test_gap_is_small_if_nothing_leaves():
-    # All values are alike: the first sweep tells them.
+    # All values are equal, so that the first sweep finds them.
     chain = Chain(np.arange(5)[None], np.ones((1, 5)))
     found = value_iteration(DecisionModel.of([chain], np.full((1, 5), -2.0)), 0.9999)
     assert found.iterations == 1
@@ -99,7 +99,7 @@ def test_first_of_equal_actions_is_taken():
 
 
 def test_slightly_worse_action_is_not_taken():
-    # Beside the value of cell 0, what cell 1 gains by going on is rounding.
+    # Compared with the value of cell 0, the gain of the better action in cell 1 is rounding.
     ends, stays = np.zeros((2, 2)), np.diag([0.0, 1.0])
     chains = [Chain.from_scipy(stays), Chain.from_scipy(ends)]
     model = DecisionModel.of(chains, [[1e13, 0], [1e13, 1]])

@@ -10,13 +10,13 @@ from jaxcell.markov.solving.solve import solve_transient
 
 
 def exact(matrix, right):
-    """The columns of the solution of `x = right + matrix x`."""
+    """Solve `x = right + matrix x` in rational numbers."""
     gap = [[int(i == j) - x for j, x in enumerate(row)] for i, row in enumerate(matrix)]
     return np.array(solve_exactly(gap, right), float)
 
 
 def trap(cells=12, seed=0):
-    """A random chain whose cells are left once in some 10^24 steps: by ever rarer steps."""
+    """Draw a chain that is left once in some 10^24 steps, because each cell is rarer."""
     draw = np.random.default_rng(seed)
     matrix = [[Fraction(0)] * cells for _ in range(cells)]
     for i in range(cells):
@@ -42,7 +42,7 @@ def test_trap_left_once_in_1e24_steps_equals_fractions(adjoint):
     gain = np.array([[float(v) for v in row] for row in right])
     found = eliminate(scipy.sparse.csr_array(step), leaving, gain, adjoint=adjoint)
     np.testing.assert_allclose(found, expected, rtol=1e-13)
-    # The general solver notices by itself.
+    # The general solver eliminates this chain too.
     found, _ = solve_transient(scipy.sparse.csr_array(step), gain, adjoint=adjoint)
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     if not adjoint:
@@ -51,7 +51,7 @@ def test_trap_left_once_in_1e24_steps_equals_fractions(adjoint):
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_equals_dense(adjoint):
+def test_elimination_equals_a_dense_solve(adjoint):
     draw = np.random.default_rng(1)
     step = draw.random((30, 30)) * (draw.random((30, 30)) < 0.2)
     step *= 0.9 / max(1, step.sum(axis=1).max())

@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import birth_and_death, matrices, reachable
+from random_chains import birth_and_death, matrices, open_line, reachable
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -50,7 +50,7 @@ def test_hitting_equals_the_definition(matrix, data):
     there[target] = True
     found = hitting_times(Chain.from_scipy(matrix), target)
     assert found.certificate.outcome is Outcome.CONVERGED
-    # The chain that stops on the target arrives for sure from where nothing else absorbs it.
+    # A chain that stops in the target is certain to arrive if nothing else can absorb it.
     stopped = matrix.copy()
     stopped[there] = np.eye(cells)[there]
     reach = reachable(stopped)
@@ -64,7 +64,7 @@ def test_hitting_equals_the_definition(matrix, data):
 
 
 def test_birth_and_death_chain_has_known_values():
-    # Reflected at 0: from i to n takes n^2 - i^2 steps.
+    # The walk is reflected at 0, and takes n^2 - i^2 steps from i to n.
     n = 200
     up, down = np.full(n, 0.5), np.full(n, 0.5)
     up[0] = down[-1] = 1
@@ -110,8 +110,7 @@ def test_groups_of_another_chain_are_refused():
 
 
 def test_stalled_solve_is_reported(monkeypatch):
-    walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
-    chain = Chain.from_scipy(walk)
+    chain = Chain.from_scipy(open_line(60))
     groups = persistent_groups(chain)
     monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=50))
     found = absorption_times(chain, groups, throw=False)
@@ -123,8 +122,7 @@ def test_stalled_solve_is_reported(monkeypatch):
 
 
 def test_residual_bounds_the_relative_error(monkeypatch):
-    walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
-    chain = Chain.from_scipy(walk)
+    chain = Chain.from_scipy(open_line(60))
     groups = persistent_groups(chain)
     truth = np.asarray(absorption_times(chain, groups).value)
     for products in (500, 2000, 5000):
@@ -135,7 +133,7 @@ def test_residual_bounds_the_relative_error(monkeypatch):
 
 
 def slow_eddy(cells, leak, share):
-    """A random chain that leaves, from one cell only and almost never, for one of two ends."""
+    """Draw a chain that one cell leaves, almost never, for one of two ends."""
     draw = np.random.default_rng(1)
     P = np.zeros((cells + 2, cells + 2))
     P[-1, -1] = P[-2, -2] = 1

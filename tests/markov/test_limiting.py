@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
-from random_chains import birth_and_death, matrices
+from random_chains import birth_and_death, matrices, open_line
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -13,7 +13,7 @@ from jaxcell.markov.solving import solve
 
 
 def time_average(matrix):
-    """The limit of the averages of powers: that of the powers of the chain that rests at times."""
+    """Compute the limit of the powers of the chain that rests in half of its steps."""
     cells = len(matrix)
     full = np.zeros((cells + 1, cells + 1))
     full[:-1, :-1] = matrix
@@ -26,7 +26,7 @@ def time_average(matrix):
 
 
 @given(matrices())
-def test_equals_the_time_average_of_a_uniform_start(matrix):
+def test_distribution_is_the_time_average_of_a_uniform_start(matrix):
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)
     found = limiting_distribution(chain, groups)
@@ -121,7 +121,7 @@ def test_chain_without_groups_leaves_with_probability_1():
 
 def test_stalled_solve_is_reported(monkeypatch):
     n = 400
-    matrix = np.diag(np.full(n - 1, 0.5), 1) + np.diag(np.full(n - 1, 0.5), -1)
+    matrix = open_line(n)
     matrix[0, 0], matrix[-1, -1] = 0.25, 0.5
     matrix[0, 1] = 0.75
     chain = Chain.from_scipy(matrix)

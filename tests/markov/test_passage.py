@@ -13,7 +13,7 @@ STEPS = 12
 
 
 def by_taboo(matrix, start, there, steps):
-    """The law from powers of the matrix without the target."""
+    """Compute the law from powers of the matrix without the target."""
     inside = ~there
     among, into = matrix[inside][:, inside], matrix[inside][:, there].sum(axis=1)
     law = [start[there].sum()]
@@ -52,7 +52,7 @@ def test_law_on_a_complete_graph_is_geometric():
 @pytest.mark.parametrize(
     "start", [[1, 3], np.array([3, 1, 3]), np.arange(4) % 2 == 1, [0.0, 0.5, 0.0, 0.5]]
 )
-def test_start_is_a_cell_a_list_a_mask_or_a_distribution(start):
+def test_start_may_be_a_cell_a_list_a_mask_or_a_distribution(start):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     assert first_passage(chain, start, 0, 3).tolist() == [0, 0.5, 0, 0.5]
 

@@ -20,7 +20,7 @@ from jaxcell.markov.quantities import (
 )
 
 
-# The small example of Boyd's graph-Laplacian talk (ICM 2006).
+# The graph of 8 vertices and 13 edges in Boyd's talk on graph Laplacians (ICM 2006).
 EDGES = np.stack(np.divmod([12, 23, 34, 15, 28, 24, 65, 57, 73, 84, 67, 78, 27], 10), axis=1)
 DEGREE = np.bincount(EDGES.ravel())
 WEIGHTS = {
@@ -42,8 +42,8 @@ def walk(edges, weights):
 
 @st.composite
 def irreducible(draw):
-    """Matrices with few edges, among them those of a circle through all cells."""
-    # Few sizes, since each is compiled once.
+    """Draw a matrix with few edges, among them those of a circle through all cells."""
+    # There are few sizes, because JAX compiles once per size.
     n = draw(st.sampled_from([6, 6, 1]))
     matrix = np.roll(np.eye(n), 1, axis=1)
     edges = draw(st.lists(st.tuples(*[st.integers(0, n - 1)] * 2, st.integers(1, 5)), max_size=12))
@@ -92,11 +92,11 @@ def test_quantities_equal_their_definitions(matrix):
     np.testing.assert_allclose(dense.stationary(matrix), share, atol=1e-12)
     others = values[order[1:]]
     kemeny = np.sum(1 / (1 - others)).real
-    # Constant in the start, by two formulas.
+    # Kemeny's constant is the same for each start, and equals two formulas.
     np.testing.assert_allclose(np.asarray(found.value) @ share, kemeny, rtol=1e-9, atol=1e-12)
     assert kemeny_constant(chain) == pytest.approx(kemeny, rel=1e-9, abs=1e-12)
     assert dense.kemeny(matrix) == pytest.approx(kemeny, rel=1e-9, abs=1e-12)
-    # Defective eigenvalues are known to a root of the rounding only.
+    # The error of a defective eigenvalue is a root of the rounding.
     assert slem(chain) == pytest.approx(np.abs(others).max(initial=0), abs=1e-7)
     entropy = share @ scipy.special.entr(matrix).sum(axis=1)
     assert entropy_rate(chain) == pytest.approx(entropy, abs=1e-12)
@@ -109,7 +109,7 @@ def test_mixing_time_equals_a_search_step_by_step(matrix, distance):
     share = np.asarray(dense.stationary(matrix))
     power, time = np.eye(len(matrix)), 0
     while (apart := np.abs(power - share).sum(axis=1).max() / 2) > distance and time < 2000:
-        # Nearly as far as asked for is decided by rounding.
+        # Rounding decides if the distance nearly equals the limit.
         assume(apart > distance + 1e-10)
         power, time = power @ matrix, time + 1
     if time == 2000:
@@ -120,7 +120,7 @@ def test_mixing_time_equals_a_search_step_by_step(matrix, distance):
 
 
 def test_distance_that_is_met_exactly_counts_as_mixed():
-    # A lazy walk between two cells is 1/2 * 0.8^t from its distribution.
+    # After t steps, the distance of a lazy walk between two cells is 1/2 * 0.8^t.
     chain = Chain.from_scipy(np.array([[0.9, 0.1], [0.1, 0.9]]))
     for t in range(1, 12):
         assert mixing_time(chain, 0.5 * 0.8**t) == t

@@ -13,7 +13,7 @@ from jaxcell.markov.shortest_path import stochastic_shortest_path
 
 
 def arriving(matrix, goal):
-    """Probability of arriving and mean time of the ways that arrive, by dense solves."""
+    """Compute the probability of arriving, and the mean time over paths that arrive, densely."""
     cells = len(matrix)
     there = np.arange(cells) == goal
     stopped = np.where(there[:, None], 0, matrix)
@@ -36,7 +36,7 @@ def test_arriving_equals_dense_solves(matrix, data):
     np.testing.assert_allclose(found.value, probability, rtol=1e-10, atol=1e-14)
     times = conditional_hitting_times(chain, goal)
     np.testing.assert_allclose(times.value, time, rtol=1e-9)
-    # Surely, and not almost surely, where the hitting time is finite.
+    # The probability is exactly 1 where the hitting time is finite.
     finite = np.isfinite(hitting_times(chain, goal).value)
     np.testing.assert_array_equal(np.asarray(found.value) == 1, finite)
     for solution in (found, times):
@@ -59,7 +59,7 @@ def test_policy_is_the_surest_and_quickest_of_all(parts, data):
     surely = np.max([hits(matrices, policy, goal) for policy in policies(allowed)], axis=0)
     np.testing.assert_array_equal(np.isfinite(found.time), surely)
     np.testing.assert_array_equal(np.asarray(found.probability) == 1, surely)
-    # One policy has all of it.
+    # The policy attains all of them.
     own = arriving(matrices[np.asarray(found.policy), np.arange(cells)], goal)
     np.testing.assert_allclose(own[0], best, rtol=1e-9, atol=1e-13)
     np.testing.assert_allclose(own[1], found.conditional_time, rtol=1e-8)
@@ -72,8 +72,8 @@ def hits(matrices, policy, goal):
     return np.isfinite(hitting_times(chain, goal).value)
 
 
-def test_sure_is_preferred_to_quick():
-    # From 0: at once with probability 0.9, else lost; or for sure, by a detour.
+def test_certain_arrival_is_preferred_to_a_quick_one():
+    # From cell 0, the robot arrives at once with probability 0.9, else is lost; or by a detour.
     gamble = np.zeros((4, 4))
     gamble[0, 3] = 0.9
     detour = np.zeros((4, 4))

@@ -17,7 +17,7 @@ def random_chain(cells, seed):
 
 
 def leaving():
-    """From cell 0 to cell 1 with probability 1/4, and else out."""
+    """Make a chain that goes from cell 0 to cell 1 with probability 1/4, or leaves."""
     return Chain.from_scipy(np.array([[0, 0.25], [0, 1.0]]))
 
 
@@ -28,14 +28,14 @@ def hub():
 
 
 def distance(time, law):
-    """Between the distribution function of samples and that of a law."""
+    """Compute the distance of the distribution function of samples from that of a law."""
     count = np.bincount(time[np.isfinite(time)].astype(int), minlength=law.size)
     assert count[law.size :].sum() == 0
     return np.abs(np.cumsum(count[: law.size]) / time.size - np.cumsum(law)).max()
 
 
 def within(runs):
-    """A distance that samples of the law exceed once in 10^6 (Dvoretzky, Kiefer, Wolfowitz)."""
+    """Return a distance that is exceeded once in 10^6 times (Dvoretzky, Kiefer, Wolfowitz)."""
     return math.sqrt(math.log(2e6) / (2 * runs))
 
 
@@ -60,7 +60,7 @@ def test_distinct_starts_follow_the_exact_law():
 
 
 def test_all_sets_of_distinct_starts_are_equally_likely():
-    # Robots on a circle tell by their time which of them was nearest.
+    # The time of robots on a circle is the distance of the nearest one.
     n, runs = 6, 60_000
     chain = Chain((np.arange(n)[None] - 1) % n, np.ones((1, n)))
     found = simulate_arrival(jax.random.key(3), [chain] * 3, Distinct(range(n)), 0, runs)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
+from random_chains import open_line, steps_on_open_line
 
 from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.solve import Limits, solve_transient
@@ -64,22 +65,17 @@ def test_slow_chain_is_factored_and_fast_chain_is_not():
     fast = random_chain(300, 10, 3)
     _, products = solve_stationary(fast, np.zeros(300, np.int32))
     assert products % solve.LIMITS.trial != 0
-    step = np.full(400, 0.5)
-    walk = scipy.sparse.diags_array([step[1:], step[1:]], offsets=[-1, 1], shape=(400, 400))
-    inside = scipy.sparse.csr_array(walk)
-    found, products = solve_transient(inside, np.ones((400, 1)))
+    line = scipy.sparse.csr_array(open_line(400))
+    found, products = solve_transient(line, np.ones((400, 1)))
     assert products == solve.LIMITS.trial
-    # From cell i of a walk between two open ends: (i + 1) (n - i) steps.
-    i = np.arange(400)
-    np.testing.assert_allclose(found[:, 0], (i + 1) * (400 - i), rtol=1e-9)
+    np.testing.assert_allclose(found[:, 0], steps_on_open_line(400), rtol=1e-9)
 
 
 def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", Limits(factored=10))
-    walk = scipy.sparse.diags_array([np.full(19, 0.5)] * 2, offsets=[-1, 1], shape=(20, 20))
-    found, products = solve_transient(scipy.sparse.csr_array(walk), np.ones((20, 1)))
-    i = np.arange(20)
-    np.testing.assert_allclose(found[:, 0], (i + 1) * (20 - i), rtol=1e-9)
+    line = scipy.sparse.csr_array(open_line(20))
+    found, products = solve_transient(line, np.ones((20, 1)))
+    np.testing.assert_allclose(found[:, 0], steps_on_open_line(20), rtol=1e-9)
     assert products > solve.LIMITS.worthwhile
 
 
@@ -93,7 +89,7 @@ def two_levels(monkeypatch):
 
 
 def wandering(n):
-    """A walk in a square with drift in circles that is slow to leave at its border."""
+    """Return the matrix of a walk in circles in a square, which it leaves slowly at the border."""
     row, column = np.divmod(np.arange(n * n), n)
     step = scipy.sparse.lil_array((n * n, n * n))
     for cell, (r, c) in enumerate(zip(row, column, strict=True)):
@@ -108,7 +104,7 @@ def wandering(n):
 def test_chain_that_hardly_returns_is_solved_by_its_components(adjoint):
     draw = np.random.default_rng(7)
     step = np.triu(draw.random((80, 80)) < 0.05) * draw.random((80, 80))
-    # Two states that come back to each other, and the chain leaves the last for good.
+    # Only two states lead back to each other.
     step[41, 40] = step[40, 41] = 0.5
     step /= 1.1 * np.maximum(1, step.sum(axis=1, keepdims=True))
     order = draw.permutation(80)
@@ -173,11 +169,11 @@ def test_solution_without_right_hand_side_is_0():
 
 @st.composite
 def parts(draw):
-    """A chain of few branchings and a part of it that can be left from every cell."""
+    """Draw a chain of few branchings that it leaves in the end."""
     cells = draw(st.integers(1, 12))
     matrix = np.zeros((cells, cells))
     for i, row in enumerate(matrix):
-        # Mostly to a later cell, so that most of the time the part is left in the end.
+        # Most steps lead to a later cell, so that the chain usually leaves in the end.
         for image in draw(st.lists(st.integers(i + 1, cells + 1), min_size=1, max_size=2)):
             if image < cells:
                 row[image] += 0.5
@@ -185,20 +181,17 @@ def parts(draw):
         if draw(st.booleans()) and i:
             row *= 0.75
             row[draw(st.integers(0, i - 1))] += 0.25
-    leaks = matrix.sum(axis=1) < 1
-    leaks[-1] = True
     matrix[-1] *= 0.5
-    return matrix, leaks
+    return matrix
 
 
 @given(parts(), st.integers(0, 2**32 - 1))
-def test_parts_with_runs_equal_dense(part, seed):
-    matrix, _ = part
+def test_parts_with_runs_equal_dense(matrix, seed):
     draw = np.random.default_rng(seed)
     inside = draw.random(len(matrix)) < 0.8
     identity = np.eye(len(matrix))[inside][:, inside]
     step = matrix[inside][:, inside]
-    # Only parts that can be left from every cell count.
+    # The part must be left in the end.
     if np.linalg.matrix_power(step, 4000).sum() > 1e-9:
         return
     taken = Transient.of(scipy.sparse.csr_array(matrix), inside)
