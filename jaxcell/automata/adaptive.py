@@ -104,8 +104,7 @@ def adaptive_choice(
 
 
 def check_apart(
-    images: Integer[np.ndarray, "inputs states"],
-    observations: Integer[np.ndarray, "inputs states"],
+    images: Integer[np.ndarray, "inputs states"], observations: Integer[np.ndarray, "inputs states"]
 ) -> None:
     """Raise `ValueError` if two states have the same image and observation."""
     for i, (image, observation) in enumerate(zip(images, observations, strict=True)):
@@ -116,8 +115,7 @@ def check_apart(
 
 
 def levels(
-    images: Integer[np.ndarray, "inputs states"],
-    observations: Integer[np.ndarray, "inputs states"],
+    images: Integer[np.ndarray, "inputs states"], observations: Integer[np.ndarray, "inputs states"]
 ) -> list[Int[np.ndarray, "states"]]:
     """Compute the classes of states that no sequence of 0, 1, 2, ... inputs distinguishes.
 

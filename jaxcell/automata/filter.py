@@ -81,10 +81,7 @@ class Filter:
 
     @staticmethod
     def of(
-        automaton: Automaton,
-        *,
-        open_world: bool = False,
-        metadata: Mapping[str, Any] | None = None,
+        automaton: Automaton, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
     ) -> "Filter":
         """Colour a deterministic I-state automaton; an open-world filter has a trap.
 

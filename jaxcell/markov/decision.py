@@ -68,17 +68,13 @@ class DecisionModel:
                     f"0 has {shape[1]}"
                 )
         may = np.ones(shape, bool) if allowed is None else np.asarray(allowed)
-        if may.shape != shape or may.dtype != bool:
-            raise ValueError(
-                f"allowed: expected truth values [actions, cells] = {list(shape)}, got "
-                f"{may.dtype} {list(may.shape)}"
-            )
         gain = np.asarray(reward, np.float64)
-        if gain.shape != shape:
-            raise ValueError(
-                f"reward: expected an array [actions, cells] = {list(shape)}, got "
-                f"{list(gain.shape)}"
-            )
+        for name, array, dtype in (("allowed", may, bool), ("reward", gain, np.float64)):
+            if array.shape != shape or array.dtype != dtype:
+                raise ValueError(
+                    f"{name}: expected an array [actions, cells] = {list(shape)} of "
+                    f"{np.dtype(dtype)}, got {list(array.shape)} of {array.dtype}"
+                )
         gain = np.where(may, gain, 0)
         if not np.isfinite(gain).all():
             action, cell = np.argwhere(~np.isfinite(gain))[0]

@@ -1,5 +1,6 @@
 import dataclasses
 from collections.abc import Callable
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,10 @@ from ..mapping.classes import PersistentGroups, reaching
 from ..mapping.generalized import Chain, leaving_rows
 from .transient import Transient
 
+
+Cells: TypeAlias = Bool[np.ndarray, "cells"]
+"""A set of cells, as a mask."""
+_Ends: TypeAlias = Float[np.ndarray, "part ends"]
 
 # Tolerances of the relative error of a time, and of the absolute error of a probability.
 TIME_TOLERANCE = 1e-6
@@ -67,9 +72,7 @@ def absorption_probabilities(
     return Absorption(jax.device_put(value[:-1]), jax.device_put(value[-1]), certificate)
 
 
-def _ends(
-    part: Transient, gain: Float[np.ndarray, "part ends"]
-) -> tuple[Float[np.ndarray, "part ends"], Certificate]:
+def _ends(part: Transient, gain: _Ends) -> tuple[_Ends, Certificate]:
     """Compute the probability of each end, from the probabilities `gain` of ending in one step."""
     possible = gain.any(axis=0)
     if possible.sum() == 1:
@@ -92,17 +95,13 @@ def _ends(
     return value, Certificate(products, residual, PROBABILITY_TOLERANCE)
 
 
-def _error(
-    part: Transient, gain: Float[np.ndarray, "part ends"], value: Float[np.ndarray, "part ends"]
-) -> float:
+def _error(part: Transient, gain: _Ends, value: _Ends) -> float:
     """Compute the residual that [`absorption_probabilities`][] reports."""
     mean = np.abs(gain + part.step @ value - value).max(initial=0.0)
     return float(max(mean, np.abs(value.sum(axis=1) - 1).max(initial=0.0)))
 
 
-def _left(
-    part: Transient, gain: Float[np.ndarray, "part ends"], value: Float[np.ndarray, "part ends"]
-) -> Float[np.ndarray, "part ends"]:
+def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
     """Compute the residual for an iterative refinement, `gain + Q x - x`, from differences only.
 
     It is the sum of `p (x' - x)` over the steps from a cell. So each row counts as if it summed to
@@ -175,7 +174,7 @@ def with_moved(solution: Solution, chain: Chain, solve: Callable[[Chain], Soluti
 
 def times_until_left(
     matrix: scipy.sparse.csr_array,
-    inside: Bool[np.ndarray, "cells"],
+    inside: Cells,
     time: Float[np.ndarray, "cells"],
     what: str,
     throw: bool,
@@ -191,9 +190,7 @@ def times_until_left(
     return Solution(jax.device_put(time), certificate)
 
 
-def prospects(
-    matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
-) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
+def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
     """Find the cells from which a chain can arrive in a set, and those from which it can fail to.
 
     Returns two masks. `there` is the mask of the set.
@@ -207,7 +204,7 @@ def prospects(
 
 
 def leaving_times(
-    matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
+    matrix: scipy.sparse.csr_array, inside: Cells
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
     """Compute the expected number of steps until a chain leaves the cells `inside`.
 
@@ -236,9 +233,7 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
     return np.asarray(groups.group)
 
 
-def cell_mask(
-    cells: int, listed: npt.ArrayLike | int, name: str = "target"
-) -> Bool[np.ndarray, "cells"]:
+def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
     """Return the mask of a cell, a list of cells, or a mask; `name` names the argument in errors.
 
     **Raises:** `ValueError` for a set that is empty or has a cell that does not exist.

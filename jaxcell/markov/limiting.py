@@ -104,9 +104,7 @@ def _weights(
 
 
 def _basins(
-    matrix: scipy.sparse.csr_array,
-    count: int,
-    group: Int[np.ndarray, "cells"],
+    matrix: scipy.sparse.csr_array, count: int, group: Int[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "groups"], float, int]:
     leaving = leaving_rows(matrix)
     if count == 1 and not leaving.any():

@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+from typing import TypeAlias
 
 import jax
 import numpy as np
@@ -16,6 +17,11 @@ from .decision import DecisionModel
 from .hitting import PROBABILITY_TOLERANCE, TIME_TOLERANCE, cell_mask, leaving_times
 from .transient import Transient
 
+
+_Cells: TypeAlias = Bool[np.ndarray, "cells"]
+_Values: TypeAlias = Float[np.ndarray, "cells"]
+_Policy: TypeAlias = Int[np.ndarray, "cells"]
+_Usable: TypeAlias = Bool[np.ndarray, "actions cells"]
 
 # Relative gain up to which a policy is not changed.
 _BETTER = 1e-11
@@ -109,8 +115,8 @@ class _Moves:
     """The steps of all actions: a matrix with a row per action and cell, action after action."""
 
     matrix: scipy.sparse.csr_array
-    allowed: Bool[np.ndarray, "actions cells"]
-    stays: Bool[np.ndarray, "actions cells"]
+    allowed: _Usable
+    stays: _Usable
     "`True` if the action cannot leave the space."
 
     @classmethod
@@ -129,15 +135,15 @@ class _Moves:
         """The row and the column of every possible step, row by row."""
         return self.matrix.nonzero()
 
-    def of_policy(self, policy: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
+    def of_policy(self, policy: _Policy) -> scipy.sparse.csr_array:
         """Return the transition matrix of a policy."""
         return self.matrix[policy * self.cells + np.arange(self.cells)]
 
-    def expected(self, value: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "actions cells"]:
+    def expected(self, value: _Values) -> Float[np.ndarray, "actions cells"]:
         """Compute the expected value one step later."""
         return (self.matrix @ value).reshape(self.allowed.shape)
 
-    def joint(self, usable: Bool[np.ndarray, "actions cells"]) -> scipy.sparse.csr_array:
+    def joint(self, usable: _Usable) -> scipy.sparse.csr_array:
         """Return the graph of all possible steps of usable actions."""
         row, column = self.steps
         kept = usable.ravel()[row]
@@ -146,12 +152,7 @@ class _Moves:
         ones = np.ones(row.size)
         return scipy.sparse.csr_array((ones, (row, column)), shape=(self.cells, self.cells))
 
-    def nearer(
-        self,
-        policy: Int[np.ndarray, "cells"],
-        usable: Bool[np.ndarray, "actions cells"],
-        target: Bool[np.ndarray, "cells"],
-    ) -> Int[np.ndarray, "cells"]:
+    def nearer(self, policy: _Policy, usable: _Usable, target: _Cells) -> _Policy:
         """Change a policy to usable actions that may lead to a cell fewer steps from a target."""
         after = next_cells(self.joint(usable), target)
         row, column = self.steps
@@ -163,9 +164,7 @@ class _Moves:
         return policy
 
 
-def _sure(
-    moves: _Moves, usable: Bool[np.ndarray, "actions cells"], there: Bool[np.ndarray, "cells"]
-) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "actions cells"]]:
+def _sure(moves: _Moves, usable: _Usable, there: _Cells) -> tuple[_Cells, _Usable]:
     """Find the cells from which some policy is certain to arrive, and the actions to do so.
 
     These actions stay among these cells. The cells are what is left after the repeated removal of
@@ -187,12 +186,8 @@ def _sure(
 
 
 def _surest(
-    moves: _Moves,
-    policy: Int[np.ndarray, "cells"],
-    usable: Bool[np.ndarray, "actions cells"],
-    sure: Bool[np.ndarray, "cells"],
-    maybe: Bool[np.ndarray, "cells"],
-) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
+    moves: _Moves, policy: _Policy, usable: _Usable, sure: _Cells, maybe: _Cells
+) -> tuple[_Values, _Policy, Certificate]:
     """Improve a policy, which may arrive from all cells of `maybe`, to the largest probability.
 
     Returns the probability of arriving, the policy, and a certificate with the possible gain.
@@ -219,12 +214,8 @@ def _surest(
 
 
 def _quickest(
-    moves: _Moves,
-    policy: Int[np.ndarray, "cells"],
-    keeps: Bool[np.ndarray, "actions cells"],
-    probability: Float[np.ndarray, "cells"],
-    there: Bool[np.ndarray, "cells"],
-) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
+    moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, there: _Cells
+) -> tuple[_Values, _Policy, Certificate]:
     """Improve a policy to the least time, by actions that keep the probability of arriving.
 
     Returns the expected times over the paths that arrive, the policy, and a certificate with the

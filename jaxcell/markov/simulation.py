@@ -218,10 +218,7 @@ def _place_apart(
 
 @jax.jit
 def _walk(
-    key: jax.Array,
-    tables: _Tables,
-    cells: Int[Array, "robots runs"],
-    horizon: Int[Array, ""],
+    key: jax.Array, tables: _Tables, cells: Int[Array, "robots runs"], horizon: Int[Array, ""]
 ) -> Float[Array, "runs"]:
     """Walk from the starts until all runs have arrived or are given up; return their times.
 

@@ -78,23 +78,29 @@ def test_knowledge_cycles_are_the_closed_simple_cycles(graphs, data, open_world)
 
 
 @given(data=st.data(), string=strings)
-def test_cells_of_a_state_are_all_possible_cells(graphs, data, string):
+def test_states_along_a_string_have_all_possible_cells(graphs, data, string):
     graph = data.draw(graphs)
     filter = filter_of(graph, open_world=True)
-    run = filter.run(string)
-    refuted_at = None
+    run, state = filter.run(string), filter.start()
+    refuted_at = localized_at = None
     for time in range(len(string) + 1):
         cells = possible_cells(graph, string[:time])
-        assert filter.cells(int(run.states[time])).tolist() == cells
-        assert filter.uncertainty[run.states[time]] == len(cells)
         if not cells and refuted_at is None:
             refuted_at = time - 1
-    assert run.refuted_at == refuted_at
-    np.testing.assert_array_equal(run.colors, filter.color[run.states])
-    in_cycle = [
-        any(state in cycle.states for cycle in filter.cycles) for state in run.states.tolist()
-    ]
-    assert run.localized_at == (in_cycle.index(True) if any(in_cycle) else None)
+        localized = any(state.index in cycle.states for cycle in filter.cycles)
+        if localized and localized_at is None:
+            localized_at = time
+        assert (state.index, state.time) == (run.states[time], time)
+        assert state.color == run.colors[time] == filter.color[state.index]
+        assert state.cells.tolist() == filter.cells(state.index).tolist() == cells
+        assert state.uncertainty == filter.uncertainty[state.index] == len(cells)
+        assert state.localized == localized
+        assert state.refuted == (state.index == filter.trap) == (not cells)
+        assert state.refuted_at == refuted_at
+        if time < len(string):
+            before, state = state, state.observe(int(string[time]))
+            assert before.time == time
+    assert (run.refuted_at, run.localized_at) == (refuted_at, localized_at)
 
 
 @given(data=st.data(), string=strings)
@@ -109,24 +115,6 @@ def test_strings_that_lead_to_the_trap_are_impossible_in_a_closed_world(graphs, 
             closed.run(string)
         assert (run.states[run.refuted_at + 1 :] == opened.trap).all()
         assert (run.states[: run.refuted_at + 1] != opened.trap).all()
-
-
-@given(data=st.data(), string=strings)
-def test_states_one_by_one_equal_a_run(graphs, data, string):
-    filter = filter_of(data.draw(graphs), open_world=True)
-    run = filter.run(string)
-    state = filter.start()
-    for time in range(len(string) + 1):
-        assert (state.index, state.time) == (run.states[time], time)
-        assert state.color == run.colors[time]
-        assert state.uncertainty == filter.uncertainty[state.index]
-        assert state.localized == (1 < state.color < 2 + len(filter.cycles))
-        assert state.refuted == (state.index == filter.trap)
-        assert state.refuted_at == (run.refuted_at if state.refuted else None)
-        np.testing.assert_array_equal(state.cells, filter.cells(state.index))
-        if time < len(string):
-            before, state = state, state.observe(int(string[time]))
-            assert before.time == time
 
 
 def test_every_robot_is_localized_and_is_in_one_of_the_possible_cells(labs):

@@ -37,8 +37,7 @@ def lists(automaton):
 
 
 @pytest.mark.parametrize(
-    ("room", "angle", "states"),
-    [("a", 45, 129), ("a", 135, 124), ("b", 45, 147), ("b", 135, 202)],
+    ("room", "angle", "states"), [("a", 45, 129), ("a", 135, 124), ("b", 45, 147), ("b", 135, 202)]
 )
 def test_states_of_table_2_1(labs, room, angle, states):
     assert len(subset_construction(*labs[room, angle]).transition) == states

@@ -144,7 +144,10 @@ def test_bad_models_and_policies_are_refused():
         (([chain], np.zeros((2, 2))), r"reward: expected an array \[actions, cells\] = \[1, 2\]"),
         (([chain], [[0.0, np.nan]]), r"reward\[0, 1\] is nan"),
         (([chain], np.zeros((1, 2)), [[True, False]]), "no action is allowed in cell 1"),
-        (([chain], np.zeros((1, 2)), [[1, 1]]), "allowed: expected truth values"),
+        (
+            ([chain], np.zeros((1, 2)), [[1, 1]]),
+            r"allowed: expected .* of bool, got",
+        ),
     ]:
         with pytest.raises(ValueError, match=message):
             DecisionModel.of(*arguments)

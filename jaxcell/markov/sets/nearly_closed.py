@@ -1,4 +1,5 @@
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -10,6 +11,11 @@ from ...mapping import Chain, ChainSequence
 from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace
 
+
+_Labels: TypeAlias = Int[np.ndarray, "cells"]
+_Mass: TypeAlias = Float[np.ndarray, "cells"]
+_PerSet: TypeAlias = Float[np.ndarray, "sets"]
+_Functions: TypeAlias = Float[np.ndarray, "cells sets"]
 
 # Candidates for the level of a set. Cells belong to the set if their values are above this level,
 # relative to the largest value.
@@ -176,14 +182,14 @@ class _Search:
     window: Window
     blurred: Window
     "The window followed by the blur."
-    mass: Float[np.ndarray, "cells"]
+    mass: _Mass
     "The mass at the start, with sum 1."
 
     @classmethod
     def of(
         cls,
         chain: Chain | ChainSequence,
-        mass: Float[np.ndarray, "cells"] | None,
+        mass: _Mass | None,
         steps: int | None,
         start: int,
         blur: Chain | None,
@@ -249,11 +255,8 @@ class _Search:
         return self._result(basin, region, leakage, values, functions, throw)
 
     def _thresholded(
-        self,
-        first: Float[np.ndarray, "cells sets"],
-        last: Float[np.ndarray, "cells sets"] | None,
-        after: Float[np.ndarray, "cells"],
-    ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Float[np.ndarray, "sets"]]:
+        self, first: _Functions, last: _Functions | None, after: _Mass
+    ) -> tuple[_Labels, _Labels, _PerSet]:
         """Choose the levels of sets. Returns the sets at the start and at the end, and the leakage.
 
         Each column of `first` and `last` is large on one set, at the start and at the end; `last`
@@ -284,9 +287,9 @@ class _Search:
 
     def _result(
         self,
-        begin: Int[np.ndarray, "cells"],
-        end: Int[np.ndarray, "cells"],
-        leakage: Float[np.ndarray, "sets"],
+        begin: _Labels,
+        end: _Labels,
+        leakage: _PerSet,
         value: Float[np.ndarray, "values"],
         span: Subspace,
         throw: bool,
@@ -308,11 +311,7 @@ class _Search:
         )
 
 
-def _members(
-    values: Float[np.ndarray, "cells sets"],
-    mass: Float[np.ndarray, "cells"],
-    level: Float[np.ndarray, "sets"] | float,
-) -> Int[np.ndarray, "cells"]:
+def _members(values: _Functions, mass: _Mass, level: _PerSet | float) -> _Labels:
     """Return the set of each cell: the one with the largest value, or -1 below its level."""
     largest = values.argmax(axis=1)
     above = (values > level)[np.arange(mass.size), largest]
@@ -352,7 +351,7 @@ def _orthogonal(matrix: Float[np.ndarray, "rows rows"]) -> Float[np.ndarray, "ro
     return left @ right
 
 
-def _densest(mass: Float[np.ndarray, "cells sets"]) -> np.ndarray:
+def _densest(mass: _Functions) -> np.ndarray:
     """Find the fewest cells with `_GATHERED` of the mass of each set. Returns a mask per set."""
     order = np.argsort(-mass, axis=0)
     held = np.cumsum(np.take_along_axis(mass, order, axis=0), axis=0)

@@ -1,5 +1,6 @@
 import dataclasses
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -10,6 +11,8 @@ from scipy.sparse import linalg
 from ...base.process import one_blas_thread
 from ...mapping import Chain, ChainSequence
 
+
+_Columns: TypeAlias = Inexact[np.ndarray, "cells *columns"]
 
 # If a matrix has at most this many rows, all its eigenvalues are computed.
 _MAX_DENSE = 200
@@ -54,17 +57,13 @@ class Window:
         """Number of cells."""
         return self.matrices[0].shape[0]
 
-    def push(
-        self, mass: Inexact[np.ndarray, "cells *columns"]
-    ) -> Inexact[np.ndarray, "cells *columns"]:
+    def push(self, mass: _Columns) -> _Columns:
         """Compute the mass of each cell at the end of the window from the mass at its start."""
         for matrix in self.matrices:
             mass = matrix.T @ mass
         return mass
 
-    def pull(
-        self, value: Inexact[np.ndarray, "cells *columns"]
-    ) -> Inexact[np.ndarray, "cells *columns"]:
+    def pull(self, value: _Columns) -> _Columns:
         """Compute the expected value at the end of the window, for a start in each cell."""
         for matrix in reversed(self.matrices):
             value = matrix @ value

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -8,6 +9,9 @@ from scipy.sparse import csgraph
 
 from ...base.process import one_blas_thread
 
+
+Columns: TypeAlias = Float[np.ndarray, "rows columns"]
+"""Right-hand sides or solutions of several systems with one matrix."""
 
 # Number of states that are eliminated together, by one product of matrices.
 _BLOCK = 16
@@ -52,11 +56,11 @@ class Levels:
 def eliminate(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows"],
-    right: Float[np.ndarray, "rows columns"],
+    right: Columns,
     levels: Levels | None = None,
     *,
     adjoint: bool = False,
-) -> Float[np.ndarray, "rows columns"]:
+) -> Columns:
     """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, without a subtraction.
 
     States are eliminated one after the other (Grassmann, Taksar and Heyman 1985). The probability
@@ -117,11 +121,11 @@ class _Factor:
         np.fill_diagonal(triangles, on)
         return cls(before, here, triangles, front[:keep, keep:] / on, front[keep:, :keep].copy())
 
-    def inward(self, x: Float[np.ndarray, "rows columns"], adjoint: bool) -> None:
+    def inward(self, x: Columns, adjoint: bool) -> None:
         x[self.here] = self._solve(x[self.here], lower=adjoint, adjoint=adjoint)
         x[self.before] += (self.back.T if adjoint else self.into) @ x[self.here]
 
-    def outward(self, x: Float[np.ndarray, "rows columns"], adjoint: bool) -> None:
+    def outward(self, x: Columns, adjoint: bool) -> None:
         right = x[self.here] + (self.into.T if adjoint else self.back) @ x[self.before]
         x[self.here] = self._solve(right, lower=not adjoint, adjoint=adjoint)
 

@@ -35,7 +35,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csgraph, linalg
 
 from .cycle import Cycle
-from .elimination import Levels, eliminate
+from .elimination import Columns, Levels, eliminate
 from .two_level import TwoLevel
 
 
@@ -84,11 +84,8 @@ _ROUNDING, _ENOUGH = 4e-16, 1e-10
 
 
 def solve_transient(
-    step: scipy.sparse.csr_array,
-    right: Float[np.ndarray, "rows columns"],
-    *,
-    adjoint: bool = False,
-) -> tuple[Float[np.ndarray, "rows columns"], int]:
+    step: scipy.sparse.csr_array, right: Columns, *, adjoint: bool = False
+) -> tuple[Columns, int]:
     """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, for `step`, the matrix `Q`.
 
     Its powers must tend to 0, and `right` must not be negative. Returns the solution and the number
@@ -114,10 +111,10 @@ def solve_transient(
 def factor_and_solve(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows 1"],
-    right: Float[np.ndarray, "rows columns"],
+    right: Columns,
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
-) -> tuple[Float[np.ndarray, "rows columns"] | None, int, bool]:
+) -> tuple[Columns | None, int, bool]:
     """Solve as [`solve_transient`][] by a factorisation of `I - Q`, or roughly if it is large.
 
     `leaving` is the probability of leaving from each row, and `order` the order in which rows are
@@ -144,9 +141,9 @@ def factor_and_solve(
 def eliminate_unless_large(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows 1"],
-    right: Float[np.ndarray, "rows columns"],
+    right: Columns,
     adjoint: bool,
-) -> Float[np.ndarray, "rows columns"] | None:
+) -> Columns | None:
     """Solve by [`eliminate`][]; return `None` if it would take too many multiplications."""
     levels = Levels.of(step)
     if levels.work > LIMITS.elimination:
@@ -163,9 +160,7 @@ def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | No
     return np.argsort(label, kind="stable") if most <= _MAX_FILL * step.nnz else None
 
 
-def _by_products(
-    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
-) -> tuple[Float[np.ndarray, "rows columns"], int, bool]:
+def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
     """Sum the series of products. Returns the sum, their number, and whether it converged."""
     total, term = right.copy(), right
     first = float(right.max())
@@ -183,7 +178,7 @@ def _by_products(
 
 def _factored(
     matrix: scipy.sparse.csr_array, order: Int[np.ndarray, "rows"] | None = None
-) -> Callable[..., Float[np.ndarray, "rows columns"]]:
+) -> Callable[..., Columns]:
     """Factor `I - matrix`. Returns a function that solves with it or with its transpose.
 
     **Raises:** `RuntimeError` if the matrix is singular up to rounding.
@@ -202,9 +197,7 @@ def _factored(
             panel_size=1,
         )
 
-    def solve(
-        right: Float[np.ndarray, "rows columns"], adjoint: bool = False
-    ) -> Float[np.ndarray, "rows columns"]:
+    def solve(right: Columns, adjoint: bool = False) -> Columns:
         step, form = (matrix.T, "T") if adjoint else (matrix, "N")
         total = np.empty_like(right)
         total[order] = factor.solve(right[order], form)
@@ -228,8 +221,8 @@ def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
 
 
 def _solve_large(
-    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"], attempt: _Attempt
-) -> tuple[Float[np.ndarray, "rows columns"] | None, int]:
+    matrix: scipy.sparse.csr_array, right: Columns, attempt: _Attempt
+) -> tuple[Columns | None, int]:
     """Solve by repeated rough solves. If they do not converge, solve by products.
 
     Returns the solution, or `None` if the matrix should be factored completely instead, and the

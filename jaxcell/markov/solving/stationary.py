@@ -10,6 +10,7 @@ still singular up to rounding.
 
 import contextlib
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse
@@ -18,6 +19,9 @@ from jaxtyping import Float, Int
 from . import solve
 from .elimination import eliminate
 
+
+_Shares: TypeAlias = Float[np.ndarray, "cells"]
+_Classes: TypeAlias = Int[np.ndarray, "cells"]
 
 # Largest 1-norm of the difference of the distributions that follow from two starts.
 _FORGOTTEN = 1e-9
@@ -31,9 +35,7 @@ _SURE = 1e-10
 _SEED = 0
 
 
-def solve_stationary(
-    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "cells"], int]:
+def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int]:
     """Compute the stationary distribution of each closed class: `x = P' x` with sum 1.
 
     `step` is the matrix `P`, without steps between classes, and `group` the class of each cell,
@@ -82,7 +84,7 @@ def solve_stationary(
 class Rooted:
     """The classes without their roots, whose shares are set to 1."""
 
-    group: Int[np.ndarray, "cells"]
+    group: _Classes
     "The class of each cell."
     others: Int[np.ndarray, "others"]
     "The cells that are not roots."
@@ -94,12 +96,7 @@ class Rooted:
     "The probability of a step from the root to each other cell."
 
     @classmethod
-    def of(
-        cls,
-        step: scipy.sparse.csr_array,
-        group: Int[np.ndarray, "cells"],
-        likely: Float[np.ndarray, "cells"],
-    ) -> "Rooted":
+    def of(cls, step: scipy.sparse.csr_array, group: _Classes, likely: _Shares) -> "Rooted":
         """Take the likeliest cell of each class as its root."""
         peak = np.zeros(np.bincount(group).size)
         np.maximum.at(peak, group, likely)
@@ -111,7 +108,7 @@ class Rooted:
         among = step[others][:, others]
         return cls(group, others, among, (step @ root)[others], (step.T @ root)[others])
 
-    def shares(self, others: Float[np.ndarray, "others 1"]) -> Float[np.ndarray, "cells"]:
+    def shares(self, others: Float[np.ndarray, "others 1"]) -> _Shares:
         """Return the distribution, from the shares of the other cells relative to their roots."""
         x = np.ones(self.group.size)
         x[self.others] = others[:, 0]
@@ -133,9 +130,7 @@ class Rooted:
         return eliminate(self.step, self.leaving[:, 0], identity)
 
 
-def _by_products(
-    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "cells"], int, bool]:
+def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int, bool]:
     """Converge by products, from a uniform and from a random start.
 
     Returns the distribution, the number of products, and whether both starts converge to it.
@@ -154,12 +149,8 @@ def _by_products(
 
 
 def _converge(
-    matrix: scipy.sparse.csr_array,
-    x: Float[np.ndarray, "cells"],
-    goal: float,
-    *,
-    limit: Float[np.ndarray, "cells"] | None = None,
-) -> tuple[Float[np.ndarray, "cells"], int, bool]:
+    matrix: scipy.sparse.csr_array, x: _Shares, goal: float, *, limit: _Shares | None = None
+) -> tuple[_Shares, int, bool]:
     """Apply products until the 1-norm of the last change, or the distance to `limit`, is at most
     `goal`, or until a factorisation will be faster.
 
