@@ -37,11 +37,11 @@ class Decisions:
     upper: list[int]
     "For each root, the cost of this strategy."
     searched: int
-    "Number of sets whose choices were all examined."
+    "Number of sets for which all inputs were examined."
 
     @property
     def optimal(self) -> bool:
-        """`True` if no strategy costs less, by proof."""
+        """`True` if it is proved that no strategy costs less."""
         return self.lower == self.upper
 
 
@@ -159,7 +159,7 @@ class Search:
         self.after: list[list[dict[int, int]] | None] = []
 
     def number(self, states: tuple[int, ...]) -> int:
-        """Return the number of a set; a new set gets the bounds of its pairs."""
+        """Return the number of a set; a set without a number gets the next one."""
         number = self.numbers.setdefault(states, len(self.sets))
         if number == len(self.sets):
             bound = self._bound(states)
@@ -171,7 +171,7 @@ class Search:
         return number
 
     def _bound(self, states: tuple[int, ...]) -> int:
-        """Compute the least cost of a set from its pairs of states; 0 if the set is settled."""
+        """Compute a lower bound on the cost of a set from pairs of states; 0 if it is settled."""
         final, place = self.levels[-1], self.place
         if len(states) == 1:
             return 0

@@ -14,9 +14,9 @@ _COIN = 0.5
 # The expected entropy ignores bumps after this many steps, or if they are less probable than this.
 _MAX_STEPS, _REST = 100, 1e-3
 NOWHERE = 0.99
-"A robot stops if the probability that it is nowhere on the map is at least this."
+"Least probability of being nowhere on the map at which a robot stops."
 SMALL = 4
-"A robot is localized if its credible set has at most this many configurations."
+"Largest number of configurations in the credible set of a localized robot."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class BeliefState:
     nowhere: float
     "The probability that the robot is in no cell; all probabilities sum to 1."
     turn: int | None = None
-    "The number of the angle by which the robot turns now, after a bump."
+    "The number of the angle by which the robot turns after a bump; `None` after a step."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
 
 
 def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """Compute the entropy of the configuration, times the sum of the weights."""
+    """Compute the entropy of the configuration, multiplied by the sum of the weights."""
     mass = hidden.masses(weight)
     mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())

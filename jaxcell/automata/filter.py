@@ -46,7 +46,7 @@ class Filter:
     uncertainty: Int32[np.ndarray, "states"]
     "The number of possible configurations of each state, 0 in the trap."
     offsets: Int64[np.ndarray, "states+1"]
-    "The place in `members` at which the configurations of each state begin, and their number."
+    "The places in `members` at which the configurations of each state begin, and the last end."
     members: Int32[np.ndarray, "total"]
     "The configurations of each state in ascending order, one state after the other."
     open_world: bool = False
@@ -83,7 +83,7 @@ class Filter:
     def of(
         automaton: Automaton, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
     ) -> "Filter":
-        """Colour a deterministic I-state automaton; an open-world filter has a trap.
+        """Make the filter of a deterministic I-state automaton; with `open_world` it has a trap.
 
         `metadata` is a JSON object to store with the filter.
         """
@@ -126,7 +126,7 @@ class Filter:
 
     @property
     def closed_transition(self) -> Int32[np.ndarray, "ordinary 2"]:
-        """The transitions of the closed-world filter: without the trap, with -1 in its place."""
+        """The transitions without the trap; -1 if an observation is impossible."""
         if not self.open_world:
             return self.transition
         transition = self.transition[:-1]
@@ -157,7 +157,7 @@ class Filter:
         return cells
 
     def start(self) -> "FilterState":
-        """Return the filter before its first observation."""
+        """Return the state before the first observation."""
         return FilterState(self, 0, 0, None)
 
     def run(self, observations: Observations) -> "FilterRun":
@@ -237,7 +237,7 @@ class FilterRun:
 
 @dataclasses.dataclass(slots=True, eq=False)
 class FilterState:
-    """The state of a filter after some observations. An observation makes a new object.
+    """The state of a filter after some observations; `observe` returns a new object.
 
     Each observation takes constant time and memory.
     """
@@ -251,7 +251,7 @@ class FilterState:
     "The index of the first impossible observation, or `None`; open world only."
 
     def observe(self, observation: int) -> "FilterState":
-        """Return the filter after one more observation, 0 or 1.
+        """Return the state after one more observation, 0 or 1.
 
         **Raises:** `ValueError` as [`Filter.run`][].
         """
@@ -295,7 +295,7 @@ class FilterState:
 
 
 def digits(observations: Observations) -> Iterable[int]:
-    """Return observations as numbers, the digits of a string."""
+    """Return observations as numbers; a string has a digit per observation."""
     if isinstance(observations, np.ndarray):
         return observations.tolist()
     if not isinstance(observations, str):

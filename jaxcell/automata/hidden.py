@@ -20,7 +20,7 @@ _FORMAT, _VERSION = "jaxcell-hidden-map", 1
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"A product uses only the rows of the nonzero cells if their share of all cells is below this."
+"Share of nonzero cells below which products use only the rows of these cells."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

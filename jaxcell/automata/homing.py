@@ -26,7 +26,7 @@ class Homing:
 
     @property
     def optimal(self) -> bool:
-        """`True` if no sequence is shorter, by proof."""
+        """`True` if it is proved that no sequence is shorter."""
         return self.least == self.inputs.size
 
 

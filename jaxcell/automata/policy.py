@@ -47,7 +47,7 @@ class Policy:
     target: Int32[np.ndarray, "bumps"]
     "The state at the next bump, for each number in `steps`."
     offsets: Int32[np.ndarray, "states+1"]
-    "The place in `members` at which the configurations of each state begin, and their number."
+    "The places in `members` at which the configurations of each state begin, and the last end."
     members: Int32[np.ndarray, "total"]
     "The configurations of each state in ascending order, one state after the other."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -82,7 +82,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The number of the state of a refuted map, one more than that of the last state."""
+        """The number that stands for a refuted map: one more than that of the last state."""
         return self.turn.size
 
     @functools.cached_property
@@ -117,7 +117,7 @@ class Policy:
         return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
 
     def start(self) -> "PolicyState":
-        """Return the policy before the first observation."""
+        """Return the state before the first observation."""
         return PolicyState(self, 0, 0, 0, None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -161,7 +161,7 @@ _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class PolicyState:
-    """The state of a policy after some observations. An observation makes a new object.
+    """The state of a policy after some observations; `observe` returns a new object.
 
     An impossible observation refutes the map, and then every later observation does.
     """
@@ -177,7 +177,7 @@ class PolicyState:
     "The index of the first impossible observation, or `None`."
 
     def observe(self, observation: int) -> "PolicyState":
-        """Return the policy after one more observation: 0 for a step, 1 for a bump.
+        """Return the state after one more observation: 0 for a step, 1 for a bump.
 
         **Raises:** `ValueError` for another observation, or if the policy has ended.
         """

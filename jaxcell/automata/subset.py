@@ -22,7 +22,7 @@ class Automaton:
     transition: Int32[np.ndarray, "states 2"]
     "The state after observation 0 or 1, or -1 if no cell of the state gives that observation."
     offsets: Int64[np.ndarray, "states+1"]
-    "The place in `members` at which the cells of each state begin, and their number."
+    "The places in `members` at which the cells of each state begin, and the last end."
     members: Int32[np.ndarray, "total"]
     "The cells of each state in ascending order, one state after the other."
 

@@ -48,7 +48,7 @@ class Race:
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
     "The distribution of each robot's start, or the cells from which distinct starts are drawn."
     there: Bool[np.ndarray, "cells"]
-    "The target."
+    "The mask of the target."
 
     @classmethod
     def of(
@@ -136,7 +136,7 @@ def first_arrival(
     target: npt.ArrayLike | int,
     steps: int,
 ) -> Float[Array, "{steps}+1"]:
-    """Compute the law of the number of steps until the first of several robots is in a set.
+    """Compute the law of the time until the first of several robots is in a set of cells.
 
     The robots move independently, so the probability that none has arrived is the product of their
     probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.

@@ -106,7 +106,7 @@ class Optimum:
     policy: Int[Array, "cells"]
     "The action to take in each cell; of equally good actions, the first."
     certificate: Certificate
-    "Its residual bounds the error of every value; iterations are sweeps over all cells."
+    "The certificate; its residual bounds the error of every value."
 
     @property
     def iterations(self) -> int:

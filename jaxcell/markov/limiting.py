@@ -20,7 +20,7 @@ _TOLERANCE = 1e-10
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LimitingDistribution:
-    """The share of its time that a chain spends in each cell in the long run."""
+    """The share of the time that a chain spends in each cell in the long run."""
 
     value: Float[Array, "cells"]
     "The share of each cell; the sum of all shares and `leaving` is 1."

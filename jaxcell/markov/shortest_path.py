@@ -44,8 +44,8 @@ class ShortestPath:
     policy: Int[Array, "cells"]
     "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
-    """Its residual is the larger of two gains of a single changed action: in probability, and the
-    relative gain in time. Its iterations are rounds in which the policy is improved."""
+    """The certificate. Its residual is the larger of the gain in probability and the relative gain
+    in time that a change of one action would give; its iterations improve the policy."""
 
 
 def stochastic_shortest_path(

@@ -85,7 +85,7 @@ class Transient:
         return run + at_branching[self.end], products
 
     def visits(self, start: Float[np.ndarray, "part"]) -> tuple[Float[np.ndarray, "section"], int]:
-        """Compute the expected visits to each branching cell, after a start that is distributed.
+        """Compute the expected visits to each branching cell, for a distribution of the start.
 
         This is the adjoint of `expect`: one solve for any number of gains. The part is left only
         from branching cells. Returns the visits and the number of products.

@@ -37,7 +37,7 @@ USE = """\
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Write the template of a table; its entries have `bits` bits, by default a template field."""
+    """Write the template of a table; by default the width of its entries is a template field."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -165,7 +165,7 @@ def identifier(name: str) -> str:
 
 
 def bits_for(largest: int) -> int:
-    """Return the width of the type that holds numbers up to the largest."""
+    """Return the number of bits of the type that holds numbers up to the largest."""
     return next(bits for bits in (8, 16, 32) if largest < 2**bits)
 
 

@@ -47,7 +47,7 @@ def read_kind(path: str | os.PathLike[str]) -> str:
 def reading(
     path: str | os.PathLike[str], kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
-    """Read a file of one kind, and name it in errors that the block of this context raises.
+    """Read a file of one kind, in a context that adds its path to errors about the content.
 
     **Raises:** `ValueError` as [`read_arrays`][], for another kind, for wrong metadata, and for a
     `KeyError` or a `ValueError` in the block.
@@ -66,7 +66,7 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Return a copy of metadata that equals the metadata after writing and reading.
+    """Return a copy of metadata as it would be after writing and reading.
 
     **Raises:** `ValueError` if the metadata is not a JSON object.
     """

@@ -1,1 +1,1 @@
-"""The smallest machine with the outputs of a filter or a policy, and the proof."""
+"""Search for the smallest machine with the outputs of a filter or a policy, with proof."""

@@ -33,7 +33,7 @@ class Smallest:
     machine: MooreMachine
     "The smallest machine that was found."
     merged: Bool[np.ndarray, "states original"]
-    "The states of the original machine that each state stands for."
+    "The states of the original machine that are merged into each state."
     bound: int
     "The proved lower bound on the number of states of every such machine."
     moore: int
@@ -55,7 +55,7 @@ class Smallest:
 
     @property
     def proved(self) -> bool:
-        """`True` if no such machine has fewer states, by proof."""
+        """`True` if it is proved that no such machine has fewer states."""
         return self.gap == 0
 
     @property
