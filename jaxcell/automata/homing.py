@@ -41,9 +41,9 @@ def homing_sequence(
     """Find a fixed sequence of inputs whose observations identify the state of a machine.
 
     It settles all roots, in the sense of [`adaptive_choice`][]. A sequence always exists, because
-    the pairs of states that differ can be distinguished one after the other; so does the greedy
-    sequence, which comes first. Then all sequences are searched. The first to be continued is the
-    one with the least length that its hardest pair of states permits.
+    pairs of states can be distinguished one after the other. A greedy sequence comes first; it
+    takes the input that leaves the fewest states together. Then all sequences are searched, first
+    those whose remaining pairs of states permit the least total length.
 
     **Arguments:**
 

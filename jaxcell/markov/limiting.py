@@ -115,5 +115,6 @@ def _basins(
     branching = part.cells[part.branching]
     entering = matrix[branching].T @ visits
     inside = group >= 0
-    share = np.bincount(group[inside], (start + entering)[inside], count)
+    share = np.zeros(count)
+    np.add.at(share, group[inside], (start + entering)[inside])
     return share, float(leaving[branching] @ visits), products

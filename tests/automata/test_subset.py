@@ -59,8 +59,8 @@ def test_automata_of_larger_maps_equal_sets_one_by_one(labs, bounce):
     # Few observations are 1, so that sets are large and levels many.
     graphs += [(rng.permutation(n), rng.random(n) < 0.1) for n in (100, 500)]
     for image, observation in graphs:
-        found = subset_construction(image.astype(np.int32), observation)
-        assert lists(found) == sets_one_by_one(image, observation)
+        result = subset_construction(image.astype(np.int32), observation)
+        assert lists(result) == sets_one_by_one(image, observation)
 
 
 @given(data=st.data())
@@ -123,8 +123,8 @@ def test_images_of_any_integer_type(labs, dtype):
 
 
 def test_map_of_one_cell():
-    found = subset_construction(np.array([0]), np.array([True]))
-    assert lists(found) == ([[-1, 0]], [[0]])
+    result = subset_construction(np.array([0]), np.array([True]))
+    assert lists(result) == ([[-1, 0]], [[0]])
 
 
 @pytest.mark.parametrize(

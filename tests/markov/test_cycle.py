@@ -30,9 +30,9 @@ def test_cycle_is_solved_in_rounds(adjoint, monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", BY_CYCLE)
     matrix = tide(2)
     right = np.random.default_rng(3).random((matrix.shape[0], 2))
-    found, products = solve.solve_transient(matrix, right, adjoint=adjoint)
+    result, products = solve.solve_transient(matrix, right, adjoint=adjoint)
     dense = matrix.toarray().T if adjoint else matrix.toarray()
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(len(dense)) - dense, right))
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(len(dense)) - dense, right))
     # Without the cycle, a single product and a factorisation would solve it.
     assert products > 1
 
@@ -41,9 +41,9 @@ def test_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
     cells = 90
     walk, none, stay = open_line(cells), np.zeros((cells, cells)), np.eye(cells)
     matrix = np.block([[none, walk, none], [none, none, stay], [stay, none, none]])
-    found, products = Cycle.of(scipy.sparse.csr_array(matrix))(np.ones(3 * cells))
+    result, products = Cycle.of(scipy.sparse.csr_array(matrix))(np.ones(3 * cells))
     # A drifter that leaves does so in the first of three steps.
-    np.testing.assert_allclose(found[:cells], 3 * steps_on_open_line(cells) - 2, rtol=1e-7)
+    np.testing.assert_allclose(result[:cells], 3 * steps_on_open_line(cells) - 2, rtol=1e-7)
     assert products <= cells + 1
 
 
@@ -63,9 +63,9 @@ def test_slow_eddies_are_solved_in_few_products():
     step[np.arange(count * size), random.permutation(count * size)] += 0.0009
     matrix = in_two_phases(step)
     right = random.random(2 * count * size)
-    found, products = Cycle.of(matrix)(right)
+    result, products = Cycle.of(matrix)(right)
     expected = np.linalg.solve(np.eye(right.size) - matrix.toarray(), right)
-    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    np.testing.assert_allclose(result, expected, rtol=1e-5)
     # Without aggregates it would take 95.
     assert products < 75
 
@@ -81,9 +81,9 @@ def test_time_in_two_nearly_closed_wells_has_its_digits(leak, monkeypatch):
         np.add.at(step[state], well + random.integers(0, size, 4), (1 - leak) / 4)
     # The first well leaks into the second, which leaks out of the chain.
     step[np.arange(size), size + random.permutation(size)] = leak
-    found, _ = solve.solve_transient(in_two_phases(step), np.ones((4 * size, 1)))
+    result, _ = solve.solve_transient(in_two_phases(step), np.ones((4 * size, 1)))
     expected = np.repeat([4 / leak - 1, 2 / leak - 1], size)
-    np.testing.assert_allclose(found[: 2 * size, 0], expected, rtol=1e-6)
+    np.testing.assert_allclose(result[: 2 * size, 0], expected, rtol=1e-6)
 
 
 def test_chain_whose_aggregates_are_singular_is_eliminated(monkeypatch):
@@ -98,9 +98,9 @@ def test_chain_whose_aggregates_are_singular_is_eliminated(monkeypatch):
     matrix = scipy.sparse.csr_array(np.block([[none, step], [np.eye(size), none]]))
     with pytest.raises(RuntimeError, match="singular"):
         Cycle.of(matrix)(np.ones(2 * size))
-    found, _ = solve.solve_transient(matrix, np.ones((2 * size, 1)))
-    np.testing.assert_allclose(found[: size - 2, 0], 2 / rare, rtol=1e-12)
-    np.testing.assert_allclose(found[size - 2 : size, 0], 3, rtol=1e-12)
+    result, _ = solve.solve_transient(matrix, np.ones((2 * size, 1)))
+    np.testing.assert_allclose(result[: size - 2, 0], 2 / rare, rtol=1e-12)
+    np.testing.assert_allclose(result[size - 2 : size, 0], 3, rtol=1e-12)
 
 
 def test_chain_with_phases_is_a_cycle_and_walk_is_not():

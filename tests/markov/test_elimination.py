@@ -40,14 +40,14 @@ def test_trap_left_once_in_1e24_steps_equals_fractions(adjoint):
     step = np.array([[float(v) for v in row] for row in matrix])
     leaving = np.append(np.zeros(n - 1), 1 / 128)
     gain = np.array([[float(v) for v in row] for row in right])
-    found = eliminate(scipy.sparse.csr_array(step), leaving, gain, adjoint=adjoint)
-    np.testing.assert_allclose(found, expected, rtol=1e-13)
+    result = eliminate(scipy.sparse.csr_array(step), leaving, gain, adjoint=adjoint)
+    np.testing.assert_allclose(result, expected, rtol=1e-13)
     # The general solver eliminates this chain too.
-    found, _ = solve_transient(scipy.sparse.csr_array(step), gain, adjoint=adjoint)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    result, _ = solve_transient(scipy.sparse.csr_array(step), gain, adjoint=adjoint)
+    np.testing.assert_allclose(result, expected, rtol=1e-12)
     if not adjoint:
         assert expected[:, 0].min() > 1e18
-        np.testing.assert_allclose(found[:, 1], 1, rtol=1e-12)
+        np.testing.assert_allclose(result[:, 1], 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
@@ -56,6 +56,6 @@ def test_elimination_equals_a_dense_solve(adjoint):
     step = draw.random((30, 30)) * (draw.random((30, 30)) < 0.2)
     step *= 0.9 / max(1, step.sum(axis=1).max())
     right = draw.random((30, 3))
-    found = eliminate(scipy.sparse.csr_array(step), 1 - step.sum(axis=1), right, adjoint=adjoint)
+    result = eliminate(scipy.sparse.csr_array(step), 1 - step.sum(axis=1), right, adjoint=adjoint)
     matrix = step.T if adjoint else step
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(30) - matrix, right), rtol=1e-12)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(30) - matrix, right), rtol=1e-12)

@@ -206,7 +206,7 @@ def test_bad_input_is_refused():
         markov.almost_invariant_sets(chain, 4)
     with pytest.raises(ValueError, match="steps: expected 1 or more, got 0"):
         markov.leading_modes(chain, 1, steps=0)
-    with pytest.raises(ValueError, match="mass: expected 3 numbers from 0 on, and some above"):
+    with pytest.raises(ValueError, match="mass: expected 3 numbers of at least 0, not all 0"):
         markov.coherent_sets(chain, 1, np.zeros(3))
     with pytest.raises(ValueError, match="blur: expected a chain of 3 cells, got 2"):
         markov.attracting_regions(chain, 1, blur=Chain.from_scipy(np.eye(2)))

@@ -29,11 +29,11 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
     there = np.isin(np.arange(cells), target)
     start = np.random.default_rng(data.draw(st.integers(0, 99))).dirichlet(np.ones(cells))
     chain = Chain.from_scipy(matrix)
-    found = np.asarray(first_passage(chain, start, target, STEPS))
-    np.testing.assert_allclose(found, by_taboo(matrix, start, there, STEPS), atol=1e-14)
+    result = np.asarray(first_passage(chain, start, target, STEPS))
+    np.testing.assert_allclose(result, by_taboo(matrix, start, there, STEPS), atol=1e-14)
     # The mass that has arrived and the mass that survives sum to 1, from each start.
     surviving = np.asarray(survival(chain, target, STEPS))
-    np.testing.assert_allclose(np.cumsum(found) + surviving @ start, 1, rtol=1e-12)
+    np.testing.assert_allclose(np.cumsum(result) + surviving @ start, 1, rtol=1e-12)
     for cell in range(cells):
         law = by_taboo(matrix, np.eye(cells)[cell], there, STEPS)
         np.testing.assert_allclose(surviving[:, cell], 1 - np.cumsum(law), atol=1e-12)
@@ -62,9 +62,9 @@ def test_survival_works_under_vmap_over_targets():
     chain = Chain.from_scipy(matrix)
     there = np.eye(5, dtype=bool)
     go = jax.vmap(lambda there, value: survivals(chain, there, value, 8)[0])
-    found = np.asarray(jax.jit(go)(there, 1.0 - there))
+    result = np.asarray(jax.jit(go)(there, 1.0 - there))
     for target in range(5):
-        np.testing.assert_allclose(found[target], survival(chain, target, 7), rtol=1e-13)
+        np.testing.assert_allclose(result[target], survival(chain, target, 7), rtol=1e-13)
 
 
 def test_derivatives_with_respect_to_the_probabilities():

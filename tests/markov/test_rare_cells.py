@@ -55,8 +55,8 @@ def uneven(draw):
 @given(uneven())
 def test_every_share_and_kemeny_constant_have_nearly_all_their_digits(matrix):
     share, constant = exact(matrix)
-    found = limiting(matrix)
-    np.testing.assert_allclose(found.value, np.array(share, float), rtol=1e-12)
+    result = limiting(matrix)
+    np.testing.assert_allclose(result.value, np.array(share, float), rtol=1e-12)
     assert markov.kemeny_constant(mapping.Chain.from_scipy(matrix)) == pytest.approx(
         float(constant), rel=1e-11
     )
@@ -115,8 +115,8 @@ def test_two_tubes_share_time_by_the_rare_steps_between_them(limits, monkeypatch
 def test_shares_near_the_range_of_floats():
     # The first root is the first cell. Relative to it the shares of the last cells overflow.
     matrix = birth_and_death(np.full(150, 0.999), np.full(150, 0.001))
-    found = limiting(matrix)
-    np.testing.assert_allclose(found.value[-3:], 998 / 999 / 999.0 ** np.array([2, 1, 0]))
+    result = limiting(matrix)
+    np.testing.assert_allclose(result.value[-3:], 998 / 999 / 999.0 ** np.array([2, 1, 0]))
     assert math.isfinite(markov.kemeny_constant(mapping.Chain.from_scipy(matrix)))
 
 
@@ -142,5 +142,5 @@ def test_kemeny_constant_of_a_double_well_of_100_cells():
     for i in range(99):
         below += weight[i]
         constant += below * (total - below) / (total * weight[i] * Fraction(matrix[i, i + 1]))
-    found = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
-    assert found == pytest.approx(float(constant), rel=1e-12)
+    result = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
+    assert result == pytest.approx(float(constant), rel=1e-12)

@@ -34,9 +34,9 @@ def random_chain(cells, branches, seed):
 def test_transient_equals_dense(method, adjoint):
     step = 0.8 * random_chain(60, 4, 1)
     right = np.random.default_rng(2).random((60, 3))
-    found, products = solve_transient(step, right, adjoint=adjoint)
+    result, products = solve_transient(step, right, adjoint=adjoint)
     dense = step.toarray().T if adjoint else step.toarray()
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(60) - dense, right), rtol=1e-12)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(60) - dense, right), rtol=1e-12)
     assert products == 1 if method == "factor" else products > 100
 
 
@@ -51,13 +51,13 @@ def test_stationary_equals_the_null_space(method):
     sparse = [scipy.sparse.csr_array(block) for block in blocks]
     matrix = scipy.sparse.block_diag(sparse, format="csr")[order][:, order]
     labels = group[order].astype(np.int32)
-    found, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels)
+    result, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels)
     for number, block in enumerate(blocks):
         values, vectors = np.linalg.eig(block.T)
         expected = vectors[:, np.argmax(values.real)].real
         expected /= expected.sum()
         back = np.empty(50)
-        back[order] = found
+        back[order] = result
         np.testing.assert_allclose(back[group == number], expected, rtol=1e-9, atol=1e-13)
 
 
@@ -66,16 +66,16 @@ def test_slow_chain_is_factored_and_fast_chain_is_not():
     _, products = solve_stationary(fast, np.zeros(300, np.int32))
     assert products % solve.LIMITS.trial != 0
     line = scipy.sparse.csr_array(open_line(400))
-    found, products = solve_transient(line, np.ones((400, 1)))
+    result, products = solve_transient(line, np.ones((400, 1)))
     assert products == solve.LIMITS.trial
-    np.testing.assert_allclose(found[:, 0], steps_on_open_line(400), rtol=1e-9)
+    np.testing.assert_allclose(result[:, 0], steps_on_open_line(400), rtol=1e-9)
 
 
 def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", Limits(factored=10))
     line = scipy.sparse.csr_array(open_line(20))
-    found, products = solve_transient(line, np.ones((20, 1)))
-    np.testing.assert_allclose(found[:, 0], steps_on_open_line(20), rtol=1e-9)
+    result, products = solve_transient(line, np.ones((20, 1)))
+    np.testing.assert_allclose(result[:, 0], steps_on_open_line(20), rtol=1e-9)
     assert products > solve.LIMITS.worthwhile
 
 
@@ -110,9 +110,9 @@ def test_chain_that_hardly_returns_is_solved_by_its_components(adjoint):
     order = draw.permutation(80)
     step = step[order][:, order]
     right = draw.random((80, 2))
-    found, products = solve_transient(scipy.sparse.csr_array(step), right, adjoint=adjoint)
+    result, products = solve_transient(scipy.sparse.csr_array(step), right, adjoint=adjoint)
     dense = step.T if adjoint else step
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(80) - dense, right), rtol=1e-12)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(80) - dense, right), rtol=1e-12)
     assert products == 0
 
 
@@ -120,9 +120,9 @@ def test_complete_factorisation_follows_if_two_levels_do_not_converge(monkeypatc
     limits = dataclasses.replace(TWO_LEVELS, complete=100, rough_steps=0)
     monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
-    found, products = solve_transient(step, np.ones((100, 1)))
+    result, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(result, expected, rtol=1e-12)
     assert products == 1
 
 
@@ -130,9 +130,9 @@ def test_complete_factorisation_follows_if_two_levels_do_not_converge(monkeypatc
 def test_two_levels_equal_dense(two_levels, adjoint):
     step = wandering(20)
     right = np.random.default_rng(2).random((400, 2))
-    found, products = solve_transient(step, right, adjoint=adjoint)
+    result, products = solve_transient(step, right, adjoint=adjoint)
     dense = step.toarray().T if adjoint else step.toarray()
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(400) - dense, right), rtol=1e-10)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(400) - dense, right), rtol=1e-10)
     assert 1 < products < 100
 
 
@@ -140,14 +140,14 @@ def test_products_follow_if_two_levels_do_not_converge(monkeypatch):
     limits = dataclasses.replace(TWO_LEVELS, rough_steps=0)
     monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
-    found, products = solve_transient(step, np.ones((100, 1)))
+    result, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    np.testing.assert_allclose(result, expected, rtol=1e-10)
     assert products > 100
     monkeypatch.setattr(solve, "LIMITS", dataclasses.replace(limits, products=50))
     short, products = solve_transient(step, np.ones((100, 1)))
     assert products <= 51
-    assert (short < found).any()
+    assert (short < result).any()
 
 
 def test_two_levels_find_stationary_distribution(two_levels):
@@ -156,15 +156,15 @@ def test_two_levels_find_stationary_distribution(two_levels):
     matrix = scipy.sparse.csr_array(matrix)
     count, label = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
     assert count == 1
-    found, _ = solve_stationary(matrix, label.astype(np.int32))
-    np.testing.assert_allclose(matrix.T @ found, found, atol=1e-14)
-    assert found.sum() == pytest.approx(1)
+    result, _ = solve_stationary(matrix, label.astype(np.int32))
+    np.testing.assert_allclose(matrix.T @ result, result, atol=1e-14)
+    assert result.sum() == pytest.approx(1)
 
 
 def test_solution_without_right_hand_side_is_0():
     none = scipy.sparse.csr_array((3, 3))
-    found, products = solve_transient(none, np.zeros((3, 2)))
-    assert (found.tolist(), products) == ([[0, 0]] * 3, 0)
+    result, products = solve_transient(none, np.zeros((3, 2)))
+    assert (result.tolist(), products) == ([[0, 0]] * 3, 0)
 
 
 @st.composite
@@ -196,8 +196,8 @@ def test_parts_with_runs_equal_dense(matrix, seed):
         return
     taken = Transient.of(scipy.sparse.csr_array(matrix), inside)
     gain = draw.random((inside.sum(), 2))
-    found, _ = taken.expect(gain)
-    np.testing.assert_allclose(found, np.linalg.solve(identity - step, gain), rtol=1e-10)
+    result, _ = taken.expect(gain)
+    np.testing.assert_allclose(result, np.linalg.solve(identity - step, gain), rtol=1e-10)
     start = draw.random(inside.sum())
     visits, _ = taken.visits(start)
     expected = np.linalg.solve(identity - step.T, start)

@@ -35,9 +35,9 @@ def test_rough_solve_is_near_the_dense_one(adjoint):
     step = eddies(20, 30)
     matrix = step.T if adjoint else step
     right = np.random.default_rng(0).random(600)
-    found, products = TwoLevel.of(scipy.sparse.csr_array(matrix), STEPS)(right)
+    result, products = TwoLevel.of(scipy.sparse.csr_array(matrix), STEPS)(right)
     expected = np.linalg.solve(np.eye(600) - matrix, right)
-    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    np.testing.assert_allclose(result, expected, rtol=1e-4)
     # BiCGSTAB and the rough inverse take equally many products.
     assert 0 < products < 4 * STEPS
 

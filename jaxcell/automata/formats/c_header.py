@@ -1,7 +1,10 @@
 import re
 import string
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Int
 
 from ..filter import Filter
 
@@ -130,30 +133,40 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
     impossible = next(2**bits - 1 for bits in (8, 16, 32) if states < 2**bits)
     transition = filter.transition.astype("int64")
     transition[transition < 0] = impossible
+    tables = {"transition": transition, "color": filter.color, "uncertainty": filter.uncertainty}
+    bits = {table: bits_for(int(values.max())) for table, values in tables.items()}
     NAME = identifier(name).upper()
     trap = f"#define {NAME}_TRAP {filter.trap}\n" if filter.open_world else ""
     return fill(
         _TEMPLATE,
         name,
         states,
+        tables,
+        bits | {"state": bits_for(impossible)},
         cycles=len(filter.cycles),
         impossible=impossible,
         trap=trap,
         at="state",
         refuted=f"state >= {NAME}_STATES" + f" || state == {NAME}_TRAP" * filter.open_world,
         localized="the state is in a knowledge cycle",
-        state_bits=bits_for(impossible),
-        color_bits=bits_for(int(filter.color.max())),
-        uncertainty_bits=bits_for(int(filter.uncertainty.max())),
-        transition=rows_of(f"{{{zero}, {one}}}" for zero, one in transition.tolist()),
-        color=rows_of(map(str, filter.color.tolist())),
-        uncertainty=rows_of(map(str, filter.uncertainty.tolist())),
     )
 
 
-def fill(template: string.Template, name: str, states: int, **fields: object) -> str:
-    """Fill in a template; the number of states gets the suffix of its C type."""
+def fill(
+    template: string.Template,
+    name: str,
+    states: int,
+    tables: Mapping[str, Int[np.ndarray, "..."]],
+    bits: Mapping[str, int],
+    **fields: object,
+) -> str:
+    """Fill in a template with tables, the numbers of bits of types, and other fields.
+
+    The number of states gets the suffix of its C type.
+    """
     name = identifier(name)
+    fields |= {table: _rows(values) for table, values in tables.items()}
+    fields |= {f"{table}_bits": width for table, width in bits.items()}
     suffix = "u" if states < 2**16 else "ul"
     return template.substitute(fields, name=name, NAME=name.upper(), states=states, suffix=suffix)
 
@@ -169,6 +182,7 @@ def bits_for(largest: int) -> int:
     return next(bits for bits in (8, 16, 32) if largest < 2**bits)
 
 
-def rows_of(entries: Iterable[str]) -> str:
-    """Format the entries of a table in lines."""
+def _rows(values: Int[np.ndarray, "..."]) -> str:
+    """Format the entries of a table, numbers or pairs of numbers, in lines."""
+    entries = (str(v).replace("[", "{").replace("]", "}") for v in values.tolist())
     return textwrap.fill(", ".join(entries), 100, initial_indent="    ", subsequent_indent="    ")

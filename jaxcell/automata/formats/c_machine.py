@@ -1,5 +1,5 @@
 import string
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Int
@@ -8,17 +8,7 @@ from ..filter import Filter
 from ..machine import MooreMachine, Output
 from ..policy import Policy
 from ..reduction.smallest import Smallest, smallest
-from .c_header import (
-    IN_FLASH,
-    OBSERVATION_NEXT,
-    TRANSITIONS,
-    USE,
-    bits_for,
-    fill,
-    look_up,
-    rows_of,
-    table,
-)
+from .c_header import IN_FLASH, OBSERVATION_NEXT, TRANSITIONS, USE, bits_for, fill, look_up, table
 from .c_policy import RUN_NEXT, RUN_STATE, RUN_TABLES
 
 
@@ -79,29 +69,22 @@ def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
         >>> [line for line in text.splitlines() if "STATES" in line][0]
         '#define FILTER_STATES 3u'
     """
-    tables, bits = _tables(machine), table_bits(machine)
-    states = len(machine.transition)
-    rows: dict[str, Iterable[str]] = {
-        table: map(str, values.tolist()) for table, values in tables.items()
-    }
+    tables, states = _tables(machine), len(machine.transition)
     if machine.runs:
         parts = [RUN_STATE, "\n", RUN_TABLES, table("color", "colors"), RUN_NEXT]
     else:
         parts = [_STATE, "\n", TRANSITIONS, table("color", "colors"), OBSERVATION_NEXT]
-        rows["transition"] = (f"{{{a}, {b}}}" for a, b in tables["transition"].tolist())
     return fill(
         string.Template("".join([_HEADER, *parts, _FUNCTIONS])),
         name,
         states,
+        tables,
+        table_bits(machine) | {"at": bits_for(states), "state": bits_for(states)},
         bounds=states + 1,
         bumps=tables["steps"].size if machine.runs else 0,
         symbol="bump" if machine.runs else "observation",
         at="state.at" if machine.runs else "state",
-        at_bits=bits_for(states),
-        state_bits=bits_for(states),
         final=machine.final,
-        **{f"{table}_bits": width for table, width in bits.items()},
-        **{table: rows_of(entries) for table, entries in rows.items()},
     )
 
 
@@ -129,8 +112,8 @@ def fewest_bytes(
     """
     kinds = [False] if isinstance(source, Policy) or source.open_world else [False, True]
     machines = [MooreMachine.of(source, output, runs=runs) for runs in kinds]
-    found = [smallest(machine, seconds=seconds, say=say) for machine in machines]
-    return min(found, key=lambda each: machine_bytes(each.machine))
+    searches = [smallest(machine, seconds=seconds, say=say) for machine in machines]
+    return min(searches, key=lambda search: machine_bytes(search.machine))
 
 
 def table_bits(machine: MooreMachine) -> dict[str, int]:

@@ -12,7 +12,6 @@ from .c_header import (
     fill,
     identifier,
     look_up,
-    rows_of,
     table,
 )
 
@@ -128,17 +127,16 @@ def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
         _TEMPLATE,
         name,
         policy.turn.size,
+        tables,
+        bits | {"at": bits["target"]},
         bounds=policy.turn.size + 1,
         bumps=policy.steps.size,
         ends=policy.ends.size,
         no_turn=_NO_TURN,
         last_color=policy.ends.size + 2,
         at="state.at",
-        at_bits=bits["target"],
         refuted=f"state.at >= {identifier(name).upper()}_STATES",
         localized="the policy has ended",
-        **{f"{table}_bits": width for table, width in bits.items()},
-        **{table: rows_of(map(str, values.tolist())) for table, values in tables.items()},
     )
 
 

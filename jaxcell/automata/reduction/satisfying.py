@@ -104,8 +104,8 @@ class _Problem:
         pairs: set[tuple[int, int]] = set()
         for row in classes:
             states = np.flatnonzero(row)
-            one, other = np.nonzero(np.triu(self.apart[np.ix_(states, states)]))
-            pairs.update(zip(states[one].tolist(), states[other].tolist(), strict=True))
+            first, second = np.nonzero(np.triu(self.apart[np.ix_(states, states)]))
+            pairs.update(zip(states[first].tolist(), states[second].tolist(), strict=True))
         if not pairs:
             return []
         both = self.member[:, np.array(sorted(pairs))].reshape(-1, 2)

@@ -197,7 +197,7 @@ class _Search:
         window = Window.of(chain, steps, start)
         mass = np.ones(window.cells) if mass is None else np.asarray(mass, float)
         if mass.shape != (window.cells,) or not (mass.min() >= 0 and 0 < mass.sum() < np.inf):
-            raise ValueError(f"mass: expected {window.cells} numbers from 0 on, and some above")
+            raise ValueError(f"mass: expected {window.cells} numbers of at least 0, not all 0")
         if blur is not None and blur.cells != window.cells:
             raise ValueError(f"blur: expected a chain of {window.cells} cells, got {blur.cells}")
         after = () if blur is None else Window.of(blur).matrices
