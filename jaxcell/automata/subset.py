@@ -7,10 +7,6 @@ from jaxtyping import Bool, Int32, Int64, Integer, UInt64
 from ..base.memory import check
 
 
-# Levels with at most this many cells are faster in plain Python than by twenty NumPy calls.
-NARROW = 48
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Automaton:
     """A deterministic I-state automaton: each state is a set of possible cells of the robot.
@@ -142,8 +138,7 @@ def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) ->
     sets = _Subsets(words, limit)
     low, high = 0, 1
     while low < high:
-        narrow = sets.offsets[high] - sets.offsets[low] <= NARROW
-        (_narrow_level if narrow else _wide_level)(graph, sets, low, high)
+        _add_successors(graph, sets, low, high)
         low, high = high, len(sets)
     sets.members.resize(sets.offsets[-1], refcheck=False)
     transition = np.full(2 * len(sets), -1, np.int32)
@@ -151,28 +146,8 @@ def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) ->
     return Automaton(transition.reshape(-1, 2), np.array(sets.offsets, np.int64), sets.members)
 
 
-def _narrow_level(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
-    """Add the successors of the sets `low` to `high - 1`, one set at a time."""
-    image, observation, word = graph.image.item, graph.observation.item, subsets.words.item
-    for state in range(low, high):
-        cells = subsets.members[subsets.offsets[state] : subsets.offsets[state + 1]].tolist()
-        for bit in (0, 1):
-            reached = sorted({image(cell) for cell in cells if observation(cell) == bit})
-            if not reached:
-                continue
-            key = sum(map(word, reached)) & 0xFFFF_FFFF_FFFF_FFFF
-            target = subsets.table.setdefault(key, len(subsets))
-            if target == len(subsets):
-                subsets.append([np.array(reached, np.int32)])
-            known = subsets.members[subsets.offsets[target] : subsets.offsets[target + 1]]
-            if known.tolist() != reached:
-                raise _HashCollisionError
-            subsets.edges.append(2 * state + bit)
-            subsets.targets.append(target)
-
-
-def _wide_level(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
-    """Add the successors of the sets `low` to `high - 1`, all in one batch."""
+def _add_successors(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
+    """Add the successors of the sets `low` to `high - 1`, a level of the breadth-first search."""
     bounds = np.array(subsets.offsets[low : high + 1])
     cells = subsets.members[bounds[0] : bounds[-1]]
     bounds -= bounds[0]
