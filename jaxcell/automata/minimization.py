@@ -34,14 +34,14 @@ def minimize(filter: Filter) -> Filter:
     uncertainty = np.zeros(first.size, np.int32)
     np.maximum.at(uncertainty, label, filter.uncertainty[:states])
     # Pairs of a class and a cell, as single numbers.
-    base = int(filter.members.max()) + 1
+    cells, cell = np.unique(filter.members, return_inverse=True)
     owner = np.repeat(label.astype(np.int64), np.diff(filter.offsets[: states + 1]))
-    pairs = np.unique(owner * base + filter.members)
+    pairs = np.unique(owner * cells.size + cell)
     quotient = Filter(
         transition=np.where(after < 0, np.int32(-1), label[after]),
         uncertainty=uncertainty,
-        offsets=np.searchsorted(pairs, base * np.arange(first.size + 1)),
-        members=(pairs % base).astype(np.int32),
+        offsets=np.searchsorted(pairs, cells.size * np.arange(first.size + 1)),
+        members=cells[pairs % cells.size],
         metadata=filter.metadata,
     )
     return quotient.with_trap() if filter.open_world else quotient
