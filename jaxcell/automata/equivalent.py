@@ -127,7 +127,7 @@ def _along(
         refined[open_] = count + ranked(label[open_], label[jump[open_]])
         # Numbers without gaps.
         used = np.bincount(refined) > 0
-        if (more := np.count_nonzero(used)) == count:
+        if (more := int(np.count_nonzero(used))) == count:
             return label
         label, count, jump = (np.cumsum(used) - 1)[refined], more, jump[jump]
 
@@ -161,7 +161,7 @@ def _refined(
         new[order[np.unique(owner[order], return_index=True)[1]]] = False
         new |= np.bincount(owner, length)[owner] < size[owner]
         number = count + np.cumsum(new) - 1
-        count += np.count_nonzero(new)
+        count += int(np.count_nonzero(new))
         np.subtract.at(size, owner[new], length[new])
         size[number[new]] = length[new]
         moved = new[part]
