@@ -1,4 +1,4 @@
-"""Small chains for tests: random ones, known ones, and solves in rational numbers."""
+"""Small chains for tests, random and known, and solves in rational numbers."""
 
 from fractions import Fraction
 
@@ -7,14 +7,24 @@ from hypothesis import strategies as st
 
 
 def complete(cells):
-    """The matrix of steps to any other cell with equal probability."""
+    """Return the matrix of steps to any other cell with equal probability."""
     return (1 - np.eye(cells)) / (cells - 1)
 
 
 def birth_and_death(up, down):
-    """The matrix of steps up or down a line; a cell stays with the rest of the probability."""
+    """Return the matrix of steps up or down a line; cells stay with the rest of the probability."""
     steps = np.diag(up, 1) + np.diag(down, -1)
     return steps + np.diag(1 - steps.sum(axis=1))
+
+
+def open_line(cells):
+    """Return the matrix of an even random walk on a line that it leaves at both ends."""
+    return np.diag(np.full(cells - 1, 0.5), 1) + np.diag(np.full(cells - 1, 0.5), -1)
+
+
+def steps_on_open_line(cells):
+    """Return the expected number of steps until the walk has left the line, from each cell."""
+    return np.arange(1, cells + 1) * np.arange(cells, 0, -1)
 
 
 def solve_exactly(matrix, right):
@@ -35,8 +45,8 @@ def solve_exactly(matrix, right):
 
 @st.composite
 def matrices(draw):
-    """Transition matrices with few edges, whose rows may sum to less than 1."""
-    # Few sizes, since each is compiled once.
+    """Draw a transition matrix with few edges, whose rows may sum to less than 1."""
+    # There are few sizes, because JAX compiles once per size.
     cells = draw(st.sampled_from([6, 6, 1]))
     matrix = np.zeros((cells, cells))
     for row in matrix:

@@ -11,8 +11,8 @@ from jaxcell.markov.decision import DecisionModel
 
 @st.composite
 def models(draw):
-    """Transition matrices `[actions, cells, cells]`, rewards, and which actions are allowed."""
-    # Few sizes, since each is compiled once.
+    """Draw transition matrices `[actions, cells, cells]`, rewards, and allowed actions."""
+    # There are few sizes, because JAX compiles once per size.
     cells = draw(st.sampled_from([4, 4, 1]))
     actions = draw(st.sampled_from([1, 3]))
     matrices = np.zeros((actions, cells, cells))
@@ -29,7 +29,7 @@ def models(draw):
 
 
 def as_model(matrices, reward, allowed):
-    """With three branches in every chain, so that few shapes are compiled."""
+    """Make a model whose chains all have three branches, so that few shapes are compiled."""
     chains = []
     for matrix in matrices:
         image = np.argsort(-matrix, axis=1)[:, :3]
@@ -39,6 +39,6 @@ def as_model(matrices, reward, allowed):
 
 
 def policies(allowed):
-    """All policies that are allowed, as arrays of actions."""
+    """Return all allowed policies, as arrays of actions."""
     choices = [np.flatnonzero(column) for column in allowed.T]
     return [np.array(policy) for policy in itertools.product(*choices)]

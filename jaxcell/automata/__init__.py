@@ -1,4 +1,4 @@
-"""Labelled graphs and filters made from them. Robots run them, so NumPy and SciPy suffice.
+"""Labelled graphs, and the filters that follow from them, without JAX, because robots run them.
 
 The *I-state graph* of a simple map has a vertex for each cell and an edge from each cell to its
 image, labelled with the observation of the robot between them, 0 or 1. A robot that may be in any

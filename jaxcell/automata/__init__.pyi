@@ -6,10 +6,7 @@ from .belief import (
 )
 from .bounded import Bounded as Bounded
 from .cycles import KnowledgeCycle as KnowledgeCycle
-from .environments import (
-    Environments as Environments,
-    EnvironmentsState as EnvironmentsState,
-)
+from .environments import Environments as Environments, EnvironmentsState as EnvironmentsState
 from .equivalent import Equivalence as Equivalence, equivalence as equivalence
 from .fastest import fastest_localization as fastest_localization
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
@@ -21,9 +18,7 @@ from .formats.c_machine import (
 )
 from .formats.c_policy import policy_to_c_header as policy_to_c_header
 from .formats.export import to_dot as to_dot, to_json as to_json
-from .formats.jflap import (
-    to_jflap as to_jflap,
-)
+from .formats.jflap import to_jflap as to_jflap
 from .hidden import Estimate as Estimate, HiddenMap as HiddenMap, credible as credible
 from .homing import Homing as Homing, homing_sequence as homing_sequence
 from .machine import MooreMachine as MooreMachine

@@ -18,29 +18,30 @@ _DEEPEST = 200
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Decisions:
-    """The input that a strategy chooses for each set of states, and the cost of the strategy.
+    """An adaptive strategy: the input for each set of possible states, and the cost.
 
-    A set is an index in `sets`; the choices from a set form a tree in which equal sets are shared.
+    Sets are numbered by their places in `sets`. A set that two branches of the strategy reach has
+    one number.
     """
 
     sets: list[tuple[int, ...]]
     "The states of each set, in ascending order."
     choice: list[int]
-    "The input at each set, -1 if it needs none."
+    "The input for each set; -1 for a settled set, which needs none."
     after: list[dict[int, int]]
-    "The set after each possible observation; empty if the set needs no input."
+    "For each set, the next set by the observation; empty for a settled set."
     roots: list[int]
-    "The sets with which the strategy begins."
+    "The numbers of the first sets."
     lower: list[int]
     "For each root, a lower bound on the cost of every strategy."
     upper: list[int]
     "For each root, the cost of this strategy."
     searched: int
-    "Number of sets whose choices were all examined."
+    "Number of sets for which all inputs were examined."
 
     @property
     def optimal(self) -> bool:
-        """`True` if no strategy costs less."""
+        """`True` if it is proved that no strategy costs less."""
         return self.lower == self.upper
 
 
@@ -53,18 +54,19 @@ def adaptive_choice(
     aim: Aim = "worst",
     limit: int = 5_000_000,
 ) -> Decisions:
-    """Choose inputs, each from the observations before it, until a set is known well enough.
+    """Find a strategy that identifies the state of a machine by inputs that depend on observations.
 
-    The machine is in an unknown state of a root. An input and its observation keep the states of
-    the set that give this observation, and move them to their images, until the remaining states
-    are *settled*: every two are equivalent, or all are in one place.
+    At first the machine may be in any state of one set, a *root*. An input moves each state to its
+    image, and the observation excludes the states that would have given another observation. The
+    strategy ends when the remaining states are *settled*: all are equivalent, or all are in one
+    place.
 
-    A greedy strategy comes first: it takes the input that leaves the least in the worst case, or if
-    no input distinguishes states, one that brings the nearest pair closer to being distinguished.
-    Then all strategies are searched, depth first, with stored costs. A set costs at least as much
-    as its hardest pair, and each of its states as its own hardest pair; choices that cannot improve
-    the best strategy are skipped. A complete search proves the strategy optimal; if `limit` ends
-    it, `lower` still holds.
+    A greedy strategy comes first. It takes the input that divides a set best; if no input
+    distinguishes two states, it takes an input after which some pair is easier to distinguish. Then
+    all strategies are searched depth first. Choices that cannot improve the best
+    strategy are skipped, because a set costs at least as much as the pair of its states that is
+    hardest to distinguish. A complete search proves the strategy optimal; if `limit` ends the
+    search, `lower` is still a bound.
 
     **Arguments:**
 
@@ -72,16 +74,16 @@ def adaptive_choice(
     - `observations`: the observation between each state and its image.
     - `roots`: the possible first sets, without repeats.
     - `place`: labels of places; states in one place are settled. By default all places differ.
-    - `aim`: the cost to minimise: the inputs of a set in the worst case, or their sum over its
-        states.
-    - `limit`: largest total number of states of the searched sets, which bounds the search.
+    - `aim`: the cost of a set: the number of inputs in the worst case, or (`"mean"`) the sum of
+        this number over the states of the set.
+    - `limit`: largest total number of states of the searched sets.
 
     **Returns:** [`Decisions`][].
 
     **Raises:** `ValueError` if two states have the same image and observation.
 
-    A ring of three states whose bell rings in state 2; the second input goes backwards.
-    Two inputs identify the state in the worst case:
+    A bell rings in state 2 of a ring of three states; the second input goes backwards. Two inputs
+    identify the state in the worst case:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -102,10 +104,9 @@ def adaptive_choice(
 
 
 def check_apart(
-    images: Integer[np.ndarray, "inputs states"],
-    observations: Integer[np.ndarray, "inputs states"],
+    images: Integer[np.ndarray, "inputs states"], observations: Integer[np.ndarray, "inputs states"]
 ) -> None:
-    """**Raises:** `ValueError` if two states have the same image and observation."""
+    """Raise `ValueError` if two states have the same image and observation."""
     for i, (image, observation) in enumerate(zip(images, observations, strict=True)):
         if np.unique(ranked(image, observation)).size < image.size:
             raise ValueError(
@@ -114,13 +115,12 @@ def check_apart(
 
 
 def levels(
-    images: Integer[np.ndarray, "inputs states"],
-    observations: Integer[np.ndarray, "inputs states"],
+    images: Integer[np.ndarray, "inputs states"], observations: Integer[np.ndarray, "inputs states"]
 ) -> list[Int[np.ndarray, "states"]]:
-    """Return the classes of states that 0, 1, 2, ... inputs cannot distinguish.
+    """Compute the classes of states that no sequence of 0, 1, 2, ... inputs distinguishes.
 
-    No inputs distinguish the states of the last classes. States whose classes first differ at level
-    `i` need `i` inputs.
+    Two states whose classes first differ at level `i` are distinguished by `i` inputs. The classes
+    of the last level are those of equivalent states.
     """
     levels = [np.zeros(images.shape[1], np.int64)]
     seen = np.zeros(images.shape[1], np.int64)
@@ -136,7 +136,7 @@ def levels(
 
 
 class Search:
-    """Sets of states by number, with bounds on their costs."""
+    """The sets that a search has met, by number, with bounds on their costs."""
 
     def __init__(
         self,
@@ -159,7 +159,7 @@ class Search:
         self.after: list[list[dict[int, int]] | None] = []
 
     def number(self, states: tuple[int, ...]) -> int:
-        """Return the number of a set; a new set gets the bounds of its pairs."""
+        """Return the number of a set; a set without a number gets the next one."""
         number = self.numbers.setdefault(states, len(self.sets))
         if number == len(self.sets):
             bound = self._bound(states)
@@ -171,13 +171,15 @@ class Search:
         return number
 
     def _bound(self, states: tuple[int, ...]) -> int:
-        """Compute the cost of the hardest pairs, 0 if all are settled."""
+        """Compute a lower bound on the cost of a set from pairs of states; 0 if it is settled."""
+        final, place = self.levels[-1], self.place
         if len(states) == 1:
             return 0
-        if self.place is not None:
-            return (1 if self.aim == "worst" else len(states)) * (not self._in_places(states))
+        if place is not None:
+            settled = 1 in (len({place[x] for x in states}), len({final[x] for x in states}))
+            return 0 if settled else 1 if self.aim == "worst" else len(states)
         # A state is done at the level where all states of its class are equivalent to it.
-        final, total, left = self.levels[-1], 0, list(states)
+        total, left = 0, list(states)
         for depth, level in enumerate(self.levels):
             mixed: dict[int, int] = {}
             for x in left:
@@ -192,15 +194,6 @@ class Search:
             if not left:
                 break
         return total
-
-    def _in_places(self, states: tuple[int, ...]) -> bool:
-        """Check that every two states are in one place or equivalent."""
-        assert self.place is not None
-        # If two are neither, a state has another place and another class than the first state, or
-        # there are states of each kind.
-        place, final = self.place, self.levels[-1]
-        kinds = {(place[x], final[x]) for x in states}
-        return len({p for p, _ in kinds}) == 1 or len({c for _, c in kinds}) == 1
 
     def parts(self, number: int) -> list[dict[int, int]]:
         """Return, for each input, the set after each observation."""
@@ -258,7 +251,7 @@ class Search:
         return min(splits, key=left)
 
     def toward_nearest(self, sets: Sequence[int]) -> int:
-        """Choose an input that brings the pair nearest to being distinguished one input closer."""
+        """Choose an input after which the easiest pair to distinguish needs one input fewer."""
         depth, number = min(
             (next(d for d, level in enumerate(self.levels) if _differ(level, self.sets[n])), n)
             for n in sets
@@ -268,7 +261,7 @@ class Search:
         return next(i for i, image in enumerate(images) if _differ(before, image))
 
     def solve(self, root: int) -> None:
-        """Search for the best strategy from a set that has a strategy."""
+        """Search for the best strategy for a set whose greedy strategy is known."""
         if self.upper[root] > _DEEPEST * (1 if self.aim == "worst" else len(self.sets[root])):
             return
         if self.aim == "mean":
@@ -279,9 +272,7 @@ class Search:
 
     def _improve(self, number: int, limit: float | int) -> None:
         """Search until the cost of a set is known, or is known to be at least `limit`."""
-        if self.lower[number] >= min(limit, self.upper[number]):
-            return
-        if self.left <= 0:
+        if self.lower[number] >= min(limit, self.upper[number]) or self.left <= 0:
             return
         self.left -= len(self.sets[number])
         self.searched += 1
@@ -306,7 +297,7 @@ class Search:
         self.lower[number] = max(self.lower[number], int(min(least, self.upper[number])))
 
     def decisions(self, roots: list[int]) -> Decisions:
-        """Return the strategy, with its sets numbered in the order in which it visits them."""
+        """Return the strategy; its sets are numbered breadth first."""
         number = {old: i for i, old in enumerate(dict.fromkeys(roots))}
         queue = list(number)
         choice, after = [], []
@@ -331,5 +322,5 @@ class Search:
 
 
 def _differ(level: list[int], states: Sequence[int]) -> bool:
-    """Check that not all states are in one class."""
+    """Check whether two of the states are in different classes."""
     return any(level[a] != level[b] for a, b in itertools.pairwise(states))

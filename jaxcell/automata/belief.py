@@ -7,16 +7,16 @@ from jaxtyping import Float, Int
 from .hidden import Estimate, HiddenMap, credible
 
 
-# Probability at each observation that the robot is carried away, or its map is wrong.
+# Probability, per observation, that the robot is carried away, or that its map is wrong.
 _LOST = 1e-4
-# Probability of a bump of a robot that is nowhere on the map.
+# Probability, per observation, that a robot off the map bumps.
 _COIN = 0.5
-# The look-ahead of an entropy ends after this many steps, or with this probability of no bump.
+# The expected entropy ignores bumps after this many steps, or if they are less probable than this.
 _MAX_STEPS, _REST = 100, 1e-3
 NOWHERE = 0.99
-"Probability of being nowhere on the map at which a robot stops."
+"Least probability of being nowhere on the map at which a robot stops."
 SMALL = 4
-"Size of the credible set, in configurations, up to which a robot is localized."
+"Largest number of configurations in the credible set of a localized robot."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class BeliefState:
     nowhere: float
     "The probability that the robot is in no cell; all probabilities sum to 1."
     turn: int | None = None
-    "The number of the angle by which the robot turns now, after a bump."
+    "The number of the angle by which the robot turns after a bump; `None` after a step."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,10 +36,10 @@ class Belief:
     """The forward filter of a hidden map: the probability of each cell given the observations.
 
     At each observation the robot may, with a small probability, get lost: then it is nowhere on the
-    map, and its observations are tosses of a fair coin. A run that the map explains worse than the
-    coin makes being lost probable.
+    map, and its observations are tosses of a fair coin. If a coin explains a run better than the
+    map does, the robot is probably lost.
 
-    At each bump, a robot with several angles turns by the one with the least
+    A robot that can turn by several angles takes, at each bump, the angle with the least
     [`jaxcell.automata.expected_entropy`][].
 
     A robot in one of three cells in a row, which always moves on and bumps at the end:
@@ -88,7 +88,7 @@ class Belief:
     def smoothed(self, events: Sequence[int]) -> Float[np.ndarray, "times cells"]:
         """Compute the probability of each cell at each time of a run, given the whole run.
 
-        Events are as in [`HiddenMap.leaving`][]; with one angle they are the observations.
+        `events` are numbered as in [`HiddenMap.leaving`][]; for one angle they are observations.
 
         **Raises:** `ValueError` if the run is impossible on the map.
         """
@@ -103,7 +103,7 @@ class Belief:
         return np.stack(smoothed[::-1])
 
     def likeliest_path(self, events: Sequence[int]) -> Int[np.ndarray, "times"]:
-        """Find the most probable cells of a run, from the start to the end (Viterbi).
+        """Find the most probable sequence of cells of a run, by Viterbi's algorithm.
 
         Events and errors are as in [`Belief.smoothed`][].
         """
@@ -136,17 +136,17 @@ class Belief:
 
 
 def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """Compute the mean entropy of a robot's configuration at its next bump.
+    """Compute the mean entropy of the configuration of a robot after its next bump.
 
-    Until that bump the robot observes only the number of its steps. Each number has a probability,
-    and a distribution of the configuration of the bump; the result is the mean entropy of these
-    distributions. Runs without a bump, after up to a hundred steps, are one more outcome.
+    The robot observes the number of its steps until the bump. Given this number, its configuration
+    has a distribution; the result is the mean entropy of these distributions. Runs of a hundred
+    steps without a bump are one more outcome.
 
     **Arguments:** a hidden map, and the probability of each cell now, up to a factor. **Returns:**
     the entropy in bits, 0 if all probabilities are 0.
 
-    A robot in one of three cells in a row always moves on and bumps at the end, so its steps
-    identify its cell. A robot that always stays learns nothing:
+    A robot in one of three cells in a row always moves on and bumps at the end, so the number of
+    its steps identifies its cell. A robot that always stays learns nothing:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -171,7 +171,7 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
 
 
 def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
-    """Compute the entropy of the configuration in an outcome, times the outcome's probability."""
+    """Compute the entropy of the configuration, multiplied by the sum of the weights."""
     mass = hidden.masses(weight)
     mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())

@@ -13,17 +13,13 @@ if TYPE_CHECKING:
     import scipy.sparse
 
 
-# Default of the largest total size of the sets of an automaton.
-_LIMIT = 10_000_000
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bounded:
-    """The sets of cells that observations leave possible, for maps with several images per cell.
+    """A filter of sets: the possible cells of a robot, for maps with several images per cell.
 
-    The sets always contain a robot that behaves as the map allows, and they may grow.
+    The set always contains the cell of a robot whose steps the map allows. It may grow.
 
-    A robot in one of three cells in a row, which moves on or stays, and bumps at the end:
+    A robot in one of three cells in a row moves on or stays, and bumps at the end:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -38,17 +34,17 @@ class Bounded:
     """
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
-    """For observation 0 and 1, matrices that are applied one after the other: a robot may move from
-    a row to a column with an entry `True`. Each row and column of a smaller matrix stands for a
-    block of cells, and leads to the corresponding cells of other blocks."""
+    """For each observation, 0 and 1, matrices whose product has an entry `True` where the robot may
+    move from the row to the column. A matrix with fewer rows than cells applies to blocks of cells:
+    it moves each cell to the same place in another block."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start_weight: Float[np.ndarray, "cells"]
-    "A distribution over the cells at the start; only its support matters."
+    "Numbers above 0 in the possible cells at the start, 0 in the other cells."
 
     @classmethod
     def of(cls, hidden: HiddenMap) -> "Bounded":
-        """Make the sets of possible cells of a hidden map with one angle.
+        """Make the filter of the possible images of a hidden map with one angle.
 
         **Raises:** `ValueError` for a map with several angles.
         """
@@ -62,11 +58,11 @@ class Bounded:
         return tuple(tuple(part.T.tocsr() for part in parts) for parts in self.images)
 
     def start(self) -> Int[np.ndarray, "cells"]:
-        """Return the possible cells before the first observation, ascending."""
+        """Return the possible cells before the first observation, in ascending order."""
         return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
-        """Return the possible cells after an observation, 0 or 1; none if it is impossible."""
+        """Return the possible cells after an observation, 0 or 1; empty if it is impossible."""
         possible = np.zeros(self.configuration.size, bool)
         possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)
@@ -81,11 +77,11 @@ class Bounded:
         return np.flatnonzero(possible).astype(np.int32)
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
-        """Return the configurations of the set; if there are none, the robot is surely nowhere."""
+        """Return the configurations of a set of cells; `nowhere` is 1 if the set is empty."""
         cells = np.flatnonzero(np.bincount(self.configuration[state])).astype(np.int32)
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
 
-    def automaton(self, *, limit: int = _LIMIT) -> Automaton:
+    def automaton(self, *, limit: int = 10_000_000) -> Automaton:
         """Make the automaton of the sets for all observation strings.
 
         **Raises:** `ValueError` if the sets have more than `limit` cells in all; then use

@@ -6,25 +6,25 @@ from jaxtyping import Bool, Int32, Integer
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnowledgeCycle:
-    """A simple cycle of the states of a filter, without exits: on it the robot is localized.
+    """A simple cycle of a filter, without exits, on which the robot is localized.
 
     Alam 2018, section 2.4.3.
     """
 
     states: Int32[np.ndarray, "length"]
-    "The states in their order along the cycle, from the smallest."
+    "The states in the order of the cycle, the smallest first."
     color: int
     "The colour of the states of the cycle in the filter, 2 or more."
     uncertainty: int
     "The number of possible configurations at each state of the cycle."
     word: str
-    "The observations of one round, from the smallest state back to it."
+    "The observations of one round, as digits, from the smallest state on."
 
 
 def knowledge_cycles(
     transition: Int32[np.ndarray, "states 2"], uncertainty: Int32[np.ndarray, "states"]
 ) -> tuple[KnowledgeCycle, ...]:
-    """Find the knowledge cycles of a deterministic I-state automaton, by their smallest states."""
+    """Find the knowledge cycles of an automaton, in the order of their smallest states."""
     states = transition.shape[0]
     single = np.sum(transition >= 0, axis=1) == 1
     # A state without a choice has one successor; all other states, which are in no knowledge cycle,
@@ -55,7 +55,7 @@ def knowledge_cycles(
 def periodic_nodes(successor: Integer[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
     """Find the nodes of a functional graph that are on a cycle.
 
-    They are the images of any power of the map not less than the number of nodes.
+    They are the images of every power of the map whose exponent is at least the number of nodes.
     """
     for _ in range(successor.size.bit_length()):
         successor = successor[successor]

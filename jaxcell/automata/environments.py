@@ -8,11 +8,11 @@ from .filter import Filter, FilterState, Observations, digits
 
 
 class Environments:
-    """Open-world filters of several maps side by side, to find the robot's map and its place.
+    """Open-world filters of several maps, which find the map of a robot and its place there.
 
     Alam 2018, section 2.4.4.
 
-    One ring bumps every third step, the other every second:
+    A robot bumps every third step in one ring, and every second step in the other:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -36,11 +36,11 @@ class Environments:
         self.filters = {name: filter.with_trap() for name, filter in filters.items()}
 
     def start(self) -> "EnvironmentsState":
-        """Return the state of all maps, before the first observation."""
+        """Return the state of all filters before the first observation."""
         return EnvironmentsState({name: filter.start() for name, filter in self.filters.items()})
 
     def run(self, observations: Observations) -> "EnvironmentsState":
-        """Return the state of all maps after an observation string.
+        """Return the state of all filters after an observation string.
 
         **Raises:** `ValueError` for an observation that is neither 0 nor 1, with its index.
         """
@@ -52,10 +52,10 @@ class Environments:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EnvironmentsState:
-    """The maps and configurations that are possible after a number of observations."""
+    """The maps and configurations that are possible after some observations."""
 
     states: Mapping[str, FilterState]
-    "The state of each map's filter."
+    "The state of the filter of each map."
 
     def observe(self, observation: int) -> "EnvironmentsState":
         """Return the state after one more observation, 0 or 1."""

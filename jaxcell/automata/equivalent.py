@@ -10,8 +10,8 @@ class Equivalence:
     """The equivalence classes of the states of a machine with inputs and observations.
 
     Two states are *equivalent* if every sequence of inputs gives the same observations from both.
-    States are proved equivalent if the images of each class under an input are in one class, with
-    one observation; [`Equivalence.distinguish`][] proves that two classes differ.
+    The proof that the states of a class are equivalent: under each input they give one observation,
+    and their images are in one class. [`Equivalence.distinguish`][] proves that two classes differ.
     """
 
     images: Integer[np.ndarray, "inputs states"]
@@ -66,12 +66,10 @@ def equivalence(
 ) -> Equivalence:
     """Find the classes of states that no sequence of inputs distinguishes.
 
-    The partition of the states is refined until the images of a class are in one class. It is first
-    refined along each input separately, by doubling: the differences within `2^i` repeats of an
-    input take `i` sorts, so that a long corridor takes a number of sorts logarithmic in its length.
-    Then it is refined along all inputs, in rounds: of a class that splits, the largest part keeps
-    its number, and only states that lead to the other parts are examined again, so that each state
-    is examined a logarithmic number of times (Hopcroft 1971).
+    The partition of the states is refined until the images of each class are in one class. It is
+    first refined by repeats of each single input: `i` sorts find the differences after up to `2^i`
+    repeats, so that a long corridor takes few sorts. Then it is refined by all inputs, in rounds.
+    Each round examines only the states with an image whose class has changed (Hopcroft 1971).
 
     **Arguments:**
 
@@ -80,8 +78,8 @@ def equivalence(
 
     **Returns:** [`Equivalence`][].
 
-    A ring of three states; input 0 moves along it, input 1 stays, and the bell of state 2 rings.
-    One input distinguishes states 0 and 2, and two distinguish 0 and 1:
+    A bell rings in state 2 of a ring of three states. Input 0 moves along the ring, and input 1
+    stays. One input distinguishes states 0 and 2, and two distinguish 0 and 1:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -119,7 +117,7 @@ def equivalence(
 def _along(
     image: Integer[np.ndarray, "states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
-    """Refine labels by repeats of one input."""
+    """Refine labels by the observations after any number of repeats of one input."""
     # Singletons keep their labels; only other classes are sorted.
     jump, count = image, int(label.max()) + 1
     while True:
@@ -127,21 +125,15 @@ def _along(
         open_ = np.flatnonzero(~alone[label])
         refined = label.copy()
         refined[open_] = count + ranked(label[open_], label[jump[open_]])
-        refined, more = _compact(refined)
-        if more == count:
+        # Numbers without gaps.
+        used = np.bincount(refined) > 0
+        if (more := int(np.count_nonzero(used))) == count:
             return label
-        label, count, jump = refined, more, jump[jump]
-
-
-def _compact(label: Int[np.ndarray, "states"]) -> tuple[Int[np.ndarray, "states"], int]:
-    """Renumber labels without gaps. Returns them and their number."""
-    used = np.zeros(int(label.max()) + 1, bool)
-    used[label] = True
-    return (np.cumsum(used) - 1)[label], int(used.sum())
+        label, count, jump = (np.cumsum(used) - 1)[refined], more, jump[jump]
 
 
 def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """Number the different pairs, in their order."""
+    """Number the different pairs `(a[i], b[i])` in ascending order; return the number of each."""
     key = a.astype(np.int64) * (int(b.max(initial=0)) + 1) + b
     return np.unique(key, return_inverse=True)[1]
 
@@ -150,93 +142,33 @@ def _refined(
     images: Integer[np.ndarray, "inputs states"], label: Int[np.ndarray, "states"]
 ) -> Int[np.ndarray, "states"]:
     """Compute the labels of the coarsest refinement that all inputs preserve."""
-    blocks = _Blocks(label)
+    label, count = label.copy(), int(label.max()) + 1
+    size = np.bincount(label, minlength=label.size)
     into = np.argsort(images, axis=None, kind="stable")
     starts = np.searchsorted(images.ravel()[into], np.arange(label.size + 1))
     into %= label.size
-    looked_at = np.arange(label.size)
-    while looked_at.size:
-        looked_at = looked_at[blocks.size[blocks.label[looked_at]] > 1]
-        kind = np.zeros(looked_at.size, np.int64)
+    states = np.arange(label.size)
+    while (states := states[size[label[states]] > 1]).size:
+        part = label[states]
         for image in images:
-            kind = ranked(kind, blocks.label[image[looked_at]])
-        changed = blocks.split(looked_at, kind)
-        before = into[_ranges(starts[changed], starts[changed + 1] - starts[changed])]
-        looked_at = np.unique(before)
-    return blocks.label
-
-
-class _Blocks:
-    """A partition whose blocks are consecutive in `order`."""
-
-    def __init__(self, label: Int[np.ndarray, "states"]) -> None:
-        self.label = label.copy()
-        self.order = np.argsort(label, kind="stable")
-        self.place = np.empty_like(self.order)
-        self.place[self.order] = np.arange(label.size)
-        # There is room for as many blocks as states.
-        self.count = int(label.max()) + 1
-        self.size = np.zeros(label.size, np.int64)
-        self.size[: self.count] = np.bincount(label)
-        self.begin = np.zeros(label.size, np.int64)
-        self.begin[: self.count] = np.cumsum(self.size[: self.count]) - self.size[: self.count]
-
-    def split(
-        self, states: Int[np.ndarray, "some"], kind: Int[np.ndarray, "some"]
-    ) -> Int[np.ndarray, "changed"]:
-        """Split blocks by the kinds of `states`; all other states have another kind.
-
-        Returns the states whose block has a new number: all but those of the largest parts.
-        """
-        sort = np.lexsort((kind, self.label[states]))
-        states, kind, block = states[sort], kind[sort], self.label[states[sort]]
-        parts = np.flatnonzero(_changes(block) | _changes(kind))
-        length = np.diff(np.append(parts, states.size))
-        owner = block[parts]
-        firsts = np.flatnonzero(_changes(owner))
-        touched = owner[firsts]
-        moved = np.add.reduceat(length, firsts) if touched.size else length
-        rest = self.size[touched] - moved
-        self._move_to_end(states, touched, moved)
-
-        # The parts of a block: its other states, and then each kind.
-        owner = np.concatenate([touched[rest > 0], owner])
-        length = np.concatenate([rest[rest > 0], length])
-        begin = np.concatenate([self.begin[touched[rest > 0]], self.place[states[parts]]])
-        sort = np.lexsort((-length, owner))
-        owner, length, begin = owner[sort], length[sort], begin[sort]
-        largest = _changes(owner)
-        self.size[owner[largest]], self.begin[owner[largest]] = length[largest], begin[largest]
-        new = slice(self.count, self.count + int((~largest).sum()))
-        self.count = new.stop
-        self.size[new], self.begin[new] = length[~largest], begin[~largest]
-        changed = self.order[_ranges(self.begin[new], self.size[new])]
-        self.label[changed] = np.repeat(np.arange(new.start, new.stop), self.size[new])
-        return changed
-
-    def _move_to_end(
-        self,
-        states: Int[np.ndarray, "some"],
-        blocks: Int[np.ndarray, "touched"],
-        count: Int[np.ndarray, "touched"],
-    ) -> None:
-        """Move states, sorted by block, to the ends of their blocks, in their order."""
-        tail = _ranges(self.begin[blocks] + self.size[blocks] - count, count)
-        first = np.repeat(self.begin[blocks] + self.size[blocks] - count, count)
-        vacated = self.place[states][self.place[states] < first]
-        there = self.order[tail]
-        self.place[states] = -1
-        displaced = there[self.place[there] >= 0]
-        self.order[vacated], self.place[displaced] = displaced, vacated
-        self.order[tail], self.place[states] = states, tail
-
-
-def _changes(values: Int[np.ndarray, "_"]) -> np.ndarray:
-    """Return a mask of the values that differ from the preceding value, and of the first value."""
-    return np.append(np.ones(min(values.size, 1), bool), values[1:] != values[:-1])
-
-
-def _ranges(begin: Int[np.ndarray, "_"], length: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
-    """Concatenate the numbers of ranges."""
-    before = np.cumsum(length) - length
-    return np.repeat(begin - before, length) + np.arange(int(length.sum()))
+            part = ranked(part, label[image[states]])
+        _, first, length = np.unique(part, return_index=True, return_counts=True)
+        owner = label[states[first]]
+        # The states that were not examined keep the number of their class. If all were, the largest
+        # part keeps it.
+        new = np.ones(length.size, bool)
+        order = np.lexsort((-length, owner))
+        new[order[np.unique(owner[order], return_index=True)[1]]] = False
+        new |= np.bincount(owner, length)[owner] < size[owner]
+        number = count + np.cumsum(new) - 1
+        count += int(np.count_nonzero(new))
+        np.subtract.at(size, owner[new], length[new])
+        size[number[new]] = length[new]
+        moved = new[part]
+        changed = states[moved]
+        label[changed] = number[part[moved]]
+        # The next states are those with an image in `changed`.
+        begin, count_into = starts[changed], np.diff(starts)[changed]
+        begin = np.repeat(begin - np.cumsum(count_into) + count_into, count_into)
+        states = np.unique(into[begin + np.arange(begin.size)])
+    return label

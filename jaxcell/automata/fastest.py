@@ -6,10 +6,10 @@ from .filter import Filter
 def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str | None:
     """Find the shortest observation string that localizes a robot, the first in dictionary order.
 
-    **Arguments:** a filter, and the number of configurations of the knowledge cycles that count, by
-    default any. **Returns:** the string, or `None` if no cycle has that number.
+    **Arguments:** a filter, and the uncertainty of the knowledge cycle to reach, by default any.
+    **Returns:** the string, or `None` if no knowledge cycle has this uncertainty.
 
-    On a ring of three cells with one bump, the bump identifies the cell:
+    A robot goes round three cells, and bumps in one of them, so that the bump identifies the cell:
 
         >>> from jaxcell import automata, examples
         >>> filter = examples.ring()

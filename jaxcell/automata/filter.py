@@ -23,8 +23,8 @@ class Filter:
     Alam 2018, Definitions 2.4.5 and 2.4.6.
 
     State 0 is the start, and states are numbered in breadth-first order, observation 0 before
-    observation 1. Use [`Filter.of`][] to make a filter; the constructor takes the parts and checks
-    that they match.
+    observation 1. [`Filter.of`][] makes a filter of an automaton; the constructor only checks that
+    its arguments match.
 
     Three cells in a ring, with a bump between cells 2 and 0:
 
@@ -46,7 +46,7 @@ class Filter:
     uncertainty: Int32[np.ndarray, "states"]
     "The number of possible configurations of each state, 0 in the trap."
     offsets: Int64[np.ndarray, "states+1"]
-    "The start of the configurations of each state in `members`."
+    "The places in `members` at which the configurations of each state begin, and the last end."
     members: Int32[np.ndarray, "total"]
     "The configurations of each state in ascending order, one state after the other."
     open_world: bool = False
@@ -70,10 +70,10 @@ class Filter:
                 "transition: expected every observation and, as last state, a trap in an open world"
             )
         # The largest state met before each edge grows by 1; a state is met before its edges.
-        ordinary = self._ordinary
-        met = np.maximum.accumulate(np.append(0, ordinary.ravel()))
-        late = met[:-1:2] < np.arange(len(ordinary))
-        if met[-1] != len(ordinary) - 1 or np.any(np.diff(met) > 1) or np.any(late):
+        closed = self.closed_transition
+        met = np.maximum.accumulate(np.append(0, closed.ravel()))
+        late = met[:-1:2] < np.arange(len(closed))
+        if met[-1] != len(closed) - 1 or np.any(np.diff(met) > 1) or np.any(late):
             raise ValueError(
                 "transition: expected states in breadth-first order from state 0, each reached"
             )
@@ -81,12 +81,9 @@ class Filter:
 
     @staticmethod
     def of(
-        automaton: Automaton,
-        *,
-        open_world: bool = False,
-        metadata: Mapping[str, Any] | None = None,
+        automaton: Automaton, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
     ) -> "Filter":
-        """Colour a deterministic I-state automaton; an open-world filter has a trap.
+        """Make the filter of a deterministic I-state automaton; with `open_world` it has a trap.
 
         `metadata` is a JSON object to store with the filter.
         """
@@ -124,10 +121,11 @@ class Filter:
     @functools.cached_property
     def cycles(self) -> tuple[KnowledgeCycle, ...]:
         """The knowledge cycles in the order of their smallest states, with colours 2, 3, ..."""
-        return knowledge_cycles(self._ordinary, self.uncertainty[: len(self._ordinary)])
+        transition = self.closed_transition
+        return knowledge_cycles(transition, self.uncertainty[: len(transition)])
 
     @property
-    def _ordinary(self) -> Int32[np.ndarray, "ordinary 2"]:
+    def closed_transition(self) -> Int32[np.ndarray, "ordinary 2"]:
         """The transitions without the trap; -1 if an observation is impossible."""
         if not self.open_world:
             return self.transition
@@ -148,7 +146,7 @@ class Filter:
         return color
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the possible configurations of the robot in a state, in ascending order.
+        """Return the possible configurations of a robot in a state, in ascending order.
 
         **Raises:** `ValueError` if the state does not exist.
         """
@@ -159,14 +157,14 @@ class Filter:
         return cells
 
     def start(self) -> "FilterState":
-        """Return the filter before its first observation."""
+        """Return the state before the first observation."""
         return FilterState(self, 0, 0, None)
 
     def run(self, observations: Observations) -> "FilterRun":
         """Run the filter on observations 0 and 1, as numbers or as a string of digits.
 
-        **Raises:** `ValueError`, with its index, for an observation that is neither 0 nor 1, or
-        that is impossible in a closed-world filter.
+        **Raises:** `ValueError` for an observation that is neither 0 nor 1, or that is impossible
+        in a closed-world filter.
         """
         state = self.start()
         states = [state.index]
@@ -239,7 +237,7 @@ class FilterRun:
 
 @dataclasses.dataclass(slots=True, eq=False)
 class FilterState:
-    """The state of a filter after some observations; an observation returns another object.
+    """The state of a filter after some observations; `observe` returns a new object.
 
     Each observation takes constant time and memory.
     """
@@ -253,7 +251,7 @@ class FilterState:
     "The index of the first impossible observation, or `None`; open world only."
 
     def observe(self, observation: int) -> "FilterState":
-        """Return the filter after one more observation, 0 or 1.
+        """Return the state after one more observation, 0 or 1.
 
         **Raises:** `ValueError` as [`Filter.run`][].
         """
@@ -297,7 +295,7 @@ class FilterState:
 
 
 def digits(observations: Observations) -> Iterable[int]:
-    """Return observations as numbers; those of a string are its digits."""
+    """Return observations as numbers; a string has a digit per observation."""
     if isinstance(observations, np.ndarray):
         return observations.tolist()
     if not isinstance(observations, str):

@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
 
 _FORMAT, _VERSION = "jaxcell-hidden-map", 1
-# Unit of the whole numbers that store probabilities in a file.
+# Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
 FEW = 0.2
-"Share of nonzero cells below which their rows are selected; else the whole matrix is used."
+"Share of nonzero cells below which products use only the rows of these cells."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HiddenMap:
-    """A map with several images of each cell, and the robot's observation at each step.
+    """A hidden Markov model: a map with several images per cell, and observations of steps.
 
-    Cells may be finer than the *configurations* of interest.
+    Cells may be parts of the *configurations* of interest.
 
-    The first two of three cells are one configuration. A robot moves on or stays, or bumps at the
+    The first two of three cells are one configuration. A robot moves on or stays, and bumps at the
     end:
 
         >>> import numpy as np
@@ -44,7 +44,7 @@ class HiddenMap:
     moves: "scipy.sparse.csr_array"
     "The probability of a move from a cell, the row, to a cell, the column, with observation 0."
     bumps: "tuple[scipy.sparse.csr_array, ...]"
-    "The probability of a move with observation 1, for each angle by which the robot may turn."
+    "For each angle by which the robot may turn, the probability of a move with observation 1."
     configuration: Int[np.ndarray, "cells"]
     "The configuration of each cell."
     start: Float[np.ndarray, "cells"]
@@ -63,8 +63,8 @@ class HiddenMap:
     ) -> "HiddenMap":
         """Make a map from its fields; matrices may be dense, and `bumps` a single matrix.
 
-        **Raises:** `ValueError` for arrays that do not match, wrong probabilities, and bumps whose
-        probability depends on the angle.
+        **Raises:** `ValueError` for arrays that do not match, wrong probabilities, or a probability
+        of a bump that depends on the angle.
         """
         # A robot that runs a filter does not need SciPy.
         sparse = import_module("scipy.sparse")
@@ -108,17 +108,17 @@ class HiddenMap:
         return len(self.bumps)
 
     def leaving(self, event: int) -> "scipy.sparse.csr_array":
-        """Return the matrix of the probabilities of one event, a row per cell where it begins.
+        """Return the matrix of the probabilities of an event; its rows are the cells before it.
 
-        Event 0 is a step, and event `1 + i` a bump and the turn by angle `i`. With one angle,
-        events are observations.
+        Event 0 is a step, and event `1 + i` is a bump and the turn by angle `i`. If there is one
+        angle, events are observations.
         """
         return (self.moves, *self.bumps)[event]
 
     def after(self, event: int, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
-        """Compute the probability of each cell after one event, as in [`HiddenMap.leaving`][].
+        """Compute the joint probability of an event, as in `leaving`, and of each cell after it.
 
-        `weight` is the probability before it; the result sums to the probability of the event.
+        `weight` is the probability of each cell before the event.
         """
         leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
         if here.size < FEW * weight.size:
@@ -126,18 +126,18 @@ class HiddenMap:
         return leaving.T @ weight
 
     def masses(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "configurations"]:
-        """Sum the weights of the cells of each configuration."""
+        """Compute the sum of the weights of the cells of each configuration."""
         return np.bincount(self.configuration, weight, self.configurations)
 
     def by_position(
         self, weight: Float[np.ndarray, "cells"], positions: int
     ) -> Float[np.ndarray, "positions"]:
-        """Sum the weights of the cells at each position of a map, over all headings."""
+        """Compute the sum of the weights of the cells at each position, over all headings."""
         return np.bincount(self.configuration % positions, weight, positions)
 
     @functools.cached_property
     def bumping(self) -> Float[np.ndarray, "cells"]:
-        """The probability that the robot bumps next, in each cell."""
+        """The probability of a bump at the next step from each cell."""
         return np.asarray(self.bumps[0].sum(axis=1)).ravel()
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -154,9 +154,9 @@ class HiddenMap:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "HiddenMap":
-        """Read the file of a map.
+        """Read a map that [`HiddenMap.save`][] wrote.
 
-        **Raises:** `ValueError`, with the file, if it is not a map; `FileNotFoundError`.
+        **Raises:** `ValueError` if the file is not a map, or was altered.
         """
         sparse = import_module("scipy.sparse")
         header, arrays = read_arrays(path)
@@ -189,12 +189,12 @@ class HiddenMap:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Estimate:
-    """The configurations in which a robot may be, with their probabilities."""
+    """The possible configurations of a robot, with their probabilities."""
 
     cells: Int[np.ndarray, "configurations"]
-    "The configurations, the likeliest first if that is known."
+    "The configurations, the likeliest first if probabilities are known."
     probability: Float[np.ndarray, "configurations"]
-    "The probability of each, given that the robot is on the map; all equal if unknown."
+    "The probability of each configuration, given that the robot is on the map; equal if unknown."
     nowhere: float
     "The probability that the robot is nowhere on the map, 0 to 1."
 
@@ -205,7 +205,7 @@ def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: f
     **Arguments:**
 
     - `mass`: the probability of each configuration, up to a factor.
-    - `share`: the least total probability of the result, relative to that of all.
+    - `share`: the least total probability of the result, as a share of that of all configurations.
     - `nowhere`: the probability that the robot is in no configuration.
 
     **Returns:** [`Estimate`][], with no configurations if all masses are 0.
@@ -227,7 +227,6 @@ def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: f
 
 
 def _names(angles: int) -> list[str]:
-    """Return the names of the matrices of a map in its file."""
     return ["moves", "bumps", *(f"bumps_{i}" for i in range(1, angles))]
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Int, Integer
 from .adaptive import Search, check_apart
 
 
-# The numbers of the sets that are not settled.
+# The numbers of the unsettled sets, one per possible observation string of a sequence of inputs.
 _Family: TypeAlias = frozenset[int]
 
 
@@ -22,11 +22,11 @@ class Homing:
     least: int
     "A lower bound on the length of every sequence."
     searched: int
-    "Number of families of sets whose inputs were all examined."
+    "Number of sequences that were searched, if sequences that leave equal sets count once."
 
     @property
     def optimal(self) -> bool:
-        """`True` if no sequence is shorter."""
+        """`True` if it is proved that no sequence is shorter."""
         return self.least == self.inputs.size
 
 
@@ -38,17 +38,17 @@ def homing_sequence(
     place: Integer[np.ndarray, "states"] | None = None,
     limit: int = 1_000_000,
 ) -> Homing:
-    """Find one sequence of inputs that settles every set of states for all observations.
+    """Find a fixed sequence of inputs whose observations identify the state of a machine.
 
-    A sequence always exists: distinguish the pair that can be distinguished soonest, and then the
-    next pair. That is the greedy sequence, except that it prefers inputs that distinguish states.
-    Then families of sets are searched in the order of the least lengths that their hardest pairs
-    permit.
+    It settles all roots, in the sense of [`adaptive_choice`][]. A sequence always exists, because
+    pairs of states can be distinguished one after the other. A greedy sequence comes first; it
+    takes the input that leaves the fewest states together. Then all sequences are searched, first
+    those whose remaining pairs of states permit the least total length.
 
     **Arguments:**
 
     - `images`, `observations`, `roots`, `place`: as in [`adaptive_choice`][].
-    - `limit`: largest total number of sets of the searched families, which bounds the search.
+    - `limit`: largest total number of sets that the searched sequences leave unsettled.
 
     **Returns:** [`Homing`][].
 
@@ -81,9 +81,13 @@ def homing_sequence(
                 continue
             length[after], before[after] = longer, (family, i)
             if not after:
-                best = _read(before, after)
+                best = []
+                while after in before:
+                    after, made = before[after]
+                    best.insert(0, made)
                 continue
-            # Among equal bounds the longest sequence is first; numbers keep families uncompared.
+            # Among equal bounds the longest sequence is first. The third entry is never equal, so
+            # that families are not compared.
             entry = (longer + _least(search, after), -longer, len(before), after)
             heapq.heappush(queue, entry)
     if not queue:
@@ -92,7 +96,7 @@ def homing_sequence(
 
 
 def _after(search: Search, family: _Family, i: int) -> _Family:
-    """Return the sets after an input, for all observations."""
+    """Return the unsettled sets after an input, for all observations."""
     parts = (part for number in family for part in search.parts(number)[i].values())
     return frozenset(part for part in parts if search.lower[part] > 0)
 
@@ -102,7 +106,7 @@ def _least(search: Search, family: _Family) -> int:
 
 
 def _greedy(search: Search, family: _Family) -> list[int]:
-    """Find a sequence that settles all sets; each input leaves the fewest states together."""
+    """Find a sequence by taking, at each step, the input that leaves the fewest states together."""
 
     def together(family: _Family) -> int:
         return sum(len(search.sets[number]) - 1 for number in family)
@@ -116,11 +120,3 @@ def _greedy(search: Search, family: _Family) -> list[int]:
         inputs.append(best)
         family = after[best]
     return inputs
-
-
-def _read(before: dict[_Family, tuple[_Family, int]], family: _Family) -> list[int]:
-    inputs = []
-    while family in before:
-        family, i = before[family]
-        inputs.append(i)
-    return inputs[::-1]

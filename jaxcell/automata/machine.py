@@ -10,18 +10,18 @@ from .policy import Policy
 
 
 Output: TypeAlias = Literal["color", "count", "cells", "localized", "action"]
-"""The output of a filter or a policy that a smaller machine must keep."""
+"""The output of a filter or a policy that a smaller machine must keep; see `MooreMachine.of`."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MooreMachine:
-    """A filter or a policy without its configurations: states, transitions, and outputs.
+    """A Moore machine: the states, transitions and outputs of a filter or a policy.
 
     State 0 is the start. The output of a state is its colour. A machine reads *observations*, 0 for
     a step and 1 for a bump, or *runs*, the numbers of steps between two bumps.
 
-    The filter of three cells in a ring has two colours; as runs it is a counter of bumps, whose
-    first run has 0 to 2 steps, and all others have 2:
+    The filter of three cells in a ring has two colours. If it reads runs, it has two states,
+    because the first run has 0 to 2 steps, and all later runs have 2:
 
         >>> from jaxcell import automata, examples
         >>> automata.MooreMachine.of(examples.ring()).color.tolist()
@@ -37,7 +37,7 @@ class MooreMachine:
     runs: bool = False
     "`True` if symbol `s` is a run of `s` steps and a bump, `False` if symbols are observations."
     final: int = 2
-    "The least output that ends the run: the robot is localized, or has come to the end."
+    "The least output of a state in which the robot is localized, or has come to the end."
 
     def __post_init__(self) -> None:
         states = len(self.transition)
@@ -61,20 +61,21 @@ class MooreMachine:
 
         **Arguments:**
 
-        - `source`: a filter, which reads observations, or a policy, which reads runs.
-        - `output`: the output to keep. Of a filter: `"color"`, the knowledge cycle (the default);
-            `"count"`, the number of possible configurations; `"cells"`, the configurations in a
-            knowledge cycle, and no others; `"localized"`, whether it is in a knowledge cycle. Of a
-            policy: `"cells"`, the angle of the next turn, and the configurations in the end (the
-            default); `"action"`, the angle, or the end.
-        - `runs`: whether a filter reads runs, and has outputs only at bumps.
+        - `source`: a filter or a policy.
+        - `output`: the output to keep. For a filter: `"color"`, the colour (the default);
+            `"count"`, the number of possible configurations; `"cells"`, the possible configurations
+            in knowledge cycles, and 1 elsewhere; `"localized"`, 2 in knowledge cycles, and 1
+            elsewhere. For a policy: `"cells"`, the angle of the next turn, or the possible
+            configurations at the end (the default); `"action"`, the angle, or the end.
+        - `runs`: make a machine that reads runs, and has outputs only at bumps, of a filter. The
+            machine of a policy always reads runs.
 
-        **Returns:** [`MooreMachine`][]. The outputs of a filter are its colours, 1 outside the
-        knowledge cycles, or numbers of configurations. Those of a policy with `n` angles are the
-        numbers of angles, `n` at the start, and `n + 1` or more in the end.
+        **Returns:** [`MooreMachine`][]. With `"cells"`, each set of configurations has a number as
+        its output. The outputs of a policy with `n` angles are the numbers of angles, `n` at the
+        start, and `n + 1` or more at an end.
 
-        **Raises:** `ValueError` for an output that the filter or the policy does not have, and with
-        `runs` for an open-world filter, and for a filter that can be without a bump forever.
+        **Raises:** `ValueError` for an output that the filter or the policy does not have; if
+        `runs`, also for an open-world filter, and for a filter whose robot may never bump again.
         """
         choices: tuple[str, ...] = ("color", "count", "cells", "localized")
         if isinstance(source, Policy):
@@ -94,11 +95,11 @@ class MooreMachine:
 
     @staticmethod
     def of_plan(actions: Sequence[float]) -> "MooreMachine":
-        """Make the machine that follows a plan: 0 for a step, else the angle to turn by at a bump.
+        """Make the machine of a plan: a list of 0 for a step, or the angle to turn by at a bump.
 
-        It reads observations, and has one state per action and the start. With `n` different angles
-        its outputs are the numbers of angles in ascending order, `n` to go on, `n + 1` at the end,
-        and `n + 2 + i` at an end where it turns by angle `i`.
+        The machine reads observations, and has a state for the start and one after each action.
+        With `n` different angles, in ascending order, its output is `i` to turn by angle `i`, `n`
+        to go on, `n + 1` at the end, and `n + 2 + i` at an end with a turn by angle `i`.
 
             >>> from jaxcell import automata
             >>> automata.MooreMachine.of_plan([0, 1.5, 0, 0]).color.tolist()

@@ -1,7 +1,5 @@
-import itertools
-
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Int, Integer
 
 from .equivalent import equivalence
 from .filter import Filter
@@ -10,14 +8,14 @@ from .filter import Filter
 def minimize(filter: Filter) -> Filter:
     """Find the smallest filter with the same colours and the same impossible observations.
 
-    It is the quotient by bisimulation (Moore's equivalence with missing edges preserved). Its
-    `cells` is the union of the configurations of the merged states, and `uncertainty` the largest
-    uncertainty among them, which can be less than the size of that union: the quotient gives the
-    same colours as the filter, and less precise cells.
+    It is the quotient by bisimulation, which merges equivalent states (Moore's equivalence; states
+    with different impossible observations differ). The possible cells of a merged state are those
+    of all its states, and its uncertainty is the largest of theirs, which can be less than the
+    number of these cells: the quotient has the same colours as the filter, and less precise cells.
 
     **Arguments:** a filter. **Returns:** the quotient.
 
-    A ring of four cells that bumps every second step, and a path into it. The filter knows the cell
+    A ring of four cells that bumps every second step, and a path into it. The filter finds the cell
     of the ring; its colours only give the half of the ring:
 
         >>> import numpy as np
@@ -28,37 +26,38 @@ def minimize(filter: Filter) -> Filter:
         >>> len(filter.transition), len(automata.minimize(filter).transition)
         (8, 6)
     """
-    states = len(filter.transition) - filter.open_world
-    transition = filter.transition[:states]
-    # Impossible observations lead to one more state, as to a trap; its class is the last.
-    images = np.append(np.where(transition < 0, states, transition), [[states] * 2], axis=0).T
-    color = np.append(filter.color[:states], 0)
-    label = equivalence(images, np.stack([color, color])).label
+    transition = filter.closed_transition
+    states = len(transition)
+    label, first = moore_classes(transition, filter.color[:states])
     # Classes are in breadth-first order, as their smallest states are.
-    count = int(label[-1])
-    first = np.unique(label[:-1], return_index=True)[1]
-    after = label[images.T[first]]
-    uncertainty = np.zeros(count, np.int32)
-    np.maximum.at(uncertainty, label[:-1], filter.uncertainty[:states])
-    cells = _unions(filter, label[:-1], count)
+    after = transition[first]
+    uncertainty = np.zeros(first.size, np.int32)
+    np.maximum.at(uncertainty, label, filter.uncertainty[:states])
+    # Pairs of a class and a cell, as single numbers.
+    cells, cell = np.unique(filter.members, return_inverse=True)
+    owner = np.repeat(label.astype(np.int64), np.diff(filter.offsets[: states + 1]))
+    pairs = np.unique(owner * cells.size + cell)
     quotient = Filter(
-        transition=np.where(after == count, np.int32(-1), after),
+        transition=np.where(after < 0, np.int32(-1), label[after]),
         uncertainty=uncertainty,
-        offsets=np.cumsum([0, *map(len, cells)], dtype=np.int64),
-        members=np.concatenate(cells),
+        offsets=np.searchsorted(pairs, cells.size * np.arange(first.size + 1)),
+        members=cells[pairs % cells.size],
         metadata=filter.metadata,
     )
     return quotient.with_trap() if filter.open_world else quotient
 
 
-def _unions(
-    filter: Filter, numbers: Int32[np.ndarray, "states"], blocks: int
-) -> list[Int32[np.ndarray, "_"]]:
-    order = np.argsort(numbers, kind="stable")
-    bounds = np.searchsorted(numbers[order], np.arange(blocks + 1)).tolist()
-    states = order.tolist()
-    unions = []
-    for begin, end in itertools.pairwise(bounds):
-        sets = [filter.cells(state) for state in states[begin:end]]
-        unions.append(sets[0] if len(sets) == 1 else np.unique(np.concatenate(sets)))
-    return unions
+def moore_classes(
+    transition: Integer[np.ndarray, "states symbols"], color: Integer[np.ndarray, "states"]
+) -> tuple[Int[np.ndarray, "states"], Int[np.ndarray, "classes"]]:
+    """Find the class of each state under Moore's equivalence, and the first state of each class.
+
+    States with different outputs or different impossible symbols, -1 in `transition`, differ.
+    """
+    states = len(transition)
+    # An impossible symbol leads to one more state, with an output of its own.
+    images = np.where(transition < 0, states, transition)
+    images = np.vstack([images, np.full_like(images[:1], states)]).T
+    color = np.append(color, color.max() + 1)
+    label = equivalence(images, np.tile(color, (len(images), 1))).label[:-1]
+    return label, np.unique(label, return_index=True)[1]

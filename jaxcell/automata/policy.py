@@ -12,15 +12,15 @@ from .formats.storage import checked_metadata, reading, write_arrays
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Policy:
-    """The angle by which a robot turns at each bump until it is localized.
+    """A localization policy: the angle by which a robot turns at each bump until it is localized.
 
-    A state is the knowledge of the robot at a bump: the set of its possible cells. State 0 is the
-    start, before the first bump. Each possible number of steps to the next bump leads to another
-    state; an impossible number refutes the map. In a state without steps the robot is localized,
-    and the policy ends.
+    A state is the set of the possible configurations of the robot at a bump; state 0 is the start,
+    before the first bump. Each possible number of steps to the next bump leads to another state; an
+    impossible number refutes the map. A state that leads to no other state is an *end*: the robot
+    is localized.
 
-    A bump after two steps localizes the robot; after a bump at once it turns by angle 1, and a bump
-    after three steps localizes it:
+    A first bump after two steps localizes the robot. After a bump without a step it turns by angle
+    1, and the next bump, after three steps, localizes it:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -39,15 +39,15 @@ class Policy:
     """
 
     turn: Int32[np.ndarray, "states"]
-    "The number of the angle of the turn; -1 at the start and in states where it is localized."
+    "The number of the angle by which the robot turns in each state; -1 at the start and at ends."
     first: Int32[np.ndarray, "states+1"]
-    "The start of the next bumps of each state in `steps` and `target`."
+    "The place in `steps` and `target` at which the next bumps of each state begin."
     steps: Int32[np.ndarray, "bumps"]
-    "The possible numbers of steps to the next bump, in ascending order for each state."
+    "The possible numbers of steps to the next bump, state by state, in ascending order."
     target: Int32[np.ndarray, "bumps"]
-    "The state at that bump."
+    "The state at the next bump, for each number in `steps`."
     offsets: Int32[np.ndarray, "states+1"]
-    "The start of the configurations of each state in `members`."
+    "The places in `members` at which the configurations of each state begin, and the last end."
     members: Int32[np.ndarray, "total"]
     "The configurations of each state in ascending order, one state after the other."
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -82,7 +82,7 @@ class Policy:
 
     @property
     def trap(self) -> int:
-        """The number that stands for the state of a robot that cannot be in the map."""
+        """The number that stands for a refuted map: one more than that of the last state."""
         return self.turn.size
 
     @functools.cached_property
@@ -103,7 +103,7 @@ class Policy:
         return np.diff(self.offsets).astype(np.int32)
 
     def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
-        """Return the possible configurations of the robot at the bump of a state, ascending.
+        """Return the possible configurations of the robot in a state, in ascending order.
 
         **Raises:** `ValueError` if the state does not exist.
         """
@@ -112,12 +112,12 @@ class Policy:
         return self.members[self.offsets[state] : self.offsets[state + 1]]
 
     def after(self, state: int) -> dict[int, int]:
-        """Return the states at the next bump, by the number of steps to it."""
+        """Return the state at the next bump for each possible number of steps."""
         bumps = slice(self.first[state], self.first[state + 1])
         return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
 
     def start(self) -> "PolicyState":
-        """Return the policy before the first observation."""
+        """Return the state before the first observation."""
         return PolicyState(self, 0, 0, 0, None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -145,7 +145,7 @@ class Policy:
             return Policy(**named, metadata=header["metadata"])
 
     def _ends_everywhere(self) -> bool:
-        """Check that every run of the policy ends: no state leads back to itself."""
+        """Check that no state leads back to itself, so that every run of the policy ends."""
         into = np.bincount(self.target, minlength=self.turn.size)
         queue = [0]
         for state in queue:
@@ -161,14 +161,14 @@ _ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class PolicyState:
-    """An immutable state of a policy; an observation returns another object.
+    """The state of a policy after some observations; `observe` returns a new object.
 
-    An impossible observation refutes the map; a refuted or localized state is final.
+    An impossible observation refutes the map, and then every later observation does.
     """
 
     policy: Policy
     index: int
-    "The state of the last bump, or the trap."
+    "The state at the last bump, or the trap."
     steps: int
     "The number of steps since the last bump."
     time: int
@@ -177,7 +177,7 @@ class PolicyState:
     "The index of the first impossible observation, or `None`."
 
     def observe(self, observation: int) -> "PolicyState":
-        """Return the policy after one more observation: 0 for a step, 1 for a bump.
+        """Return the state after one more observation: 0 for a step, 1 for a bump.
 
         **Raises:** `ValueError` for another observation, or if the policy has ended.
         """
@@ -187,20 +187,16 @@ class PolicyState:
             return PolicyState(self.policy, self.index, 0, self.time + 1, self.refuted_at)
         if self.localized:
             raise ValueError(f"observation {self.time}: expected none, as the policy has ended")
-        lengths = list(self._onward)
-        if observation == 0 and self.steps < lengths[-1]:
+        onward = self.policy.after(self.index)
+        if observation == 0 and self.steps < max(onward):
             return PolicyState(self.policy, self.index, self.steps + 1, self.time + 1, None)
-        if observation == 1 and self.steps in self._onward:
-            return PolicyState(self.policy, self._onward[self.steps], 0, self.time + 1, None)
+        if observation == 1 and self.steps in onward:
+            return PolicyState(self.policy, onward[self.steps], 0, self.time + 1, None)
         return PolicyState(self.policy, self.policy.trap, 0, self.time + 1, self.time)
 
     @property
-    def _onward(self) -> dict[int, int]:
-        return self.policy.after(self.index)
-
-    @property
     def color(self) -> int:
-        """The output: 1 until localized, one colour per end, and the last colour if refuted."""
+        """The colour: 1 until localized, then one colour per end; the last colour if refuted."""
         if self.refuted:
             return len(self.policy.ends) + 2
         return self.policy.color.item(self.index)
@@ -222,7 +218,7 @@ class PolicyState:
             return self.policy.uncertainty.item(self.index)
         return sum(
             self.policy.uncertainty.item(target)
-            for steps, target in self._onward.items()
+            for steps, target in self.policy.after(self.index).items()
             if steps >= self.steps
         )
 

@@ -7,11 +7,6 @@ from jaxtyping import Bool, Int32, Int64, Integer, UInt64
 from ..base.memory import check
 
 
-# Number of cells of a level below which plain Python is faster than the overhead of twenty NumPy
-# calls.
-NARROW = 48
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Automaton:
     """A deterministic I-state automaton: each state is a set of possible cells of the robot.
@@ -23,7 +18,7 @@ class Automaton:
     transition: Int32[np.ndarray, "states 2"]
     "The state after observation 0 or 1, or -1 if no cell of the state gives that observation."
     offsets: Int64[np.ndarray, "states+1"]
-    "The start of the cells of each state in `members`."
+    "The places in `members` at which the cells of each state begin, and the last end."
     members: Int32[np.ndarray, "total"]
     "The cells of each state in ascending order, one state after the other."
 
@@ -39,24 +34,24 @@ def subset_construction(
     Alam 2018, section 2.4.3.
 
     The states are the non-empty sets of cells that observation strings leave possible, including
-    the start (all cells). A level of the breadth-first search is one batch: its cells are mapped by
-    one gather, and a set is identified by the sum of random 64-bit words, one per cell. Sets with
-    equal sums are compared cell by cell, so the result is exact. Time and memory are linear in the
-    total size of the sets, except that a non-monotone map costs a sort per level.
+    the start, all cells. The sets of a level of the breadth-first search are mapped together. A set
+    is identified by its hash, the sum of a random 64-bit word per cell. Sets with equal hashes are
+    compared cell by cell, so the result is exact. Time and memory are linear in the total size of
+    the sets, except that each level takes a sort if the map does not keep the order of the cells.
 
     **Arguments:**
 
     - `image`: the image of each cell.
     - `observation`: whether the robot observes 1 (a bump) between a cell and its image.
-    - `limit`: the largest total size of all sets, in cells; 4 bytes each.
+    - `limit`: the largest total size of all sets, in cells of 4 bytes.
 
-    **Returns:** [`jaxcell.automata.Automaton`][].
+    **Returns:** [`Automaton`][].
 
     **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets exceed
     `limit`; `MemoryError` if they exceed the free memory.
 
-    Three cells in a ring, with a bump between cells 2 and 0. The states are the sets {0, 1, 2}, {1,
-    2}, {0}, {2} and {1}:
+    Three cells in a ring, with a bump between cells 2 and 0. The states are the sets `{0, 1, 2}`,
+    `{1, 2}`, `{0}`, `{2}` and `{1}`:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -96,7 +91,7 @@ class _Graph:
     image: Int32[np.ndarray, "cells"]
     observation: Bool[np.ndarray, "cells"]
     increasing: tuple[bool, ...]
-    "`True` for an observation whose map is strictly increasing: sorted sets have sorted images."
+    "For each observation, `True` if the images of sorted sets are sorted, without repeats."
 
 
 class _HashCollisionError(Exception):
@@ -104,7 +99,7 @@ class _HashCollisionError(Exception):
 
 
 class _Subsets:
-    """The sets so far, in the order of their discovery, and the edges between them."""
+    """The sets that were found so far, in their order, and the edges between them."""
 
     def __init__(self, words: UInt64[np.ndarray, "cells"], limit: int):
         self.words = words
@@ -134,8 +129,7 @@ class _Subsets:
                 f"a filter of more than {len(self)} states",
                 "use larger cells or fewer directions",
             )
-            # The system's realloc moves pages, not bytes; no other view of this buffer exists
-            # here.
+            # The system's realloc moves pages, not bytes. No other view of this buffer exists here.
             self.members.resize(size, refcheck=False)
         np.concatenate(sets, out=self.members[begin:end])
 
@@ -144,8 +138,7 @@ def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) ->
     sets = _Subsets(words, limit)
     low, high = 0, 1
     while low < high:
-        narrow = sets.offsets[high] - sets.offsets[low] <= NARROW
-        (_narrow_level if narrow else _wide_level)(graph, sets, low, high)
+        _add_successors(graph, sets, low, high)
         low, high = high, len(sets)
     sets.members.resize(sets.offsets[-1], refcheck=False)
     transition = np.full(2 * len(sets), -1, np.int32)
@@ -153,28 +146,8 @@ def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) ->
     return Automaton(transition.reshape(-1, 2), np.array(sets.offsets, np.int64), sets.members)
 
 
-def _narrow_level(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
-    """Add the successors of the sets `low` to `high - 1`, one set at a time."""
-    image, observation, word = graph.image.item, graph.observation.item, subsets.words.item
-    for state in range(low, high):
-        cells = subsets.members[subsets.offsets[state] : subsets.offsets[state + 1]].tolist()
-        for bit in (0, 1):
-            reached = sorted({image(cell) for cell in cells if observation(cell) == bit})
-            if not reached:
-                continue
-            key = sum(map(word, reached)) & 0xFFFF_FFFF_FFFF_FFFF
-            target = subsets.table.setdefault(key, len(subsets))
-            if target == len(subsets):
-                subsets.append([np.array(reached, np.int32)])
-            known = subsets.members[subsets.offsets[target] : subsets.offsets[target + 1]]
-            if known.tolist() != reached:
-                raise _HashCollisionError
-            subsets.edges.append(2 * state + bit)
-            subsets.targets.append(target)
-
-
-def _wide_level(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
-    """Add the successors of the sets `low` to `high - 1`, all in one batch."""
+def _add_successors(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
+    """Add the successors of the sets `low` to `high - 1`, a level of the breadth-first search."""
     bounds = np.array(subsets.offsets[low : high + 1])
     cells = subsets.members[bounds[0] : bounds[-1]]
     bounds -= bounds[0]
@@ -216,7 +189,10 @@ def _wide_level(graph: _Graph, subsets: _Subsets, low: int, high: int) -> None:
 def _images(
     graph: _Graph, bit: int, cells: Int32[np.ndarray, "_"], lengths: Integer[np.ndarray, "sets"]
 ) -> tuple[Int32[np.ndarray, "_"], Integer[np.ndarray, "sets"]]:
-    """Compute the image of each set, sorted and without repeats; sets are consecutive."""
+    """Compute the images of consecutive sets of cells, sorted and without repeats, and their sizes.
+
+    All cells give observation `bit`, and `lengths` are the sizes of the sets.
+    """
     images = graph.image[cells]
     if graph.increasing[bit] or not lengths.size:
         return images, lengths
@@ -235,10 +211,7 @@ def _check_equal(
 ) -> None:
     """Compare sets of `images` with the states that have their hashes.
 
-    Each row of `known` is a state, and the start and length of a set.
-
-    Each cell of a level is in one of its sets, and known sets have no successors in the next level:
-    all comparisons of a construction together read at most as many members as there are cells.
+    Each row of `known` is a state, and the start and length of a set in `images`.
     """
     state, start, length = known.T
     begin = np.array([subsets.offsets[i] for i in state.tolist()], np.int64)

@@ -12,11 +12,12 @@ probability 1 the chain ends in one of the groups or in the sink.
 which exists even if the chain is periodic. On each group it is the one distribution with `x P = x`,
 weighted by the probability of ending there. `limiting_distribution`.
 
-**Until the end.** With `Q` the part of `P` among the transient cells and `R` the part into the
-groups, *absorption probabilities* and *absorption times* solve (Eq. 5.7: `t` is the row sums of
-`(I - Q)^-1`)
+**Until the end.** Let `Q` be the part of `P` among the transient cells, and `R` the part into the
+groups. *Absorption probabilities* `B` and *absorption times* `t` solve
 
-    B = R + Q B,     t = 1 + Q t.
+    B = R + Q B,     t = 1 + Q t
+
+(Eq. 5.7: `t` is the row sums of `(I - Q)^-1`).
 
 `absorption_probabilities`, `absorption_times`.
 
@@ -26,42 +27,43 @@ are the least nonnegative solutions of
     h = 1 on T, h = P h elsewhere;     k = 0 on T, k = 1 + P k elsewhere;
 
 but `k` is `inf` where `h < 1`. There the mean over the paths that arrive is the `k` of Doob's
-transform `p_ij h_j / h_i`. The law of the *first passage* is the mass that arrives at time `n` if
-all mass that arrived before is removed. The probability that none of several independent robots has
-arrived is the product of their probabilities (section 4.4.6). `arrival_probabilities`,
+transform `p_ij h_j / h_i`. The law of the *first passage* is the probability of arriving first at
+time `n`. The probability that none of several independent robots has arrived is the product of
+their probabilities (section 4.4.6). `arrival_probabilities`,
 `hitting_times`, `conditional_hitting_times`; `first_passage`, `survival`; `first_arrival`,
 `mean_first_arrival`, and `simulate_arrival` by runs (`Distinct` for robots that start in different
 cells); `sample_walks` draws a few walks step by step.
 
-**Nearly closed.** Sets that the chain seldom leaves show in eigenvalues near 1. `leading_modes` has
-eigenvalues and eigenvectors from both sides; `almost_invariant_sets` are hardly left or entered in
-some steps, `coherent_sets` move meanwhile, and `attracting_regions` gather the mass of their
-basins: `NearlyClosedSets`, with their leakage and its time.
+**Nearly closed.** A chain with sets that it seldom leaves has eigenvalues near 1. `leading_modes`
+computes eigenvalues, and eigenvectors from both sides. `almost_invariant_sets` are hardly left or
+entered, `coherent_sets` move and hardly mix with their surroundings, and `attracting_regions`
+gather the mass of their basins. The results, `NearlyClosedSets`, contain their leakage.
 
 **Between all pairs.** An irreducible chain, one with a single group and no transient cells, has a
 hitting time `H_ij` for every pair of cells, and a *commute time* `H_ij + H_ji` (Eq. 4.3); *Kemeny's
 constant* `sum_j pi_j H_ij`, the same for every `i`; the *entropy rate*
 `-sum_ij pi_i p_ij log p_ij`; the second largest eigenvalue modulus; and the *mixing time*, after
 which no start is farther than a given distance from `pi` in total variation. `hitting_matrix`,
-`commute_times`, `kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense` has `pi`, `H`,
-Kemeny's constant and the entropy rate as differentiable functions of the matrix.
+`commute_times`, `kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense` computes `pi`,
+`H`, Kemeny's constant and the entropy rate as differentiable functions of the matrix.
 
-**Decisions.** In a *decision process* an action `u` is chosen in every cell, each a chain `P_u`
-with a reward `r_u`. With a discount `g` its *value* solves (Alg. 5.5)
+**Decisions.** In a *decision process* an action `u` is chosen in every cell; it has a chain `P_u`
+and a reward `r_u`. With a discount `g` the *value* solves (Alg. 5.5)
 
     V = g max_u (r_u + P_u V).
 
-Without a discount, the *stochastic shortest path* has the largest probability of reaching a goal
-and, of the policies with that probability, the least time. `DecisionModel`, `value_iteration`,
-`policy_chain`, `stochastic_shortest_path`.
+Without a discount, the *stochastic shortest path* is the policy with the largest probability of
+reaching a goal and, of the policies with this probability, the one with the least time.
+`DecisionModel`, `value_iteration`, `policy_chain`, `stochastic_shortest_path`.
 
-**Method.** Solves are sparse: products with `P` if they converge soon, otherwise a factorisation,
-after runs of certain steps have been removed. Quantities of all pairs are dense: memory `O(N^2)`
-and time `O(N^3)`. Every solve comes with a [`jaxcell.base.certificate.Certificate`][]: a residual
-that is computed from the answer and the full matrix. With `throw=False` an answer whose residual is
-too large is returned, instead of an error. All solves need 64-bit numbers:
-`jax.config.update("jax_enable_x64", True)`. Sparse solves run on the host, with NumPy and scipy;
-`push` and `pull`, first passages, decisions and `dense` run wherever JAX does.
+**Method.** First, runs of certain steps are removed. The sparse system is then solved by products
+with `P` if they converge soon, otherwise by a factorisation. Quantities of all pairs are dense:
+memory `O(N^2)` and time `O(N^3)`. Every solve returns a
+[`jaxcell.base.certificate.Certificate`][]: a residual that is computed from the answer and the full
+matrix. If the residual is too large, the solve raises an error, or with `throw=False` returns the
+answer. All solves need 64-bit numbers: `jax.config.update("jax_enable_x64", True)`. Sparse solves
+run on the host, with NumPy and SciPy; `push` and `pull`, first passages, decisions and `dense` run
+on any device of JAX.
 """
 
 from ..base.hosted import attach

@@ -16,16 +16,17 @@ from .hitting import cell_mask, hitting_times
 from .passage import check_steps, start_distribution, survivals
 
 
-# Number of steps at once. Most short periods divide it, so that a periodic chain shrinks evenly.
+# Number of steps per chunk. Most short periods divide it, so that the probability of not having
+# arrived shrinks by the same factor in each chunk, even if the chain is periodic.
 _CHUNK = 240
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Distinct:
-    """Starts without replacement: robots in different cells, all choices equally likely."""
+    """Starts of robots in different cells: all sets of cells are equally likely."""
 
     cells: npt.ArrayLike
-    "The possible cells: a list, or a mask over all cells."
+    "The possible cells, as a list or a mask over all cells."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,15 +39,16 @@ class MeanArrival:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Race:
-    """Robots that move independently until the first of them is in a set of cells."""
+    """Robots that move independently until the first of them is in the target, a set of cells."""
 
     chains: tuple[Chain, ...]
     "The different chains."
     robot: tuple[int, ...]
-    "The number of each robot's chain."
+    "The place of the chain of each robot in `chains`."
     start: Float[np.ndarray, "robots cells"] | Int[np.ndarray, "choices"]
     "The distribution of each robot's start, or the cells from which distinct starts are drawn."
     there: Bool[np.ndarray, "cells"]
+    "The mask of the target."
 
     @classmethod
     def of(
@@ -55,7 +57,7 @@ class Race:
         starts: Sequence[npt.ArrayLike | int] | Distinct,
         target: npt.ArrayLike | int,
     ) -> "Race":
-        """**Raises:** as [`first_arrival`][]."""
+        """Check the arguments of [`first_arrival`][], with its errors, and prepare them."""
         if not chains:
             raise ValueError("chains: expected one for each robot, got none")
         cells = chains[0].cells
@@ -65,7 +67,7 @@ class Race:
                     f"chains: that of robot {robot} has {chain.cells} cells, and that of robot 0 "
                     f"has {cells}"
                 )
-        # Robots that move alike share their chain, which is solved once.
+        # Robots that move alike share their chain, for which survival is computed once.
         different = {id(chain): chain for chain in chains}
         number = {key: k for k, key in enumerate(different)}
         robot_chain = tuple(number[id(chain)] for chain in chains)
@@ -106,10 +108,10 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Continue the probability that no robot has arrived, for a number of chunks of steps.
+        """Compute the probability that no robot has arrived, for the next chunks of steps.
 
-        `values` are, for each chain, the probabilities that one robot has not arrived, by its
-        start. Returns the joint probability after each step, and `values` after the last.
+        `values` are, for each chain and start, the probabilities now that one robot has not
+        arrived. Returns the joint probability at each step, and `values` at the end.
         """
         there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
@@ -134,17 +136,17 @@ def first_arrival(
     target: npt.ArrayLike | int,
     steps: int,
 ) -> Float[Array, "{steps}+1"]:
-    """Compute the law of the number of steps until the first of several robots is in a set.
+    """Compute the law of the time until the first of several robots is in a set of cells.
 
     The robots move independently, so the probability that none has arrived is the product of their
     probabilities. The simulation of Alam 2018, section 4.4.6, estimates this law.
 
     **Arguments:** a chain for each robot, the same object for robots that move alike; a start for
-    each, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for robots of one chain; a
-    target; and a number of steps.
+    each robot, as in [`jaxcell.markov.first_passage`][], or [`Distinct`][] for robots of one chain;
+    the target; and a number of steps.
 
-    **Returns:** the probability of `0, 1, ..., steps`, 0 for a robot that begins in the target. The
-    running sum is the probability of capture.
+    **Returns:** the probability that the first arrival is after `0, 1, ..., steps` steps; it is
+    after 0 steps if a robot begins in the target. The running sum is the probability of capture.
 
     **Raises:** `ValueError` for chains of different spaces, wrong starts, fewer cells than robots
     for distinct starts, and as [`jaxcell.markov.first_passage`][].
@@ -178,18 +180,19 @@ def mean_first_arrival(
 
     It is the sum over time of the probability that no robot has arrived. If the probabilities of a
     robot shrink during some steps by factors between `a` and `b`, for all starts, they do so in all
-    later steps. Two geometric series then enclose the rest of the sum, and they meet long before it
-    is negligible: as soon as the robots have forgotten their starts.
+    later periods of that length. So two geometric series enclose the rest of the sum. They agree as
+    soon as the robots have forgotten their starts, long before the rest is negligible.
 
-    **Arguments:** as for [`first_arrival`][], and bounds of the relative error and of the steps.
+    **Arguments:** as for [`first_arrival`][], the tolerance of the relative error, and the largest
+    number of steps.
 
-    **Returns:** the mean, `inf` if possibly no robot ever arrives. The residual of the certificate
-    bounds the relative error, up to rounding.
+    **Returns:** the mean, `inf` if it is possible that no robot ever arrives. The residual of the
+    certificate bounds the relative error, up to rounding.
 
     **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if `max_steps` are not enough.
 
-    Two random walks on a line of three cells start in its middle; one of them arrives at the right
-    end with probability 3/4 every other step:
+    Two random walks on a line of three cells start in its middle. In every second step, the
+    probability that one of them arrives at the right end is 3/4:
 
         >>> from jaxcell import examples, markov
         >>> chain = examples.walk()
@@ -231,9 +234,9 @@ def mean_product(
 ) -> Float[np.ndarray, "steps"]:
     """Compute the mean, over all sets of `count` choices, of the product of their values.
 
-    It is an elementary symmetric polynomial divided by its number of terms. The mean among the
-    first `j` choices is an average of two means among the first `j - 1`, without and with the last
-    choice, weighted by the numbers of sets: nothing grows and nothing cancels.
+    It is an elementary symmetric polynomial divided by its number of terms. The mean over sets of
+    the first `j` choices is an average of the means over the sets without and with choice `j`,
+    weighted by their numbers. So no number grows, and no digits are lost by subtraction.
     """
     size = np.arange(1, count + 1)[:, None]
     mean = np.zeros((count + 1, len(value)))
@@ -256,7 +259,7 @@ def _at_start(race: Race) -> list[Float[Array, "cells"]]:
 
 
 def _may_fail(race: Race) -> bool:
-    """Decide whether possibly no robot ever arrives."""
+    """Decide whether it is possible that no robot ever arrives."""
     fails = [np.isinf(hitting_times(chain, race.there, throw=False).value) for chain in race.chains]
     if race.distinct:
         return int(fails[0][race.start].sum()) >= race.robots
@@ -264,16 +267,16 @@ def _may_fail(race: Race) -> bool:
 
 
 def _passed(race: Race, robot: int) -> tuple[Bool[np.ndarray, "cells"], bool]:
-    """Return the cells where a robot may be before it arrives, and whether it may leave."""
+    """Find the possible cells of a robot before it arrives, and whether it can leave the space."""
     chain = race.chains[race.robot[robot]]
     on = scipy.sparse.diags_array((~race.there).astype(float), format="csr")
-    # Backwards along the edges that leave cells off the target.
+    # Backwards along the edges from cells outside the target.
     passed = reaching((on @ chain.to_scipy()).T.tocsr(), race.begins(robot)) & ~race.there
     return passed, bool((np.asarray(chain.leaving)[passed] > 0).any())
 
 
 def _series(first: float, ratio: float) -> float:
-    """Sum a geometric series after its first term."""
+    """Compute the sum of a geometric series without its first term."""
     if first * ratio == 0:
         return 0.0
     return first * ratio / (1 - ratio) if ratio < 1 else math.inf

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from ..base.certificate import Certificate, Solution
 from ..base.precision import require_x64
 from ..mapping.generalized import Chain
-from .hitting import PROBABILITY_TOLERANCE, cell_mask, leaving_times, prospects, with_moved
+from .hitting import PROBABILITY_TOLERANCE, cell_mask, prospects, times_until_left, with_moved
 from .transient import Transient
 
 
@@ -18,16 +18,16 @@ ALMOST_SURE = float(np.nextafter(1, 0))
 def arrival_probabilities(
     chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
 ) -> Solution:
-    """Compute the probability that a chain ever comes to a set of cells.
+    """Compute the probability that a chain ever arrives in a set of cells.
 
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells.
 
-    **Returns:** probabilities, exactly 1 where the chain cannot fail to arrive, and 0 where it
-    cannot arrive. The residual of the certificate is the largest difference of the probability of a
-    cell from the mean over its images; `moved` is about the error that the samples of a chain
-    cause.
+    **Returns:** the probability for each start, exactly 1 if the chain cannot fail to arrive, and 0
+    if it cannot arrive. The residual of the certificate is the largest difference of the
+    probability of a cell from the mean over its images. If the chain was made of samples, `moved`
+    estimates the error that they cause.
 
-    **Raises:** `ValueError` for a wrong target; `RuntimeError` if the solve stalls.
+    **Raises:** `ValueError` for a wrong target; `RuntimeError` if the residual is too large.
 
     A random walk between two ends, where it stays:
 
@@ -49,12 +49,12 @@ def conditional_hitting_times(
 ) -> Solution:
     """Compute the expected number of steps until a chain is first in a set of cells, if it arrives.
 
-    It is the mean over the paths that arrive. If all arrive, it equals
+    It is the mean over the paths that arrive. If all paths arrive, it equals
     [`jaxcell.markov.hitting_times`][], which is `inf` otherwise.
 
-    **Arguments:** as for [`arrival_probabilities`][]. **Returns:** times, 0 on the target, and
-    `inf` where the chain cannot arrive. The residual of the certificate bounds the relative error
-    of every finite time. Errors are those of [`arrival_probabilities`][].
+    **Arguments:** as for [`arrival_probabilities`][], with its errors. **Returns:** the time for
+    each start, 0 in the target, and `inf` if the chain cannot arrive. The residual of the
+    certificate bounds the relative error of every finite time.
 
     A random walk between two ends, where it stays:
 
@@ -68,15 +68,16 @@ def conditional_hitting_times(
     matrix = chain.to_scipy()
     arrives, certificate = probabilities(matrix, there)
     certificate.check("conditional_hitting_times", throw)
-    inside = (arrives > 0) & ~there
     time = np.where(arrives > 0, 0.0, np.inf)
-    steps, certificate = leaving_times(conditioned(matrix, arrives), inside)
-    time[inside] = steps
-    certificate.check("conditional_hitting_times", throw)
+    times = times_until_left(
+        conditioned(matrix, arrives),
+        (arrives > 0) & ~there,
+        time,
+        "conditional_hitting_times",
+        throw,
+    )
     return with_moved(
-        Solution(jax.device_put(time), certificate),
-        chain,
-        lambda half: conditional_hitting_times(half, there, throw=False),
+        times, chain, lambda half: conditional_hitting_times(half, there, throw=False)
     )
 
 
@@ -98,11 +99,11 @@ def probabilities(
 def conditioned(
     matrix: scipy.sparse.csr_array, arrives: Float[np.ndarray, "cells"]
 ) -> scipy.sparse.csr_array:
-    """Return the chain of the paths that arrive (Doob's transform): `p(x, y) h(y) / h(x)`.
+    """Return the chain under the condition that it arrives (Doob's transform).
 
-    Every path to the target is as likely as before, among those that arrive, which are a share `h`.
-    The matrix may have rows for several actions in each cell; rows without a path to the target
-    become empty.
+    The probability `p(x, y)` of a step becomes `p(x, y) h(y) / h(x)`, where `h` is `arrives`, the
+    probability of arriving. The matrix may have several rows per cell, one per action. Rows without
+    a path to the target become empty.
     """
     weighed = matrix @ scipy.sparse.diags_array(arrives)
     # The sum of a row is `h` up to rounding; dividing by the sum removes the rounding.

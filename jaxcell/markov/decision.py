@@ -13,8 +13,8 @@ from ..base.precision import require_x64
 from ..mapping.generalized import Chain
 
 
-# Sweeps with a fixed policy between two choices of a policy. 5 are the fastest for a drifter with a
-# goal, 40 if nothing ends; 10 are nearly the fastest for both.
+# Number of sweeps with a fixed policy between two choices of a policy. The fastest number is 5 for
+# a drifter with a goal, and 40 for processes that never end; 10 is nearly as fast for both.
 _SWEEPS = 10
 # Actions whose gains differ by less, relative to the largest value, are equally good.
 _TIE = 1e-12
@@ -25,8 +25,8 @@ _TIE = 1e-12
 class DecisionModel:
     """A Markov decision process on cells: in each cell one of several actions is taken.
 
-    An action is a chain: it moves by its probabilities; the rest of a row, up to 1, goes to the
-    sink, where nothing more is gained.
+    An action moves by the probabilities of its chain. The rest of a row, up to 1, is the
+    probability of leaving for the sink, where nothing more is gained.
 
     A robot on three cells in a row goes right or left, and gains 1 at the right end:
 
@@ -43,7 +43,7 @@ class DecisionModel:
     chains: tuple[Chain, ...]
     "The chain of each action, over the same cells."
     reward: Float[Array, "actions cells"]
-    "The expected gain of taking the action in the cell."
+    "The expected reward of taking the action in the cell."
     allowed: Bool[Array, "actions cells"]
     "`True` if the action can be taken in the cell; each cell has such an action."
 
@@ -51,11 +51,11 @@ class DecisionModel:
     def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
         """Make a model from a chain for each action, and arrays `[actions, cells]`.
 
-        By default all actions are allowed everywhere. The reward is ignored where an action is not
-        allowed.
+        By default all actions are allowed everywhere. Rewards of actions that are not allowed are
+        ignored.
 
         **Raises:** `ValueError` for chains of different spaces, arrays of another shape, a reward
-        that is not finite, and a cell without an allowed action.
+        that is not finite, or a cell without an allowed action.
         """
         require_x64("DecisionModel")
         if not chains:
@@ -68,17 +68,13 @@ class DecisionModel:
                     f"0 has {shape[1]}"
                 )
         may = np.ones(shape, bool) if allowed is None else np.asarray(allowed)
-        if may.shape != shape or may.dtype != bool:
-            raise ValueError(
-                f"allowed: expected truth values [actions, cells] = {list(shape)}, got "
-                f"{may.dtype} {list(may.shape)}"
-            )
         gain = np.asarray(reward, np.float64)
-        if gain.shape != shape:
-            raise ValueError(
-                f"reward: expected an array [actions, cells] = {list(shape)}, got "
-                f"{list(gain.shape)}"
-            )
+        for name, array, dtype in (("allowed", may, bool), ("reward", gain, np.float64)):
+            if array.shape != shape or array.dtype != dtype:
+                raise ValueError(
+                    f"{name}: expected an array [actions, cells] = {list(shape)} of "
+                    f"{np.dtype(dtype)}, got {list(array.shape)} of {array.dtype}"
+                )
         gain = np.where(may, gain, 0)
         if not np.isfinite(gain).all():
             action, cell = np.argwhere(~np.isfinite(gain))[0]
@@ -110,7 +106,7 @@ class Optimum:
     policy: Int[Array, "cells"]
     "The action to take in each cell; of equally good actions, the first."
     certificate: Certificate
-    "Its residual bounds the error of every value; iterations are sweeps over all cells."
+    "The certificate; its residual bounds the error of every value."
 
     @property
     def iterations(self) -> int:
@@ -119,8 +115,8 @@ class Optimum:
 
     @property
     def gap(self) -> float:
-        """A bound of the error of every value, up to rounding. The value of the policy is at most
-        twice that below the best."""
+        """A bound of the error of every value, up to rounding. The policy is worth at most twice
+        this bound less than the best policy."""
         return self.certificate.residual
 
 
@@ -134,18 +130,18 @@ def value_iteration(
 ) -> Optimum:
     """Find the best policy of a decision model by value iteration (Alam 2018, Alg. 5.5).
 
-    The value is the source's, `V = discount * max_u (r_u + P_u V)`, in which the reward of the
-    first step is discounted too. Most texts and programs have `W = max_u (r_u + discount * P_u W)`;
-    then `V = discount * W`, and the policies are equal.
+    As in the dissertation, the reward of the first step is discounted too: the value is
+    `V = discount * max_u (r_u + P_u V)`. Most texts and programs use
+    `W = max_u (r_u + discount * P_u W)`; then `V = discount * W`, and the policies are equal.
 
-    Between two choices of a policy the value is swept with that policy only, which is several times
-    faster (modified policy iteration, Puterman and Shin 1978). The source stops when nothing
-    changes, which floating-point arithmetic may never reach. Here every choice bounds the error
-    (MacQueen 1966): after a change of all values by at most `c`, at most
-    `c * discount / (1 - discount)` is to come.
+    Most sweeps keep the policy, which is several times faster (modified policy iteration, Puterman
+    and Shin 1978). The algorithm of the dissertation stops when no value changes, which may never
+    happen in floating-point arithmetic. Here each choice of a policy bounds the error (MacQueen
+    1966): if it changes all values by at most `c`, all later changes together are at most
+    `c * discount / (1 - discount)`.
 
-    **Arguments:** a model; a discount of more than 0 and less than 1, without which values may be
-    infinite (see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance in units of the
+    **Arguments:** a model; a discount of more than 0 and less than 1 (without a discount, values
+    may be infinite; see [`jaxcell.markov.stochastic_shortest_path`][]); a tolerance in units of the
     reward; and the largest number of sweeps. **Returns:** values, and the best action in each cell.
 
     **Raises:** `RuntimeError` if rounding or `max_sweeps` ends the iteration before the tolerance
@@ -173,7 +169,7 @@ def value_iteration(
 
 
 def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
-    """Return the chain that follows a policy: the closed loop.
+    """Return the chain of a policy: in each cell it moves by the action of the policy.
 
     **Arguments:** a model, and an action for each cell. **Returns:** the chain.
 
@@ -224,7 +220,7 @@ def _iterate(
     tolerance: Float[Array, ""],
     max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
-    """Return the value, the policy, the bound of the error, and the number of sweeps."""
+    """Iterate. Returns the value, the policy, the bound of the error, and the number of sweeps."""
     ahead = discount / (1 - discount)
     leaks = functools.reduce(
         jnp.logical_or,
@@ -235,8 +231,9 @@ def _iterate(
     )
 
     def choose(value):  # type: ignore[no-untyped-def]
-        """Return the values one sweep later, their policy, the policy that takes the first of
-        equally good actions, the bounds of later changes, and whether rounding ends the sweeps."""
+        """Sweep once with the best actions. Returns the values, the policy, the policy that takes
+        the first of equally good actions, the least and the largest change of all later sweeps
+        together, and whether this change is rounding."""
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
             for chain, reward, may in zip(model.chains, model.reward, model.allowed, strict=True)
@@ -244,19 +241,20 @@ def _iterate(
         gain = jnp.stack(gains)
         best = jnp.max(gain, axis=0)
         scale = jnp.max(jnp.abs(best))
-        # A nearly best action is not enough here: the sweeps would lose its gain.
+        # The sweeps need a best action, because they would lose the gain over a nearly best one.
         policy = jnp.argmax(gain, axis=0).astype(jnp.int32)
         tied = jnp.argmax(gain >= (best - _TIE * scale)[None], axis=0).astype(jnp.int32)
         later = discount * best
         change = later - value
-        # The sink is one more cell, whose value never changes.
+        # The sink counts as one more cell, whose value never changes.
         low = jnp.minimum(jnp.min(change), jnp.where(leaks, 0.0, jnp.inf))
         high = jnp.maximum(jnp.max(change), jnp.where(leaks, 0.0, -jnp.inf))
         rounding = jnp.maximum(-low, high) <= 4 * jnp.finfo(value.dtype).eps * scale
         return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
-        """Bound the error of the values if the chain leaks to the sink, else of their middle."""
+        """Bound the error of the values. If the chain never leaves, bound the error after the
+        middle of the two changes is added."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]
@@ -273,7 +271,7 @@ def _iterate(
 
         return choose(jax.lax.fori_loop(0, _SWEEPS, sweep, value)), sweeps + _SWEEPS + 1
 
-    # Values grow from a start that is below all true values.
+    # The start is below all true values, so that values grow.
     lowest = ahead * jnp.minimum(jnp.min(model.reward), 0.0)
     start = (choose(jnp.full(model.cells, lowest)), jnp.int32(1))
     (value, _, policy, low, high, _), sweeps = jax.lax.while_loop(going_on, improve, start)

@@ -1,13 +1,12 @@
 """Quantities of a small irreducible chain, as functions of its dense transition matrix.
 
-They work under `jit`, `vmap` and `grad`, and check nothing: rows must sum to 1, and all cells
-except transient ones must make one closed class. Derivatives are exact along changes of the matrix
-that keep its row sums, as every parametrisation of the transition probabilities does.
+They work under `jit`, `vmap` and `grad`, and do not check the matrix: its rows must sum to 1, and
+all cells except transient cells must be one closed class. Derivatives are exact for changes of the
+matrix that keep the sums of its rows.
 
 All follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution, which exists
-even if the chain is periodic. It is a generalized inverse of `I - P` with `G 1 = 1` that serves
-like the fundamental matrix of Kemeny and Snell, and the stationary distribution is `u' G` (Hunter
-1982).
+even if the chain is periodic. Like the fundamental matrix of Kemeny and Snell, it is a generalized
+inverse of `I - P` with `G 1 = 1`. The stationary distribution is `u' G` (Hunter 1982).
 """
 
 import jax
@@ -17,13 +16,13 @@ from jaxtyping import Array, Float
 
 @jax.jit
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
-    """Compute the distribution with `pi P = pi`.
+    """Compute the stationary distribution, `pi P = pi`.
 
     A random walk on a line of three cells:
 
-        >>> import jax.numpy as jnp
+        >>> from jaxcell import examples
         >>> from jaxcell.markov import dense
-        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> P = examples.walk().to_scipy().toarray()
         >>> dense.stationary(P).round(6).tolist()
         [0.25, 0.5, 0.25]
     """
@@ -35,13 +34,13 @@ def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
 def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     """Compute the expected number of steps from cell `i` until first at cell `j`; 0 if `i = j`.
 
-    The chain must be irreducible; times to a transient cell are wrong, times from it are right.
+    The chain must be irreducible. Times to transient cells are wrong; times from them are right.
 
     A random walk on a line of three cells:
 
-        >>> import jax.numpy as jnp
+        >>> from jaxcell import examples
         >>> from jaxcell.markov import dense
-        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> P = examples.walk().to_scipy().toarray()
         >>> dense.hitting(P).round(6).tolist()
         [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
@@ -53,13 +52,13 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
 def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute Kemeny's constant: the expected number of steps to a cell drawn from `pi`.
 
-    A cell drawn where the chain is counts 0 steps.
+    If the drawn cell is the cell of the chain, the number of steps is 0.
 
     A random walk on a line of three cells:
 
-        >>> import jax.numpy as jnp
+        >>> from jaxcell import examples
         >>> from jaxcell.markov import dense
-        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> P = examples.walk().to_scipy().toarray()
         >>> float(dense.kemeny(P).round(6))
         1.5
     """
@@ -70,15 +69,15 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Compute the entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
-    An entry that is 0 is no edge; its derivative, which is infinite, counts as 0.
+    An entry 0 is no edge: its derivative is 0, although it is infinite in the limit.
 
     A random walk on a line of three cells:
 
-        >>> import jax.numpy as jnp
+        >>> from jaxcell import examples
         >>> from jaxcell.markov import dense
-        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
-        >>> float((dense.entropy_rate(P) / jnp.log(2.0)).round(6))
-        0.5
+        >>> P = examples.walk().to_scipy().toarray()
+        >>> round(float(dense.entropy_rate(P)), 4)
+        0.3466
     """
     edge = P > 0
     surprise = -jnp.log(jnp.where(edge, P, 1.0))

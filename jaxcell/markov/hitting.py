@@ -1,5 +1,6 @@
 import dataclasses
 from collections.abc import Callable
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -15,21 +16,25 @@ from ..mapping.generalized import Chain, leaving_rows
 from .transient import Transient
 
 
+Cells: TypeAlias = Bool[np.ndarray, "cells"]
+"""A set of cells, as a mask."""
+_Ends: TypeAlias = Float[np.ndarray, "part ends"]
+
 # Tolerances of the relative error of a time, and of the absolute error of a probability.
 TIME_TOLERANCE = 1e-6
 PROBABILITY_TOLERANCE = 1e-10
-# Largest number of refinements of probabilities.
+# Largest number of iterative refinements of probabilities.
 _REFINEMENTS = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Absorption:
-    """The end of a chain from each cell. The probabilities of a cell and leaving sum to 1."""
+    """The probabilities of all ends of a chain, from each cell; they sum to 1."""
 
     value: Float[Array, "groups cells"]
     "The probability of ending in each persistent group."
     leaving: Float[Array, "cells"]
-    "The probability of leaving the space for the sink."
+    "The probability of leaving the space."
     certificate: Certificate
 
 
@@ -38,12 +43,13 @@ def absorption_probabilities(
 ) -> Absorption:
     """Compute the probability that a chain ends in each persistent group: its stochastic basins.
 
-    **Arguments:** a chain, and its persistent groups. **Returns:** probabilities by group and cell;
-    nothing is solved if there is only one end. The residual of the certificate is the largest
-    difference, over cells and groups, of the probability of a cell from the mean over its images,
-    or of the sum of its probabilities from 1.
+    **Arguments:** a chain, and its persistent groups. **Returns:** the probability of each group
+    for each start. If there is only one end, its probability is 1 without a solve. The residual of
+    the certificate is the largest difference of the probability of a cell from the mean over its
+    images, or of the sum of its probabilities from 1.
 
-    **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
+    **Raises:** `RuntimeError` if the residual is too large; `ValueError` if the groups are of
+    another chain.
 
     A random walk between two ends, where it stays:
 
@@ -56,26 +62,18 @@ def absorption_probabilities(
     group = group_of(chain, groups)
     matrix = chain.to_scipy()
     part = Transient.of(matrix, group < 0)
-    rows = matrix[part.cells]
-    count = groups.count
-    # A column per group and a column for the sink.
-    gain = np.zeros((part.cells.size, count + 1))
-    cell = np.repeat(np.arange(part.cells.size), np.diff(rows.indptr))
-    into = group[rows.indices]
-    np.add.at(gain, (cell[into >= 0], into[into >= 0]), rows.data[into >= 0])
+    # A row per group and a row for the sink.
+    value = (group == np.arange(groups.count + 1)[:, None]).astype(float)
+    gain = matrix[part.cells] @ value.T
     gain[:, -1] = leaving_rows(matrix)[part.cells]
     ends, certificate = _ends(part, gain)
     certificate.check("absorption_probabilities", throw)
-    value = np.zeros((count + 1, chain.cells))
-    value[group[group >= 0], np.flatnonzero(group >= 0)] = 1
     value[:, part.cells] = ends.T
     return Absorption(jax.device_put(value[:-1]), jax.device_put(value[-1]), certificate)
 
 
-def _ends(
-    part: Transient, gain: Float[np.ndarray, "part ends"]
-) -> tuple[Float[np.ndarray, "part ends"], Certificate]:
-    """Compute the probability of every end from each cell of a part."""
+def _ends(part: Transient, gain: _Ends) -> tuple[_Ends, Certificate]:
+    """Compute the probability of each end, from the probabilities `gain` of ending in one step."""
     possible = gain.any(axis=0)
     if possible.sum() == 1:
         value, products = np.broadcast_to(possible.astype(float), gain.shape), 0
@@ -97,22 +95,18 @@ def _ends(
     return value, Certificate(products, residual, PROBABILITY_TOLERANCE)
 
 
-def _error(
-    part: Transient, gain: Float[np.ndarray, "part ends"], value: Float[np.ndarray, "part ends"]
-) -> float:
-    """Return the largest difference from the means over images, or of a sum from 1."""
+def _error(part: Transient, gain: _Ends, value: _Ends) -> float:
+    """Compute the residual that [`absorption_probabilities`][] reports."""
     mean = np.abs(gain + part.step @ value - value).max(initial=0.0)
     return float(max(mean, np.abs(value.sum(axis=1) - 1).max(initial=0.0)))
 
 
-def _left(
-    part: Transient, gain: Float[np.ndarray, "part ends"], value: Float[np.ndarray, "part ends"]
-) -> Float[np.ndarray, "part ends"]:
-    """Compute the residual of an iterative refinement, `gain + Q x - x`, from differences only.
+def _left(part: Transient, gain: _Ends, value: _Ends) -> _Ends:
+    """Compute the residual for an iterative refinement, `gain + Q x - x`, from differences only.
 
-    It is the sum of `p (x' - x)` over the steps from a cell. So a row counts as if it summed to 1
-    exactly, although its rounding may be as large as a rare step out of the part; and where cells
-    nearly agree, their small differences have all their digits.
+    It is the sum of `p (x' - x)` over the steps from a cell. So each row counts as if it summed to
+    exactly 1, although its rounding may be as large as a rare step out of the part. Small
+    differences between nearly equal cells keep all their digits.
     """
     step, columns = part.step, []
     row = np.repeat(np.arange(part.cells.size), np.diff(step.indptr))
@@ -125,9 +119,9 @@ def _left(
 def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps until a chain is in a persistent group or has left.
 
-    **Arguments:** a chain, and its persistent groups. **Returns:** times, 0 on the groups. The
-    residual of the certificate bounds the relative error of every time. Errors are those of
-    [`absorption_probabilities`][].
+    **Arguments:** as for [`absorption_probabilities`][], with its errors. **Returns:** the time for
+    each start, 0 in the groups. The residual of the certificate bounds the relative error of every
+    time.
 
     A random walk between two ends, where it stays:
 
@@ -139,23 +133,19 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
     """
     transient = group_of(chain, groups) < 0
     time = np.zeros(chain.cells)
-    return _times(chain.to_scipy(), transient, time, "absorption_times", throw)
+    return times_until_left(chain.to_scipy(), transient, time, "absorption_times", throw)
 
 
-def hitting_times(
-    chain: Chain,
-    target: npt.ArrayLike | int,
-    *,
-    throw: bool = True,
-) -> Solution:
+def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps until a chain is first in a set of cells.
 
-    **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:**
-    times, 0 on the target, and `inf` where the chain may never arrive, because it can end elsewhere
-    or leave the space first. The residual of the certificate bounds the relative error of every
-    finite time; `moved` is about the error that the samples of a chain cause.
+    **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:** the
+    time for each start, 0 in the target, and `inf` if the chain may never arrive, because it can
+    end elsewhere or leave the space first. The residual of the certificate bounds the relative
+    error of every finite time. If the chain was made of samples, `moved` estimates the error that
+    they cause.
 
-    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a wrong target.
+    **Raises:** `RuntimeError` if the residual is too large; `ValueError` for a wrong target.
 
     A random walk on a line of three cells:
 
@@ -169,12 +159,12 @@ def hitting_times(
     matrix = chain.to_scipy()
     _, may_fail = prospects(matrix, there)
     time = np.where(may_fail, np.inf, 0.0)
-    times = _times(matrix, ~may_fail & ~there, time, "hitting_times", throw)
+    times = times_until_left(matrix, ~may_fail & ~there, time, "hitting_times", throw)
     return with_moved(times, chain, lambda half: hitting_times(half, there, throw=False))
 
 
 def with_moved(solution: Solution, chain: Chain, solve: Callable[[Chain], Solution]) -> Solution:
-    """Add to a solution how far half of the samples of a chain move each value."""
+    """Add `moved` to a solution: the change of each value if half of the samples are used."""
     if chain.half is None:
         return solution
     value, other = solution.value, solve(chain.half).value
@@ -182,27 +172,31 @@ def with_moved(solution: Solution, chain: Chain, solve: Callable[[Chain], Soluti
     return dataclasses.replace(solution, moved=moved)
 
 
-def _times(
+def times_until_left(
     matrix: scipy.sparse.csr_array,
-    inside: Bool[np.ndarray, "cells"],
+    inside: Cells,
     time: Float[np.ndarray, "cells"],
     what: str,
     throw: bool,
 ) -> Solution:
-    """Compute the expected numbers of steps until a part of a chain is left; fill them in."""
+    """Compute the expected number of steps from each cell `inside` until these cells are left.
+
+    It is written into `time`, which has the times of the other cells. `what` names it in errors.
+    """
     steps, certificate = leaving_times(matrix, inside)
     certificate.check(what, throw)
-    # A time below 1 is noise of a time that is too long for 64-bit numbers.
+    # A time below 1 is rounding: the true time is too long for 64-bit numbers.
     time[inside] = np.where(steps >= 1 - TIME_TOLERANCE, steps, np.inf)
     return Solution(jax.device_put(time), certificate)
 
 
-def prospects(
-    matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
-) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
-    """Return masks of the cells from which a chain can come to a set, and can fail to."""
+def prospects(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Cells, Cells]:
+    """Find the cells from which a chain can arrive in a set, and those from which it can fail to.
+
+    Returns two masks. `there` is the mask of the set.
+    """
     can = reaching(matrix, there)
-    # Cells beyond the target do not count.
+    # A chain that has arrived cannot fail any more.
     before = matrix.copy()
     before.data[np.repeat(there, np.diff(before.indptr))] = 0
     before.eliminate_zeros()
@@ -210,13 +204,16 @@ def prospects(
 
 
 def leaving_times(
-    matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
+    matrix: scipy.sparse.csr_array, inside: Cells
 ) -> tuple[Float[np.ndarray, "inside"], Certificate]:
-    """Compute the expected numbers of steps until a chain leaves cells that it cannot stay in."""
+    """Compute the expected number of steps until a chain leaves the cells `inside`.
+
+    It must be able to leave them from each cell. The residual bounds the relative errors.
+    """
     part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
     steps, products = part.expect(gain)
-    # With t = 1 + Q t + r and 0 <= t, the error is at most max |r| times the true time.
+    # With t = 1 + Q t + r, the error is at most max |r| times the true time.
     residual = np.abs(gain + part.step @ steps - steps).max(initial=0.0)
     return steps[:, 0], Certificate(products, float(residual), TIME_TOLERANCE)
 
@@ -224,8 +221,8 @@ def leaving_times(
 def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
     """Return the persistent group of each cell, on the host.
 
-    **Raises:** `ValueError` if the groups are of another chain; `RuntimeError` where JAX is set to
-    32 bits.
+    **Raises:** `ValueError` if the groups are of another chain; `RuntimeError` if JAX is set to 32
+    bits.
     """
     require_x64("a solve on a chain")
     if groups.group.shape[0] != chain.cells:
@@ -236,10 +233,8 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
     return np.asarray(groups.group)
 
 
-def cell_mask(
-    cells: int, listed: npt.ArrayLike | int, name: str = "target"
-) -> Bool[np.ndarray, "cells"]:
-    """Return a set of cells as a mask; `name` is that of the argument, for errors.
+def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Cells:
+    """Return the mask of a cell, a list of cells, or a mask; `name` names the argument in errors.
 
     **Raises:** `ValueError` for a set that is empty or has a cell that does not exist.
     """

@@ -20,14 +20,14 @@ _TOLERANCE = 1e-10
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LimitingDistribution:
-    """The share of its time that a chain spends in each cell in the long run."""
+    """The share of the time that a chain spends in each cell in the long run."""
 
     value: Float[Array, "cells"]
-    "The shares; with `leaving` they sum to 1."
+    "The share of each cell; the sum of all shares and `leaving` is 1."
     weights: Float[Array, "groups"]
     "The weight of each persistent group: the probability of ending in it."
     leaving: float
-    "The probability of leaving the space for the sink."
+    "The probability of leaving the space."
     certificate: Certificate
 
 
@@ -40,19 +40,18 @@ def limiting_distribution(
 ) -> LimitingDistribution:
     """Compute the time average of a chain: the limit of `(p + p P + ... + p P^(n-1)) / n`.
 
-    It exists even if the chain is periodic. Within a persistent group it does not depend on the
-    start; the weights of the groups do.
+    It exists even if the chain is periodic. Only the weights of the persistent groups depend on the
+    start.
 
-    **Arguments:** a chain, its persistent groups, and the weights of the groups: by default,
-    `"basin"`, the probabilities that a chain that starts in any cell with equal probability ends in
-    each; `"size"`, their shares of the persistent cells; or numbers that sum to 1.
+    **Arguments:** a chain, its persistent groups, and the weights of the groups: `"basin"` (the
+    default), the probability of ending in each group after a start in a random cell; `"size"`,
+    the share of each group in the persistent cells; or numbers that sum to 1.
 
-    **Returns:** the shares of the cells. The residual of the certificate is the 1-norm of
-    `value P - value`, or the difference from 1 of the sum of the weights and leaving if that is
-    more.
+    **Returns:** the shares of the cells. The residual of the certificate is the larger of the
+    1-norm of `value P - value` and the difference of the sum of `weights` and `leaving` from 1.
 
-    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for wrong weights, or if the groups
-    are of another chain.
+    **Raises:** `RuntimeError` if the residual is too large; `ValueError` for wrong weights, or if
+    the groups are of another chain.
 
     A random walk on a line of three cells:
 
@@ -82,12 +81,12 @@ def _weights(
     group: Int[np.ndarray, "cells"],
     weights: npt.ArrayLike | None,
 ) -> tuple[Float[np.ndarray, "groups"], float, int]:
-    """Return the weights of the groups, that of the sink, and the number of products."""
+    """Return the weights of the groups, the weight of the sink, and the number of products."""
     if weights is None or (isinstance(weights, str) and weights == "basin"):
         return _basins(matrix, groups.count, group)
     if groups.count == 0:
         raise ValueError(
-            "weights: the chain has no persistent groups; it leaves the space for sure"
+            "weights: the chain has no persistent groups; it leaves the space with probability 1"
         )
     if isinstance(weights, str):
         if weights != "size":
@@ -96,16 +95,16 @@ def _weights(
         return size / size.sum(), 0.0, 0
     share = np.asarray(weights, float)
     if share.shape != (groups.count,):
-        raise ValueError(f"weights: expected {groups.count}, one a group, got shape {share.shape}")
+        raise ValueError(
+            f"weights: expected {groups.count}, one per group, got shape {share.shape}"
+        )
     if not (share.min() >= 0 and abs(share.sum() - 1) <= _TOLERANCE):
         raise ValueError(f"weights: expected numbers from 0 that sum to 1, got {share.tolist()}")
     return share, 0.0, 0
 
 
 def _basins(
-    matrix: scipy.sparse.csr_array,
-    count: int,
-    group: Int[np.ndarray, "cells"],
+    matrix: scipy.sparse.csr_array, count: int, group: Int[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "groups"], float, int]:
     leaving = leaving_rows(matrix)
     if count == 1 and not leaving.any():

@@ -11,7 +11,7 @@ from ..mapping.generalized import Chain
 from .hitting import cell_mask
 
 
-# Tolerance of the sum of a distribution.
+# Largest difference of the sum of a distribution from 1.
 _ROUNDING = 1e-9
 
 
@@ -20,14 +20,16 @@ def first_passage(
 ) -> Float[Array, "{steps}+1"]:
     """Compute the law of the number of steps until a chain is first in a set of cells.
 
-    The law is exact: the distribution of the mass that has not arrived is moved step by step.
+    The law is exact, because the distribution of the chain before it arrives is moved step by step.
 
-    **Arguments:** a chain; a start: a cell; a list of cells or a mask, of which one is drawn with
-    equal probability; or the probability of each cell as floating-point numbers; a target: a cell,
-    a list of cells, or a mask over the cells; and a number of steps.
+    **Arguments:**
 
-    **Returns:** the probability that the first time is `0, 1, ..., steps`. The rest, up to 1, has
-    not arrived by then, or has left the space.
+    - `start`: a cell; a list of cells or a mask, of which one cell is drawn with equal probability;
+        or the probabilities of all cells as floating-point numbers.
+    - `target`: a cell, a list of cells, or a mask over the cells.
+
+    **Returns:** the probability that the chain is first there after `0, 1, ..., steps` steps. The
+    rest, up to 1, is the probability that it has not arrived or has left the space.
 
     **Raises:** `ValueError` for a wrong target, start or number of steps.
 
@@ -48,11 +50,10 @@ def first_passage(
 def survival(
     chain: Chain, target: npt.ArrayLike | int, steps: int
 ) -> Float[Array, "{steps}+1 cells"]:
-    """Compute the probability of not having been in a set by a time, from every start.
+    """Compute the probability that a chain has not yet been in a set of cells, for every start.
 
-    **Arguments:** a chain, a target as in [`first_passage`][], and a number of steps. **Returns:**
-    the probability after `0, 1, ..., steps` steps, for a start in each cell. A chain that has left
-    the space never arrives.
+    **Arguments:** as for [`first_passage`][]. **Returns:** the probability after `0, 1, ..., steps`
+    steps, for a start in each cell. A chain that has left the space never arrives.
 
     A random walk on a line of three cells:
 
@@ -72,10 +73,10 @@ def survival(
 def survivals(
     chain: Chain, there: Bool[Array, "cells"], value: Float[Array, "cells"], steps: int
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
-    """Continue the probabilities of not having arrived, as a pure function of arrays.
+    """Compute the probabilities that a chain has not arrived at the target `there`, by start.
 
-    At time 0 the probabilities, by start, are 1 off the target `there`. Returns those now and after
-    the next `steps - 1` steps, and those after that.
+    `value` are the probabilities now; at time 0 they are 1 outside the target. Returns the
+    probabilities now and after 1 to `steps - 1` steps, and separately those after `steps` steps.
     """
     leaving = chain.leaving
 

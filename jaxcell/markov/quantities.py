@@ -10,17 +10,16 @@ from ..base.precision import require_x64
 from ..mapping.classes import PersistentGroups, persistent_groups
 from ..mapping.generalized import Chain
 from . import dense
+from .hitting import TIME_TOLERANCE
 from .limiting import limiting_distribution
 from .solving.stationary import Rooted
 
 
-# Tolerance of the relative error of a time.
-_TIME_TOLERANCE = 1e-6
-# Largest number of cells for a matrix over them: 800 MB, of which a solve holds a few.
+# Largest number of cells of a dense matrix, which then takes 800 MB; a solve holds a few of them.
 _LARGEST_MATRIX = 10_000
-# Rounding must not exclude a distance that is exactly the limit.
+# Added to a limit, so that rounding does not exclude a distance that equals it.
 _TIE = 1e-12
-# Largest number of squarings; after more, rounding hides the spectral gap.
+# Largest number of squarings of a matrix; after more, rounding hides the spectral gap.
 _SQUARINGS = 50
 
 
@@ -28,12 +27,12 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other, by one inverse.
 
     **Arguments:** an irreducible chain; for other chains, and for one target of a large chain, use
-    [`jaxcell.markov.hitting_times`][]. **Returns:** times, whose rows are starts. The residual of
-    the certificate bounds the relative error of every time.
+    [`jaxcell.markov.hitting_times`][]. **Returns:** the times, a row per start. The residual of the
+    certificate bounds the relative error of every time.
 
     **Raises:** `ValueError` if the chain is not irreducible or has more than 10,000 cells, whose
-    matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, as in a chain whose
-    parts hardly ever meet.
+    matrices would take gigabytes; `RuntimeError` if rounding spoils the answer, for example if two
+    parts of the chain are hardly connected.
 
     A random walk on a line of three cells:
 
@@ -49,7 +48,7 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
 def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from every cell to every other and back.
 
-    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the times of Alam
+    **Arguments:** as for [`hitting_matrix`][], with its errors. **Returns:** the times of Alam
     2018, Eq. 4.3.
 
     A random walk on a line of three cells:
@@ -67,10 +66,11 @@ def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
 def kemeny_constant(chain: Chain) -> float:
     """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
-    It is `sum_j pi_j h_ij`, the same from every cell `i`. A cell drawn where the chain is counts 0
-    steps; authors who count the return instead have 1 more. It has nearly all its digits.
+    It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the cell of the
+    chain, the number of steps is 0; authors who count the steps until it returns obtain 1 more. The
+    constant has nearly all its digits.
 
-    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the constant.
+    **Arguments:** as for [`hitting_matrix`][]. **Returns:** the constant.
 
     **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if the number exceeds float64.
 
@@ -109,7 +109,7 @@ def entropy_rate(chain: Chain) -> float:
     """
     groups = _check_irreducible(chain, "entropy_rate")
     share = np.asarray(limiting_distribution(chain, groups).value)
-    # Branches with the same image are one step.
+    # This matrix has one entry for all branches with the same image.
     steps = chain.to_scipy()
     cell = np.repeat(np.arange(chain.cells), np.diff(steps.indptr))
     return float(np.sum(share[cell] * steps.data * np.log(1 / steps.data)))
@@ -118,12 +118,11 @@ def entropy_rate(chain: Chain) -> float:
 def slem(chain: Chain) -> float:
     """Compute the second largest eigenvalue modulus of the transition matrix.
 
-    **Arguments:** an irreducible chain, as for [`hitting_matrix`][]. **Returns:** the modulus,
-    which says how slowly the start is forgotten: 1 for a periodic chain, which never forgets it,
-    and 0 for a chain of one cell.
+    It is the factor per step by which a chain forgets its start. All eigenvalues are computed,
+    which takes about 0.4 s for 750 cells; the time grows with the cube of the number of cells.
 
-    All eigenvalues are computed, which takes about 0.4 s for 750 cells; the time grows with the
-    cube of the number of cells.
+    **Arguments:** as for [`hitting_matrix`][]. **Returns:** the modulus: 1 for a periodic chain,
+    which never forgets its start, and 0 for a chain of one cell.
 
     Two cells, with a step between them one time in four:
 
@@ -143,10 +142,10 @@ def slem(chain: Chain) -> float:
 def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     """Compute the number of steps after which a chain has forgotten its start.
 
-    It is the least `t` such that for every start, the distribution after `t` steps is within
-    `distance` of the stationary one in total variation, half the 1-norm of the difference. The
-    matrix is squared until a power is that close, and `t` is found between the last two powers by
-    bisection, because the distance never grows.
+    It is the least `t` such that, for every start, the total variation (half the 1-norm of the
+    difference) between the distribution after `t` steps and the stationary distribution is at most
+    `distance`. The matrix is squared until a power is that close. Then `t` is found between the
+    last two powers by bisection, because the distance never grows.
 
     **Arguments:** an irreducible chain, and a distance of more than 0 and less than 1/2.
     **Returns:** the number of steps, `inf` for a periodic chain, which never comes within 1/2.
@@ -180,7 +179,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
         if len(powers) > _SQUARINGS:
             raise RuntimeError(f"mixing_time: not mixed after 2**{_SQUARINGS} steps")
         powers.append(_product(powers[-1], powers[-1]))
-    # The largest number of steps that is too few, one binary digit after the other.
+    # Find the largest number of steps that is too few, one binary digit after the other.
     time, power = 0, np.eye(chain.cells)
     for digit in reversed(range(len(powers) - 1)):
         longer = _product(power, powers[digit])
@@ -192,7 +191,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
 def _product(
     first: Float[np.ndarray, "cells cells"], second: Float[np.ndarray, "cells cells"]
 ) -> Float[np.ndarray, "cells cells"]:
-    """Multiply powers; rows are made to sum to 1, because rounding would grow with the steps."""
+    """Multiply two powers, and make rows sum to 1, because rounding errors grow with the steps."""
     product = first @ second
     return product / product.sum(axis=1, keepdims=True)
 
@@ -203,7 +202,7 @@ def _hitting(chain: Chain, what: str, throw: bool) -> Solution:
     # With h = 1 + P h + r off the diagonal, the error is at most max |r| times the true time.
     gap = 1 + chain.to_scipy() @ value - value
     np.fill_diagonal(gap, 0)
-    certificate = Certificate(1, float(np.abs(gap).max()), _TIME_TOLERANCE)
+    certificate = Certificate(1, float(np.abs(gap).max()), TIME_TOLERANCE)
     certificate.check(what, throw)
     return Solution(jax.device_put(value), certificate)
 
@@ -216,13 +215,13 @@ def _matrix(chain: Chain, what: str, most: int) -> Float[np.ndarray, "cells cell
 def _refuse_large(chain: Chain, what: str, most: int) -> None:
     if chain.cells > most:
         raise ValueError(
-            f"{what}: the chain has {chain.cells} cells, and the matrices of one of more than "
+            f"{what}: the chain has {chain.cells} cells, and the matrices of a chain of more than "
             f"{most} take gigabytes; hitting_times and limiting_distribution are sparse"
         )
 
 
 def _check_irreducible(chain: Chain, what: str) -> PersistentGroups:
-    """Raise `ValueError` that names a cell to which the chain may never return."""
+    """Return the only group of a chain, or raise `ValueError` if the chain is not irreducible."""
     require_x64(what)
     groups = persistent_groups(chain)
     group = np.asarray(groups.group)

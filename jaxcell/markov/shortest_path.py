@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+from typing import TypeAlias
 
 import jax
 import numpy as np
@@ -17,49 +18,54 @@ from .hitting import PROBABILITY_TOLERANCE, TIME_TOLERANCE, cell_mask, leaving_t
 from .transient import Transient
 
 
-# A policy is changed only for a larger relative gain.
+_Cells: TypeAlias = Bool[np.ndarray, "cells"]
+_Values: TypeAlias = Float[np.ndarray, "cells"]
+_Policy: TypeAlias = Int[np.ndarray, "cells"]
+_Usable: TypeAlias = Bool[np.ndarray, "actions cells"]
+
+# Relative gain up to which a policy is not changed.
 _BETTER = 1e-11
-# Actions whose probabilities differ relatively by less arrive equally surely.
+# Actions are equally sure if their probabilities of arriving differ relatively by less than this.
 _TIE = 1e-11
 _MAX_ROUNDS = 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ShortestPath:
-    """The policy with the largest probability of arriving and, of such policies, the least time."""
+    """The policy that most likely arrives at a goal and, of such policies, the quickest policy."""
 
     probability: Float[Array, "cells"]
-    "The largest probability of arriving; exactly 1 where some policy arrives with certainty."
+    "The largest probability of arriving; exactly 1 in cells from which arrival can be certain."
     time: Float[Array, "cells"]
-    "The least expected number of steps of policies certain to arrive; `inf` without such a policy."
+    "The least expected number of steps of policies certain to arrive; `inf` if none is certain."
     conditional_time: Float[Array, "cells"]
-    """The least expected number of steps over the paths that arrive, of policies with that
-    probability; `inf` if no policy arrives."""
+    """The least expected number of steps over the paths that arrive, of policies with the largest
+    probability of arriving; `inf` if no policy arrives."""
     policy: Int[Array, "cells"]
-    "The action to take in each cell, which attains all of these."
+    "The action to take in each cell. This policy attains the probabilities and the times."
     certificate: Certificate
-    """Its residual is the larger of the gain in probability and the relative gain in time that some
-    action would give; iterations are rounds of improving the policy."""
+    """The certificate. Its residual is the larger of the gain in probability and the relative gain
+    in time that a change of one action would give; its iterations improve the policy."""
 
 
 def stochastic_shortest_path(
     model: DecisionModel, goal: npt.ArrayLike | int, *, throw: bool = True
 ) -> ShortestPath:
-    """Find the policy that most likely arrives, and of such policies the quickest.
+    """Find the policy that most likely arrives at a goal and, of such policies, the quickest.
 
     This is the problem of Alam 2018, section 5.4.7, without a discount. Rewards do not matter.
 
-    The cells from which some policy arrives with certainty are found exactly, on the graph. In
-    other cells, policies are improved until the probability is the largest (Howard 1960). Of the
-    actions that keep this probability, the policy takes those with the least expected time over the
-    paths that arrive. A policy is changed only where the change is strictly better, because it
-    could otherwise begin to go around in circles.
+    The cells from which some policy is certain to arrive are found exactly, on the graph of all
+    steps. For the other cells, the policy is improved until its probability of arriving is the
+    largest (policy iteration, Howard 1960). Then it is improved in expected time over the paths
+    that arrive, by actions that keep this probability. The policy is changed only where the change
+    is strictly better, because equally good changes could make it go round in circles.
 
-    **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells; actions
-    in it do not matter. **Returns:** probabilities, times and the policy.
+    **Arguments:** a model, and a goal: a cell, a list of cells, or a mask over the cells. Actions
+    in the goal do not matter. **Returns:** probabilities, times and the policy.
 
     **Raises:** `ValueError` for a wrong goal; `RuntimeError` if the policy still improves after
-    1000 rounds or a solve stalls.
+    1000 rounds, or if the residual of a solve is too large.
 
     A robot on three cells in a row goes right or left, and right fails half the time:
 
@@ -106,11 +112,11 @@ def stochastic_shortest_path(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Moves:
-    """All actions in all cells, as the rows of one matrix, action after action."""
+    """The steps of all actions: a matrix with a row per action and cell, action after action."""
 
     matrix: scipy.sparse.csr_array
-    allowed: Bool[np.ndarray, "actions cells"]
-    stays: Bool[np.ndarray, "actions cells"]
+    allowed: _Usable
+    stays: _Usable
     "`True` if the action cannot leave the space."
 
     @classmethod
@@ -129,15 +135,15 @@ class _Moves:
         """The row and the column of every possible step, row by row."""
         return self.matrix.nonzero()
 
-    def of_policy(self, policy: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
+    def of_policy(self, policy: _Policy) -> scipy.sparse.csr_array:
         """Return the transition matrix of a policy."""
         return self.matrix[policy * self.cells + np.arange(self.cells)]
 
-    def expected(self, value: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "actions cells"]:
+    def expected(self, value: _Values) -> Float[np.ndarray, "actions cells"]:
         """Compute the expected value one step later."""
         return (self.matrix @ value).reshape(self.allowed.shape)
 
-    def joint(self, usable: Bool[np.ndarray, "actions cells"]) -> scipy.sparse.csr_array:
+    def joint(self, usable: _Usable) -> scipy.sparse.csr_array:
         """Return the graph of all possible steps of usable actions."""
         row, column = self.steps
         kept = usable.ravel()[row]
@@ -146,13 +152,8 @@ class _Moves:
         ones = np.ones(row.size)
         return scipy.sparse.csr_array((ones, (row, column)), shape=(self.cells, self.cells))
 
-    def nearer(
-        self,
-        policy: Int[np.ndarray, "cells"],
-        usable: Bool[np.ndarray, "actions cells"],
-        target: Bool[np.ndarray, "cells"],
-    ) -> Int[np.ndarray, "cells"]:
-        """Change a policy to usable actions that may come nearer to a target, in steps."""
+    def nearer(self, policy: _Policy, usable: _Usable, target: _Cells) -> _Policy:
+        """Change a policy to usable actions that may lead to a cell fewer steps from a target."""
         after = next_cells(self.joint(usable), target)
         row, column = self.steps
         action, cell = np.divmod(row, self.cells)
@@ -163,19 +164,18 @@ class _Moves:
         return policy
 
 
-def _sure(
-    moves: _Moves, usable: Bool[np.ndarray, "actions cells"], there: Bool[np.ndarray, "cells"]
-) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "actions cells"]]:
-    """Find the cells from which some policy is certain to arrive, and the actions that stay there.
+def _sure(moves: _Moves, usable: _Usable, there: _Cells) -> tuple[_Cells, _Usable]:
+    """Find the cells from which some policy is certain to arrive, and the actions to do so.
 
-    Cells that cannot arrive by actions that stay among the other cells are removed, repeatedly.
+    These actions stay among these cells. The cells are what is left after the repeated removal of
+    cells from which the target cannot be reached by actions that stay among the remaining cells.
     """
     safe = usable & moves.stays
     sure = np.ones(moves.cells, bool)
     into = moves.matrix.T.tocsr()
     lost = ~reaching(moves.joint(safe), there)
     while lost.any():
-        # First remove cells without a search of the whole graph.
+        # Cells without a safe action are found without a search of the whole graph.
         while lost.any():
             sure &= ~lost
             safe[:, lost] = False
@@ -186,17 +186,16 @@ def _sure(
 
 
 def _surest(
-    moves: _Moves,
-    policy: Int[np.ndarray, "cells"],
-    usable: Bool[np.ndarray, "actions cells"],
-    sure: Bool[np.ndarray, "cells"],
-    maybe: Bool[np.ndarray, "cells"],
-) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improve a policy that may arrive from all of `maybe` to the largest probability."""
+    moves: _Moves, policy: _Policy, usable: _Usable, sure: _Cells, maybe: _Cells
+) -> tuple[_Values, _Policy, Certificate]:
+    """Improve a policy, which may arrive from all cells of `maybe`, to the largest probability.
+
+    Returns the probability of arriving, the policy, and a certificate with the possible gain.
+    """
     value = sure.astype(np.float64)
     rounds, residual = 0, 0.0
-    # A better policy leaves every class with a changed cell, because the average over a class that
-    # it never left would rise from one step to the next.
+    # A better policy leaves each class with a changed cell, because otherwise the average of the
+    # value over this class would rise from one step to the next.
     while maybe.any():
         rounds += 1
         matrix = moves.of_policy(policy)
@@ -215,16 +214,12 @@ def _surest(
 
 
 def _quickest(
-    moves: _Moves,
-    policy: Int[np.ndarray, "cells"],
-    keeps: Bool[np.ndarray, "actions cells"],
-    probability: Float[np.ndarray, "cells"],
-    there: Bool[np.ndarray, "cells"],
-) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improve a policy by actions that keep the probability of arriving.
+    moves: _Moves, policy: _Policy, keeps: _Usable, probability: _Values, there: _Cells
+) -> tuple[_Values, _Policy, Certificate]:
+    """Improve a policy to the least time, by actions that keep the probability of arriving.
 
-    Returns the expected times over the paths that arrive, the policy, and the relative gain in time
-    that is still possible.
+    Returns the expected times over the paths that arrive, the policy, and a certificate with the
+    possible relative gain.
     """
     toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
     time = np.where(probability > 0, 0.0, np.inf)

@@ -14,21 +14,21 @@ from ..mapping.generalized import Chain
 from .arrival import Distinct, Race
 
 
-# Steps for which random numbers are drawn at once; the numbers must fit the cache.
+# Number of steps whose random numbers are drawn together, so that they fit into the cache.
 _CHUNK = 16
-# Number of runs that a lane makes one after the other.
+# Number of runs that a lane simulates one after the other.
 _TURNS = 8
 # Steps are counted in 32 bits.
 _MAX_STEPS = 2**30
 # 95 % of a normal distribution lies within this number of standard deviations.
 _NORMAL_95 = 1.959963984540054
-# Number of digits to which equal shares of a slot agree.
+# Number of digits to which probabilities must agree to count as equal.
 _EQUAL = 9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Arrivals:
-    """The time of the first arrival in many independent runs."""
+    """The times of the first arrival in many independent runs."""
 
     time: Float[Array, "runs"]
     "The number of steps of each run; `inf` for a run that was given up."
@@ -44,8 +44,8 @@ class Arrivals:
     def interval(self) -> tuple[float, float]:
         """A confidence interval of 95 % for the expected time, by the central limit theorem.
 
-        If a run ended without arrival, the upper end is `inf`, and for the lower end the run
-        counts as one that arrived at its end.
+        If a run was given up, the upper end is `inf`. In the lower end it counts as an arrival at
+        the horizon.
         """
         time = np.minimum(np.asarray(self.time), self.horizon)
         error = _NORMAL_95 * float(time.std(ddof=1)) / math.sqrt(time.size)
@@ -61,14 +61,16 @@ def simulate_arrival(
     *,
     horizon: int = 100_000,
 ) -> Arrivals:
-    """Move robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
+    """Simulate robots until the first of them is in a set of cells (Alam 2018, section 4.4.6).
 
-    **Arguments:** a random key of JAX; as for [`jaxcell.markov.first_arrival`][], which computes
-    the law of these samples; the number of runs; and the number of steps after which a run is given
-    up. **Returns:** the time of each run.
+    [`jaxcell.markov.first_arrival`][] computes the law of these samples.
 
-    **Raises:** `ValueError` for fewer than two runs, a horizon out of range, and as
-    [`jaxcell.markov.first_arrival`][].
+    **Arguments:** a random key of JAX; chains, starts and a target as for `first_arrival`; the
+    number of runs; and the number of steps after which a run is given up. **Returns:** the time of
+    each run.
+
+    **Raises:** `ValueError` for fewer than two runs or a horizon out of range, and as
+    `first_arrival`.
 
     A robot that always moves on around a ring of three cells:
 
@@ -100,12 +102,12 @@ def simulate_arrival(
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tables:
-    """The chains as Walker's alias tables, one after the other, for fast sampling.
+    """The alias tables of all chains (Walker 1977), from which steps are sampled fast.
 
     A *place* is a cell of a chain, numbered over all chains; the last place of each chain is the
-    sink. Each place has `slots` slots of equal probability. A slot holds two places, and the first
-    is taken for a part of the slot in units of 2^-32. So each step needs one random number, and the
-    work does not depend on the number of branches.
+    sink. From each place, one of several *slots* is drawn with equal probability. A slot has two
+    next places: the first has the probability `part`, in units of 2^-32, and the second the rest.
+    So each step takes one random number, whatever the number of branches.
     """
 
     first: Int[Array, "entries"]
@@ -114,17 +116,16 @@ class _Tables:
     there: Bool[Array, "places"]
     "A mask of the places in the target."
     offset: Int[Array, "robots"]
-    "The place of cell 0 of each robot's chain."
+    "The place of cell 0 of the chain of each robot."
 
     @classmethod
     def of(cls, race: Race) -> "_Tables":
-        """Make the tables of all chains."""
         images, probabilities = [], []
         slots = 1 + max(chain.image.shape[0] for chain in race.chains)
         places = race.there.size + 1
         for number, chain in enumerate(race.chains):
             branches = chain.image.shape[0]
-            # One more branch leads to the sink, and padding stays.
+            # One more branch leads to the sink; unused branches stay in their cell.
             image = np.tile(np.arange(places), (slots, 1))
             image[:branches, :-1] = chain.image
             image[branches] = places - 1
@@ -149,9 +150,10 @@ class _Tables:
     def step(
         self, place: Int[Array, "robots runs"], bits: UInt32[Array, "robots runs"]
     ) -> Int[Array, "robots runs"]:
-        """Return the places one step later."""
+        """Return the places one step later; `bits` are 32 random bits per robot."""
         slots = self.first.size // self.there.size
-        # The random number, as a fraction of 1, times the slots is a slot and a place in it.
+        # The random number, as a fraction of 1, times the number of slots: the whole part is the
+        # slot, and the fraction chooses between its two places.
         wide = bits.astype(jnp.uint64) * jnp.uint64(slots)
         entry = place * slots + (wide >> jnp.uint64(32)).astype(jnp.int32)
         within = wide.astype(jnp.uint32)
@@ -165,9 +167,9 @@ def alias(
     Int[np.ndarray, "places slots"],
     Float[np.ndarray, "places slots"],
 ]:
-    """Make Walker's alias tables of many distributions over images at once (Walker 1977).
+    """Make the alias tables of many distributions over images at once (Walker 1977).
 
-    Returns the two outcomes of each slot, and the part of the slot that belongs to the first.
+    Returns the two images of each slot, and the probability of the first in this slot.
     """
     row = np.arange(len(image))
     slots = image.shape[1]
@@ -175,8 +177,8 @@ def alias(
     second, part = image.copy(), np.ones(image.shape)
     open_ = np.ones(image.shape, bool)
     for _ in range(slots - 1):
-        # The least likely outcome shares its slot with the most likely one, and is finished. The
-        # first of equal outcomes is taken, so that draws do not depend on how they are rounded.
+        # The least likely image shares its slot with the most likely one, and is finished. The
+        # first of equally likely images is taken, so that rounding does not change the tables.
         compared = left.round(_EQUAL)
         least = np.where(open_, compared, np.inf).argmin(axis=1)
         most = np.where(open_, compared, -np.inf).argmax(axis=1)
@@ -191,7 +193,7 @@ def alias(
 def _place(
     key: jax.Array, total: Float[Array, "robots cells"], runs: int
 ) -> Int[Array, "robots {runs}"]:
-    """Draw starts from cumulative probabilities."""
+    """Draw a start for each robot and run from cumulative probabilities."""
     drawn = jax.random.uniform(key, (total.shape[0], runs), total.dtype) * total[:, -1:]
     place = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(total, drawn)
     return place.astype(jnp.int32)
@@ -201,7 +203,7 @@ def _place(
 def _place_apart(
     key: jax.Array, choices: Int[Array, "choices"], robots: int, runs: int
 ) -> Int[Array, "{robots} {runs}"]:
-    """Draw sets of different choices, by Floyd's method."""
+    """Draw a set of different starts for each run, by Floyd's method."""
     size = choices.size
     taken = jnp.full((robots, runs), -1, jnp.int32)
 
@@ -216,15 +218,12 @@ def _place_apart(
 
 @jax.jit
 def _walk(
-    key: jax.Array,
-    tables: _Tables,
-    cells: Int[Array, "robots runs"],
-    horizon: Int[Array, ""],
+    key: jax.Array, tables: _Tables, cells: Int[Array, "robots runs"], horizon: Int[Array, ""]
 ) -> Float[Array, "runs"]:
-    """Walk from the starts until all runs have arrived or are given up.
+    """Walk from the starts until all runs have arrived or are given up; return their times.
 
-    A lane makes several runs one after the other. That takes fewer steps than all runs side by
-    side, which wait for the longest, several times the mean.
+    Each of many parallel *lanes* simulates several runs one after the other, because parallel runs
+    would all wait for the longest one, which takes several times the mean.
     """
     robots, turns, lanes = len(cells), _TURNS, cells.shape[1] // _TURNS
     start = (tables.offset[:, None] + cells).reshape(robots, turns, lanes)

@@ -11,15 +11,15 @@ from .solving.solve import solve_transient
 class Transient:
     """A part of a chain that it leaves for good, reduced to the cells at which it branches.
 
-    Most cells of some chains have one certain image, such as the cells of a robot between two
-    bumps. Such *runs* are removed first: the value of a cell on a run follows from the *branching*
-    cell at its end, the first whose image in the part is not certain. One in six cells of a
-    bouncing robot is a branching cell. Arrays are over the cells of the part, which are numbered by
-    their places in it.
+    In some chains most cells have one certain image, such as the cells of a robot between two
+    bumps. The chain goes from such a cell along a *run* to a *branching* cell, the first cell whose
+    image in the part is not certain. A sum over the run then gives the value of the cell from that
+    of the branching cell, so that only the branching cells are solved for, one in six cells of a
+    bouncing robot. Arrays and numbers of cells are those of the part.
     """
 
     cells: Int[np.ndarray, "part"]
-    "The cells, in ascending order."
+    "The cells of the part, as numbers in the chain, in ascending order."
     step: scipy.sparse.csr_array
     "The probabilities of steps within the part."
     branching: Int[np.ndarray, "section"]
@@ -27,18 +27,17 @@ class Transient:
     end: Int[np.ndarray, "part"]
     "The number of the branching cell at the end of the run from each cell."
     jump: scipy.sparse.csr_array
-    "The probabilities of steps from branching cell to branching cell."
+    "The probabilities of the next branching cell after each branching cell."
     hops: tuple[Int[np.ndarray, "part"], ...]
-    "The cell 1, 2, 4, ... steps down the run; the number of cells past its end."
+    "The cell after 1, 2, 4, ... steps on the run; the number of cells, after its end."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Take a part out of a chain that each of its cells can leave.
+        """Take the part `inside` out of a chain that can leave it from each cell.
 
-        The transition matrix has no zeros among its entries.
+        The transition matrix must not store zeros.
 
-        **Raises:** `RuntimeError` if a cell cannot leave, because it is on a circuit of certain
-        steps.
+        **Raises:** `RuntimeError` for a circuit of certain steps, which the chain cannot leave.
         """
         cells = np.flatnonzero(inside)
         step = matrix[cells][:, cells]
@@ -72,7 +71,7 @@ class Transient:
     ) -> tuple[Float[np.ndarray, "part columns"], int]:
         """Compute the total gain from each cell until the part is left: solve `x = gain + Q x`.
 
-        Returns the number of products too.
+        Returns the gains and the number of products.
         """
         run = np.zeros((self.cells.size + 1, gain.shape[1]))
         run[:-1] = gain
@@ -80,17 +79,16 @@ class Transient:
         for hop in self.hops:
             run[:-1] += run[hop]
         run = run[:-1]
-        # A branching cell gains its own share and that of the run to the next.
+        # A branching cell gains its own share, and that of the run to the next branching cell.
         right = gain[self.branching] + self.step[self.branching] @ run
         at_branching, products = solve_transient(self.jump, right)
         return run + at_branching[self.end], products
 
     def visits(self, start: Float[np.ndarray, "part"]) -> tuple[Float[np.ndarray, "section"], int]:
-        """Compute the expected visits to the branching cells from a distribution over the part.
+        """Compute the expected visits to each branching cell, for a distribution of the start.
 
-        This is the adjoint of `expect`: one solve for one start and any number of gains. A cell on
-        a run stays in the part, so the part is left only from branching cells. Returns the number
-        of products too.
+        This is the adjoint of `expect`: one solve for any number of gains. The part is left only
+        from branching cells. Returns the visits and the number of products.
         """
         arriving = np.zeros(self.branching.size)
         np.add.at(arriving, self.end, start)

@@ -1,5 +1,3 @@
-"""Walks along a chain, step by step on the host, for few walks."""
-
 import numpy as np
 from jaxtyping import Int
 
@@ -11,8 +9,10 @@ def sample_walks(
 ) -> Int[np.ndarray, "times walks"]:
     """Draw independent walks along a chain that never leaves the space.
 
-    **Arguments:** a chain, a first cell for each walk, the number of steps, and a source of draws.
-    **Returns:** the cell of each walk at each time, the starts first.
+    All walks make a step together, on the host.
+
+    **Arguments:** a chain, a first cell for each walk, the number of steps, and a generator of
+    random numbers. **Returns:** the cell of each walk at each time, the starts first.
 
     A walk around a ring of three cells:
 

@@ -1,3 +1,6 @@
+import shutil
+import subprocess
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ _LAB_B = _grid(6, 5, (2, 1, 5, 3), (0, 0, 1, 1), (4, 0, 6, 1), (0, 4, 1, 5), (5,
 
 
 def _bounce(free, directions, shift):
-    """Image and observation of a robot that goes on where the next cell is free and turns else."""
+    """Compute the images and observations of a robot that turns if the next cell is not free."""
     height, width = free.shape
     number = np.full((height + 2, width + 2), -1)
     number[1:-1, 1:-1][free] = np.arange(free.sum())
@@ -35,7 +38,7 @@ def _bounce(free, directions, shift):
 
 @pytest.fixture(scope="session")
 def bounce():
-    """A function that gives the bounce map of a mask of free cells, directions, and a turn."""
+    """A function that computes the bounce map of a mask of free cells, directions, and a turn."""
     return _bounce
 
 
@@ -69,5 +72,67 @@ def _bounce_graphs(draw):
 
 @pytest.fixture(scope="session")
 def graphs():
-    """A strategy for image and observation of labelled functional graphs and bounce maps."""
+    """A strategy for the images and observations of arbitrary maps and of bounce maps."""
     return st.one_of(_arbitrary_graphs(), _bounce_graphs())
+
+
+@pytest.fixture
+def compiled(tmp_path):
+    """A function that compiles a C program with a header `lab.h`.
+
+    It returns a function that runs the program with a string as standard input.
+    """
+
+    def compile(header, source, *flags, compiler="cc"):
+        if shutil.which(compiler) is None:
+            pytest.skip(f"no {compiler} to compile with")
+        (tmp_path / "lab.h").write_text(header)
+        # An Arduino sketch is C++.
+        language = ["-std=c99"] if compiler == "cc" else ["-x", "c++", "-std=c++11"]
+        strict = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{tmp_path}", *flags]
+        program = tmp_path / "program"
+        subprocess.run([compiler, *language, *strict, source, "-o", program], check=True)
+        return lambda string: subprocess.run(
+            [program], input=string, capture_output=True, text=True, check=False
+        )
+
+    return compile
+
+
+@pytest.fixture
+def outputs(compiled, tmp_path):
+    """A function that compiles a header, and returns a function from observations to outputs.
+
+    The outputs are, after each observation, the colour, whether the robot is localized, whether the
+    map is refuted and, for a policy, the turn and the uncertainty.
+    """
+    source = tmp_path / "main.c"
+    source.write_text(_MAIN)
+
+    def outputs(header, compiler="cc"):
+        run = compiled(header, source, compiler=compiler)
+        return lambda string: [
+            tuple(map(int, line.split())) for line in run(string).stdout.splitlines()
+        ]
+
+    return outputs
+
+
+_MAIN = r"""
+#include <stdio.h>
+#include "lab.h"
+int main(void) {
+    lab_state state = LAB_START;
+    int c;
+    while ((c = getchar()) != EOF) {
+        state = lab_next(state, (uint8_t)(c - '0'));
+        printf("%lu %d %d", (unsigned long)lab_color(state), lab_localized(state),
+               lab_refuted(state));
+#ifdef LAB_NO_TURN
+        printf(" %d %lu", (int)lab_turn(state), (unsigned long)lab_uncertainty(state));
+#endif
+        printf("\n");
+    }
+    return 0;
+}
+"""

@@ -24,7 +24,7 @@ def test_maps_are_filtered_independently(graphs, data, string, open_world):
         np.testing.assert_array_equal(cells, filters[name].cells(int(runs[name].states[-1])))
 
 
-def test_robot_identifies_its_lab(labs):
+def test_robot_never_refutes_its_lab_and_sometimes_refutes_the_other(labs):
     filters = {room: Filter.of(subset_construction(*labs[room, 45])) for room in "ab"}
     outcomes = set()
     for room in "ab":
@@ -36,8 +36,7 @@ def test_robot_identifies_its_lab(labs):
             assert room in state.remaining
             assert cell in state.cells[room]
             outcomes.add(state.remaining)
-    assert ("a",) in outcomes
-    assert ("b",) in outcomes
+    assert outcomes >= {("a",), ("b",)}
 
 
 def test_no_maps_are_refused():

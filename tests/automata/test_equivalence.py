@@ -14,46 +14,46 @@ from jaxcell.automata import equivalence
 def machines(draw, most=8):
     states, inputs = draw(st.integers(1, most)), draw(st.integers(1, 3))
     images = st.lists(st.integers(0, states - 1), min_size=states, max_size=states)
-    # Few ones: states that are hard to tell apart.
+    # Few observations are 1, so that states are hard to distinguish.
     seen = st.lists(st.sampled_from([0, 0, 0, 1]), min_size=states, max_size=states)
     several = {"min_size": inputs, "max_size": inputs}
-    alike = seen.map(lambda one: [one] * inputs)
+    alike = seen.map(lambda row: [row] * inputs)
     observations = draw(alike | st.lists(seen, **several))
     return np.array(draw(st.lists(images, **several))), np.array(observations)
 
 
 def answers(images, observations, state, word):
-    found = []
+    seen = []
     for i in word:
-        found.append(observations[i, state])
+        seen.append(observations[i, state])
         state = images[i, state]
-    return found
+    return seen
 
 
 @given(machines(most=5))
 def test_classes_and_shortest_words_are_those_of_all_sequences(machine):
     images, observations = machine
     inputs, states = images.shape
-    found = equivalence(images, observations)
-    assert found.label[0] == 0
+    classes = equivalence(images, observations)
+    assert classes.label[0] == 0
     # Any two of 5 states that inputs distinguish are distinguished by 4 inputs.
     words = [w for n in range(states) for w in itertools.product(range(inputs), repeat=n)]
     for a, b in itertools.combinations(range(states), 2):
         telling = [w for w in words if answers(*machine, a, w) != answers(*machine, b, w)]
-        assert (found.label[a] != found.label[b]) == bool(telling)
+        assert (classes.label[a] != classes.label[b]) == bool(telling)
         if telling:
-            word = found.distinguish(a, b).tolist()
+            word = classes.distinguish(a, b).tolist()
             assert len(word) == min(map(len, telling))
             assert answers(*machine, a, word) != answers(*machine, b, word)
         else:
             with pytest.raises(ValueError, match=f"states {a} and {b} are equivalent"):
-                found.distinguish(a, b)
+                classes.distinguish(a, b)
 
 
 @given(machines(most=30))
-def test_has_as_many_classes_as_automata_lib(machine):
+def test_number_of_classes_equals_automata_lib(machine):
     images, observations = machine
-    # Letters out of a state say what is observed there; one leads to each state from the start.
+    # A letter of the start leads to each state. Each state accepts letters for its observations.
     transitions = {"end": {}, "start": {f"to {s}": s for s in range(images.shape[1])}}
     for state in range(images.shape[1]):
         transitions[state] = {f"go {i}": int(row[state]) for i, row in enumerate(images)}
@@ -72,33 +72,34 @@ def test_has_as_many_classes_as_automata_lib(machine):
 
 @given(machines(most=40))
 def test_images_of_a_class_are_in_one_class(machine):
-    found = equivalence(*machine)
-    firsts = [np.flatnonzero(found.label == one)[0] for one in range(found.count)]
-    assert firsts == sorted(firsts)
+    label = equivalence(*machine).label
+    firsts = np.unique(label, return_index=True)[1]
+    assert (np.diff(firsts) > 0).all()
     for image, observation in zip(*machine, strict=True):
-        after = found.label[image]
-        np.testing.assert_array_equal(after, after[firsts][found.label])
-        np.testing.assert_array_equal(observation, observation[firsts][found.label])
+        np.testing.assert_array_equal(label[image], label[image][firsts][label])
+        np.testing.assert_array_equal(observation, observation[firsts][label])
 
 
-def test_long_corridor_and_combination_lock():
-    # The distance to the end of the corridor, where it turns round, identifies a cell.
+def test_cells_of_a_long_corridor_differ_by_their_distance_to_its_end():
     squares = 20_000
     cell = np.arange(2 * squares)
     east = cell < squares
     bumped = (cell == squares - 1) | (cell == squares)
     image = np.where(bumped, (cell + squares) % cell.size, np.where(east, cell + 1, cell - 1))
     assert equivalence(image[None], bumped[None]).count == squares
-    # The digits 0, 1, 0, 1, ... open the lock; a wrong one leads to where none does.
+
+
+def test_states_of_a_combination_lock_differ_by_the_digits_that_open_it():
+    # The digits are 0, 1, 0, 1, ...; a wrong digit leads to a state from which none opens it.
     digits = 400
     state = np.arange(digits + 2)
     right, lost = np.minimum(state + 1, digits), digits + 1
     images = np.stack([np.where(state % 2 == i, right, lost) for i in (0, 1)])
     images[:, -2:] = lost
     observations = np.broadcast_to(state == digits, images.shape)
-    found = equivalence(images, observations)
-    assert found.count == digits + 2
-    word = found.distinguish(0, digits + 1)
+    classes = equivalence(images, observations)
+    assert classes.count == digits + 2
+    word = classes.distinguish(0, digits + 1)
     np.testing.assert_array_equal(word[:-1], state[:digits] % 2)
 
 

@@ -7,7 +7,7 @@ from jaxcell.automata import Filter, fastest_localization, subset_construction
 
 
 def first_string(filter, uncertainty, longest):
-    """All strings, shortest first and then in dictionary order, until one localizes."""
+    """Try all strings, shortest first and then in dictionary order, until one localizes."""
     filter = filter.with_trap()
     for length in range(longest + 1):
         for word in itertools.product("01", repeat=length):

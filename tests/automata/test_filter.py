@@ -1,3 +1,4 @@
+import inspect
 import math
 
 import hypothesis.strategies as st
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from jaxcell.automata import Automaton, Filter, subset_construction
+from jaxcell.automata import Filter, subset_construction
 
 
 strings = st.text("01", max_size=12)
@@ -31,7 +32,7 @@ def possible_cells(graph, string):
 
 
 def closed_simple_cycles(transition):
-    """Sets of states, by strongly connected components: each state on one has one edge, inside."""
+    """Find the strong components in which each state has one edge, to a state of the component."""
     edges = [(s, t) for s, row in enumerate(transition.tolist()) for t in row if t >= 0]
     graph = nx.MultiDiGraph(edges)
     return {
@@ -77,27 +78,33 @@ def test_knowledge_cycles_are_the_closed_simple_cycles(graphs, data, open_world)
 
 
 @given(data=st.data(), string=strings)
-def test_cells_of_a_state_are_all_possible_cells(graphs, data, string):
+def test_states_along_a_string_have_all_possible_cells(graphs, data, string):
     graph = data.draw(graphs)
     filter = filter_of(graph, open_world=True)
-    run = filter.run(string)
-    refuted_at = None
+    run, state = filter.run(string), filter.start()
+    refuted_at = localized_at = None
     for time in range(len(string) + 1):
         cells = possible_cells(graph, string[:time])
-        assert filter.cells(int(run.states[time])).tolist() == cells
-        assert filter.uncertainty[run.states[time]] == len(cells)
         if not cells and refuted_at is None:
             refuted_at = time - 1
-    assert run.refuted_at == refuted_at
-    np.testing.assert_array_equal(run.colors, filter.color[run.states])
-    in_cycle = [
-        any(state in cycle.states for cycle in filter.cycles) for state in run.states.tolist()
-    ]
-    assert run.localized_at == (in_cycle.index(True) if any(in_cycle) else None)
+        localized = any(state.index in cycle.states for cycle in filter.cycles)
+        if localized and localized_at is None:
+            localized_at = time
+        assert (state.index, state.time) == (run.states[time], time)
+        assert state.color == run.colors[time] == filter.color[state.index]
+        assert state.cells.tolist() == filter.cells(state.index).tolist() == cells
+        assert state.uncertainty == filter.uncertainty[state.index] == len(cells)
+        assert state.localized == localized
+        assert state.refuted == (state.index == filter.trap) == (not cells)
+        assert state.refuted_at == refuted_at
+        if time < len(string):
+            before, state = state, state.observe(int(string[time]))
+            assert before.time == time
+    assert (run.refuted_at, run.localized_at) == (refuted_at, localized_at)
 
 
 @given(data=st.data(), string=strings)
-def test_closed_world_refuses_strings_that_open_world_traps(graphs, data, string):
+def test_strings_that_lead_to_the_trap_are_impossible_in_a_closed_world(graphs, data, string):
     graph = data.draw(graphs)
     closed, opened = filter_of(graph), filter_of(graph, open_world=True)
     run = opened.run(string)
@@ -110,25 +117,7 @@ def test_closed_world_refuses_strings_that_open_world_traps(graphs, data, string
         assert (run.states[: run.refuted_at + 1] != opened.trap).all()
 
 
-@given(data=st.data(), string=strings)
-def test_streaming_equals_running(graphs, data, string):
-    filter = filter_of(data.draw(graphs), open_world=True)
-    run = filter.run(string)
-    state = filter.start()
-    for time in range(len(string) + 1):
-        assert (state.index, state.time) == (run.states[time], time)
-        assert state.color == run.colors[time]
-        assert state.uncertainty == filter.uncertainty[state.index]
-        assert state.localized == (1 < state.color < 2 + len(filter.cycles))
-        assert state.refuted == (state.index == filter.trap)
-        assert state.refuted_at == (run.refuted_at if state.refuted else None)
-        np.testing.assert_array_equal(state.cells, filter.cells(state.index))
-        if time < len(string):
-            before, state = state, state.observe(int(string[time]))
-            assert before.time == time
-
-
-def test_every_robot_is_localized_with_the_truth_among_its_cells(labs):
+def test_every_robot_is_localized_and_is_in_one_of_the_possible_cells(labs):
     for graph in labs.values():
         image, observation = graph
         filter = filter_of(graph)
@@ -141,7 +130,7 @@ def test_every_robot_is_localized_with_the_truth_among_its_cells(labs):
 
 
 @pytest.mark.parametrize("kind", [list, np.array, lambda bits: map(bool, bits)])
-def test_observations_of_several_types(labs, kind):
+def test_observations_may_be_a_list_an_array_or_an_iterator(labs, kind):
     filter = filter_of(labs["a", 45])
     expected = filter.run("0100")
     np.testing.assert_array_equal(filter.run(kind([0, 1, 0, 0])).states, expected.states)
@@ -152,8 +141,8 @@ def test_observations_of_several_types(labs, kind):
 def test_other_observations_are_refused(labs, observation, open_world):
     state = filter_of(labs["a", 45], open_world=open_world).start().observe(0)
     with pytest.raises(ValueError, match=r"^observation 1 is .*; expected 0 or 1"):
-        # Past the type checks of these tests, as a caller's program would come.
-        type(state).observe.__wrapped__(state, observation)
+        # The type checks of these tests would refuse it first.
+        inspect.unwrap(type(state).observe)(state, observation)
 
 
 def test_other_digits_are_refused(labs):
@@ -196,13 +185,13 @@ def test_metadata_is_a_json_object(labs):
 
 def parts(transition, **changes):
     states = len(transition)
-    given = {
+    return {
         "transition": np.array(transition, np.int32).reshape(-1, 2),
         "uncertainty": np.ones(states, np.int32),
         "offsets": np.arange(states + 1, dtype=np.int64),
         "members": np.arange(states, dtype=np.int32),
+        **changes,
     }
-    return {**given, **changes}
 
 
 @pytest.mark.parametrize(
@@ -226,18 +215,6 @@ def test_inconsistent_parts_are_refused(arguments, message):
 
 
 def test_cycle_with_an_exit_is_no_knowledge_cycle():
-    # Subset construction makes no such automaton, a caller may.
+    # Subset construction never makes such an automaton, but a caller can.
     filter = Filter(**parts([[1, -1], [0, 2], [2, -1]]))
     assert [cycle.states.tolist() for cycle in filter.cycles] == [[2]]
-
-
-def test_of_takes_its_sets_from_the_automaton():
-    automaton = Automaton(
-        transition=np.array([[1, -1], [-1, 1]], np.int32),
-        offsets=np.array([0, 3, 4]),
-        members=np.array([0, 1, 2, 1], np.int32),
-    )
-    filter = Filter.of(automaton)
-    assert filter.uncertainty.tolist() == [3, 1]
-    assert filter.cells(0).tolist() == [0, 1, 2]
-    assert filter.cells(1).tolist() == [1]

@@ -1,4 +1,4 @@
-"""Beliefs and sets against an enumeration of all paths."""
+"""Beliefs and sets, compared with an enumeration of all paths."""
 
 import itertools
 
@@ -12,7 +12,7 @@ from jaxcell.automata.subset import subset_construction
 
 
 def random_map(seed, cells=4):
-    """A map of two configurations and one angle."""
+    """Draw a map of two configurations and one angle."""
     rng = np.random.default_rng(seed)
     both = rng.dirichlet(np.ones(2 * cells) / 3, cells)
     both[both < 0.05] = 0
@@ -22,15 +22,15 @@ def random_map(seed, cells=4):
 
 
 def all_paths(hidden, observations):
-    """The probability of every path that has the observations."""
+    """Compute the joint probability of every path and the observations."""
     parts = [part.toarray() for part in (hidden.moves, *hidden.bumps)]
-    found = {}
+    paths = {}
     for path in itertools.product(range(hidden.cells), repeat=len(observations) + 1):
         probability = hidden.start[path[0]]
         for (a, b), o in zip(itertools.pairwise(path), observations, strict=True):
             probability *= parts[o][a, b]
-        found[path] = probability
-    return found
+        paths[path] = probability
+    return paths
 
 
 cases = given(st.integers(0, 10_000), st.lists(st.integers(0, 1), min_size=1, max_size=4))
@@ -71,7 +71,7 @@ def test_nowhere_is_the_posterior_of_getting_lost_at_any_time(seed, observations
     state = Belief(hidden).start()
     for observation in observations:
         state = Belief(hidden).observe(state, observation)
-    # The time at which it got lost, or none.
+    # Sum over the times at which the robot may get lost.
     lost = 1e-4
     on_map = (1 - lost) ** len(observations) * sum(all_paths(hidden, observations).values())
     off = 0.0
@@ -100,17 +100,17 @@ def test_sets_are_those_of_all_paths(seed, observations):
     assert list(members) == state.tolist()
 
 
-def test_row_selection_equals_the_whole_matrix():
+def test_products_with_few_nonzero_cells_equal_those_with_the_whole_matrix():
     hidden = random_map(1, cells=40)
-    one = np.eye(40)[7] / 2
+    weight = np.eye(40)[7] / 2
     for event, part in enumerate((hidden.moves, *hidden.bumps)):
-        again = one @ part.toarray()
-        np.testing.assert_allclose(hidden.after(event, one), again, atol=1e-15)
-        found = Bounded.of(hidden).observe(np.array([7], np.int32), event)
-        np.testing.assert_array_equal(found, np.flatnonzero(again))
+        expected = weight @ part.toarray()
+        np.testing.assert_allclose(hidden.after(event, weight), expected, atol=1e-15)
+        possible = Bounded.of(hidden).observe(np.array([7], np.int32), event)
+        np.testing.assert_array_equal(possible, np.flatnonzero(expected))
 
 
-def test_map_with_one_image_gives_subset_construction():
+def test_automaton_of_a_simple_map_equals_subset_construction():
     rng = np.random.default_rng(3)
     image, bumped = rng.integers(0, 30, 30), rng.random(30) < 0.3
     both = np.zeros((30, 60))
@@ -126,7 +126,7 @@ def test_sets_beyond_the_limit_are_refused():
         Bounded.of(random_map(1, 12)).automaton(limit=20)
 
 
-def test_impossible_observation_makes_the_belief_nowhere():
+def test_impossible_observation_proves_that_the_robot_is_nowhere():
     hidden = HiddenMap.of(np.eye(2), np.zeros((2, 2)), np.arange(2), np.ones(2) / 2)
     belief = Belief(hidden)
     state = belief.observe(belief.start(), 1)
@@ -135,8 +135,8 @@ def test_impossible_observation_makes_the_belief_nowhere():
     assert Bounded.of(hidden).estimate(np.empty(0, np.int32)).nowhere == 1
 
 
-def test_run_that_a_coin_explains_better_becomes_nowhere():
-    # It moves nine times of ten, and the robot always bumps.
+def test_robot_is_probably_nowhere_if_a_coin_explains_its_run_better():
+    # The map expects a bump in one of twenty steps, but the robot always bumps.
     moves, bumps = np.array([[0.95]]), np.array([[0.05]])
     belief = Belief(HiddenMap.of(moves, bumps, np.zeros(1, int), np.ones(1)))
     state = belief.start()
@@ -149,7 +149,7 @@ def test_run_that_a_coin_explains_better_becomes_nowhere():
 
 
 def map_with_angles(seed, cells=3, angles=2):
-    """A map whose robot bumps soon, wherever it is."""
+    """Draw a map whose robot bumps soon, wherever it is."""
     rng = np.random.default_rng(seed)
     ahead = rng.uniform(0, 0.15, cells)
     moves = ahead[:, None] * rng.dirichlet(np.ones(cells), cells)
@@ -158,7 +158,7 @@ def map_with_angles(seed, cells=3, angles=2):
 
 
 def entropy_of_all_paths(hidden, weight):
-    """The entropy at the next bump, by enumeration of the paths until then."""
+    """Compute the entropy at the next bump by enumeration of the paths until then."""
     moves, outcomes = hidden.moves.toarray(), {}
     ahead = moves.sum(axis=1)
     longest = 0
@@ -169,7 +169,7 @@ def entropy_of_all_paths(hidden, weight):
             probability = weight[path[0]]
             for a, b in itertools.pairwise(path):
                 probability *= moves[a, b]
-            # All paths of the longest length are one outcome, with a bump at their end or without.
+            # All paths of the longest length are one outcome, with or without a bump at their end.
             probability *= 1 - ahead[path[-1]] if steps < longest else 1
             at = steps, hidden.configuration[path[-1]]
             outcomes[at] = outcomes.get(at, 0.0) + probability
@@ -272,7 +272,7 @@ def test_bad_hidden_maps_are_refused(moves, start, match):
 
 
 def test_large_hidden_map_is_read_back(tmp_path):
-    """The shares of the start are rounded in the file, and there are many of them."""
+    """The probabilities at the start are rounded in the file, and there are many of them."""
     cells = 50_000
     part = scipy.sparse.eye_array(cells) / 2
     hidden = HiddenMap.of(part, part, np.arange(cells), np.full(cells, 1 / cells))

@@ -11,7 +11,7 @@ from jaxcell.automata import Filter, subset_construction, to_jflap
 
 
 class JflapFile:
-    """A reader of the format, written for these tests alone."""
+    """A reader of the format for these tests."""
 
     def __init__(self, text):
         root = ElementTree.fromstring(text.encode())
@@ -45,7 +45,7 @@ class JflapFile:
 
 
 def strings(rng, graph):
-    """Strings that robots sense, and some that none does."""
+    """Draw strings that robots sense, and random strings."""
     image, observation = graph
     for cell in rng.integers(0, image.size, 30):
         string = ""
@@ -59,7 +59,7 @@ def strings(rng, graph):
 
 @pytest.mark.parametrize("kind", ["fa", "moore"])
 @pytest.mark.parametrize("open_world", [False, True])
-def test_file_is_the_filter(labs, kind, open_world):
+def test_automaton_in_the_file_equals_the_filter(labs, kind, open_world):
     for graph in labs.values():
         filter = Filter.of(subset_construction(*graph), open_world=open_world)
         file = JflapFile(to_jflap(filter, kind))

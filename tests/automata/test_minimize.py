@@ -10,7 +10,7 @@ def filter_of(graph, open_world=False):
 
 
 def moore_blocks(filter):
-    """Moore's partition: split by the blocks of the successors until nothing splits."""
+    """Compute Moore's partition: split by the blocks of the successors until nothing splits."""
     transition = filter.transition.tolist()
     block = filter.color.tolist()
     while True:
@@ -31,7 +31,7 @@ def test_merges_the_blocks_of_moores_partition(graphs, data, open_world):
     quotient = minimize(filter)
     blocks = moore_blocks(filter)
     assert len(quotient.transition) == len(set(blocks))
-    # Walk both side by side: the states met together are one block and one state.
+    # Follow both together: the states that meet a state of the quotient are one block.
     partner, queue = {0: 0}, [(0, 0)]
     for state, merged in queue:
         assert quotient.color[merged] == filter.color[state]
@@ -60,7 +60,7 @@ def test_quotient_of_quotient_is_itself(graphs, data, open_world):
         np.testing.assert_array_equal(getattr(once, field), getattr(twice, field))
 
 
-def test_opening_and_minimizing_commute(labs):
+def test_quotient_with_a_trap_is_the_quotient_of_the_open_world_filter(labs):
     for graph in labs.values():
         filter = filter_of(graph)
         np.testing.assert_array_equal(
@@ -68,13 +68,14 @@ def test_opening_and_minimizing_commute(labs):
         )
 
 
-def test_cycle_folds_to_the_period_of_its_word():
-    # Six cells in a circle, where the robot senses 0 1 1 0 1 1.
+def test_cycle_has_the_period_of_its_word():
+    # Six cells in a circle, where the robot observes 0 1 1 0 1 1.
     image = np.array([1, 2, 3, 4, 5, 0], np.int32)
-    observation = np.array([False, True, True] * 2)
-    filter = filter_of((image, observation))
-    (cycle,) = filter.cycles
+    (cycle,) = filter_of((image, np.array([False, True, True] * 2))).cycles
     assert cycle.states.size == 3
+
+
+def test_states_of_a_cycle_with_one_observation_are_merged():
     circle = filter_of((np.array([1, 2, 0], np.int32), np.array([True, True, True])))
     assert minimize(circle).transition.tolist() == [[-1, 0]]
     assert minimize(circle).cells(0).tolist() == [0, 1, 2]
@@ -85,7 +86,7 @@ def test_metadata_is_kept(labs):
     assert minimize(filter).metadata == {"map": "a"}
 
 
-def test_cycle_that_edges_leave_is_minimal():
+def test_cycle_with_an_exit_is_minimal():
     filter = Filter(
         transition=np.array([[1, -1], [0, 2], [2, -1]], np.int32),
         uncertainty=np.ones(3, np.int32),

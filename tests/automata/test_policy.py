@@ -6,7 +6,8 @@ import pytest
 from jaxcell.automata import Filter, Policy, subset_construction
 
 
-# A bump at once, which leaves two cells that angle 1 distinguishes, or after two steps.
+# A bump without a step leaves two cells, which angle 1 distinguishes; a bump after two steps leaves
+# one cell.
 SMALL = Policy(
     turn=np.int32([-1, 1, -1, -1, -1]),
     first=np.int32([0, 2, 4, 4, 4, 4]),
@@ -43,7 +44,7 @@ def follow(word):
         ("01101", 5, 0, None, []),
     ],
 )
-def test_follows_observations(word, color, uncertainty, turn, cells):
+def test_states_after_observations(word, color, uncertainty, turn, cells):
     state = follow(word)
     assert (state.color, state.uncertainty, state.turn) == (color, uncertainty, turn)
     assert state.cells.tolist() == cells
@@ -51,7 +52,7 @@ def test_follows_observations(word, color, uncertainty, turn, cells):
     assert state.refuted == (color == 5)
 
 
-def test_impossible_observations_are_located():
+def test_index_of_an_impossible_observation_is_reported():
     assert follow("0110").refuted_at == 1
     assert follow("1").refuted_at is None
     with pytest.raises(ValueError, match="observation 3: expected none, as the policy has ended"):

@@ -14,7 +14,7 @@ pytest.importorskip("pysat.solvers")
 
 @st.composite
 def machines(draw, states=8):
-    """Machines of up to eight states, all reached, with two symbols and up to three outputs."""
+    """Draw a machine of up to eight states, with two symbols and up to three outputs."""
     count = draw(st.integers(1, states))
     edges = st.lists(st.integers(-1, count - 1), min_size=2, max_size=2)
     rows = np.array(draw(st.lists(edges, min_size=count, max_size=count)), np.int32)
@@ -58,7 +58,7 @@ def exists(machine, count, after=None, classes=None, queue=((0, 0),)):
 
 
 def partitions(states):
-    """All partitions, as the class of each state."""
+    """Return all partitions, as the class of each state."""
     labels = [[0]]
     for _ in range(states - 1):
         labels = [[*label, c] for label in labels for c in range(max(label) + 2)]
@@ -79,7 +79,7 @@ def closed(machine, label):
 
 
 def assert_same_outputs(machine, small):
-    """All strings of the machine: every pair of states that they reach has one output."""
+    """Check that every string of a machine gives the same outputs in a smaller machine."""
     met, queue = {(0, 0)}, [(0, 0)]
     for state, other in queue:
         assert machine.color[state] == small.color[other]
@@ -94,7 +94,7 @@ def assert_same_outputs(machine, small):
 
 
 def strings(machine, length):
-    """All strings of up to a length that can occur."""
+    """Yield all strings up to a length that can occur."""
     level = [((), 0)]
     while level:
         yield from (string for string, _ in level)
@@ -108,25 +108,25 @@ def strings(machine, length):
 
 @given(machine=machines())
 def test_no_machine_is_smaller_than_the_least_cover(machine):
-    found = smallest(machine)
-    assert found.proved
-    assert exists(machine, found.states)
-    assert found.states == 1 or not exists(machine, found.states - 1)
-    assert_same_outputs(machine, found.machine)
+    result = smallest(machine)
+    assert result.proved
+    assert exists(machine, result.states)
+    assert result.states == 1 or not exists(machine, result.states - 1)
+    assert_same_outputs(machine, result.machine)
     for string in strings(machine, 7):
-        np.testing.assert_array_equal(machine.run(string), found.machine.run(string))
+        np.testing.assert_array_equal(machine.run(string), result.machine.run(string))
 
 
 @given(machine=machines())
 @settings(max_examples=60)
 def test_no_closed_partition_is_smaller_than_the_least_one(machine):
-    found = smallest(machine, cover=False)
+    result = smallest(machine, cover=False)
     states = len(machine.transition)
     least = min(max(label) + 1 for label in partitions(states) if closed(machine, label))
-    assert found.proved
-    assert found.states == least >= smallest(machine).states
-    assert np.all(found.merged.sum(axis=0) == 1)
-    assert_same_outputs(machine, found.machine)
+    assert result.proved
+    assert result.states == least >= smallest(machine).states
+    assert np.all(result.merged.sum(axis=0) == 1)
+    assert_same_outputs(machine, result.machine)
 
 
 @pytest.mark.parametrize("output", ["color", "count", "cells", "localized"])
@@ -135,12 +135,12 @@ def test_no_closed_partition_is_smaller_than_the_least_one(machine):
 def test_smallest_filters_of_labs_have_the_outputs_of_the_filters(labs, lab, output, runs):
     filter = Filter.of(subset_construction(*labs[lab]))
     machine = MooreMachine.of(filter, output, runs=runs)
-    found = smallest(machine)
-    assert found.proved
-    assert found.states < found.moore <= len(machine.transition)
-    assert_same_outputs(machine, found.machine)
+    result = smallest(machine)
+    assert result.proved
+    assert result.states < result.moore <= len(machine.transition)
+    assert_same_outputs(machine, result.machine)
     if output == "color" and not runs:
-        assert found.moore == len(minimize(filter).transition)
+        assert result.moore == len(minimize(filter).transition)
 
 
 def test_cover_can_be_smaller_than_every_partition(labs):
@@ -148,7 +148,7 @@ def test_cover_can_be_smaller_than_every_partition(labs):
     assert smallest(filter, cover=False).bound > smallest(filter).states
 
 
-def test_outputs_are_those_of_the_filter_along_strings(labs):
+def test_outputs_of_machines_along_strings_are_those_of_the_filter(labs):
     filter = Filter.of(subset_construction(*labs["a", 45]))
     image, observation = labs["a", 45]
     machine = {
@@ -176,11 +176,11 @@ def test_outputs_are_those_of_the_filter_along_strings(labs):
 
 def test_open_world_filter_is_least_when_equivalent_states_are_merged(labs):
     filter = Filter.of(subset_construction(*labs["a", 135]), open_world=True)
-    found = smallest(filter)
-    assert found.states == found.bound == found.moore == len(minimize(filter).transition)
+    result = smallest(filter)
+    assert result.states == result.bound == result.moore == len(minimize(filter).transition)
 
 
-# Three bumps after each other, with turns by angles 0 and 1; the last two states are ends.
+# Up to three bumps, with turns by angles 0 and 1; the last two states are ends.
 POLICY = Policy(
     turn=np.int32([-1, 0, 1, 0, -1, -1]),
     first=np.int32([0, 2, 3, 5, 6, 6, 6]),
@@ -191,16 +191,16 @@ POLICY = Policy(
 )
 
 
-def test_policy_keeps_its_actions_or_its_cells_too():
+def test_smallest_machine_of_a_policy_keeps_its_actions_and_cells():
     machine = MooreMachine.of(POLICY)
     assert machine.color.tolist() == [2, 0, 1, 0, 3, 4]
     assert MooreMachine.of(POLICY, "action").color.tolist() == [2, 0, 1, 0, 3, 3]
     assert machine.run([0, 1, 3]).tolist() == [2, 0, 0, 3]
     for output, states in (("cells", 5), ("action", 4)):
-        found = smallest(MooreMachine.of(POLICY, output))
-        assert found.proved
-        assert found.states == states
-        assert_same_outputs(MooreMachine.of(POLICY, output), found.machine)
+        result = smallest(MooreMachine.of(POLICY, output))
+        assert result.proved
+        assert result.states == states
+        assert_same_outputs(MooreMachine.of(POLICY, output), result.machine)
 
 
 def test_plan_is_a_machine_of_its_actions():
@@ -214,13 +214,13 @@ def test_plan_is_a_machine_of_its_actions():
 
 def test_limit_of_time_gives_a_bound_and_a_filter_with_the_same_outputs(labs):
     filter = Filter.of(subset_construction(*labs["b", 135]))
-    found = smallest(filter, seconds=0)
-    assert not found.proved
-    assert found.bound <= smallest(filter).states <= found.states == found.moore
-    assert_same_outputs(MooreMachine.of(filter), found.machine)
+    result = smallest(filter, seconds=0)
+    assert not result.proved
+    assert result.bound <= smallest(filter).states <= result.states == result.moore
+    assert_same_outputs(MooreMachine.of(filter), result.machine)
 
 
-def test_proof_without_the_solver_names_the_extra(labs, monkeypatch):
+def test_error_without_the_solver_names_the_extra_to_install(labs, monkeypatch):
     monkeypatch.setitem(sys.modules, "pysat.solvers", None)
     with pytest.raises(ModuleNotFoundError, match=r"jaxcell\[smallest\]"):
         smallest(Filter.of(subset_construction(*labs["a", 135])))

@@ -15,7 +15,7 @@ FIELDS = ("transition", "uncertainty", "offsets", "members", "color")
 
 @pytest.fixture(scope="module")
 def saved(labs, tmp_path_factory):
-    """A filter, the file it is in, and a second path in the same folder."""
+    """A filter, its file, and a second path in the same folder."""
     automaton = subset_construction(*labs["a", 45])
     filter = Filter.of(automaton, open_world=True, metadata={"map": "lab a", "bounce_deg": 45})
     path = tmp_path_factory.mktemp("filters") / "lab.filter"
@@ -65,8 +65,8 @@ def test_equal_filters_give_equal_bytes(saved):
 
 
 @given(data=st.data())
-def test_altered_bytes_are_refused_or_have_no_effect(saved, data):
-    """A zip file has some bytes without effect."""
+def test_files_with_an_altered_byte_are_refused_or_unchanged(saved, data):
+    """Some bytes of a zip file have no effect."""
     filter, path, other = saved
     content = bytearray(path.read_bytes())
     place = data.draw(st.integers(0, len(content) - 1))
@@ -92,7 +92,7 @@ def test_truncated_files_are_refused(saved, data):
 
 
 def forge(path, **members):
-    """Write a file with any content and right checksums."""
+    """Write a file of any content with correct checksums."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for name, content in members.items():
             file.writestr(f"{name}.npy", content)

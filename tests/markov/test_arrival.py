@@ -18,7 +18,7 @@ STEPS = 12
 
 
 def joint(walks, starts, there):
-    """The chain of all robots together, its start, and where one of them is on the target."""
+    """Return the joint chain of all robots, its start, and the mask of arrival of some robot."""
     matrix = functools.reduce(np.kron, walks)
     start = functools.reduce(np.kron, starts)
     away = functools.reduce(np.kron, [(~there).astype(float)] * len(walks))
@@ -35,7 +35,7 @@ def joint_law(walks, starts, there, steps):
 
 
 def closed(matrix):
-    """With the sink as one more cell, for which robots that left do not stop the others."""
+    """Return the matrix with the sink as one more cell, because a robot may leave before others."""
     cells = len(matrix)
     whole = np.zeros((cells + 1, cells + 1))
     whole[:-1, :-1] = matrix
@@ -48,7 +48,7 @@ def random_walk(cells, seed):
 
 
 @given(matrices(), st.integers(0, 2**32 - 1))
-def test_two_robots_equal_the_joint_chain(matrix, seed):
+def test_law_of_two_robots_equals_the_joint_chain(matrix, seed):
     cells = len(matrix)
     draw = np.random.default_rng(seed)
     other = draw.permutation(cells)
@@ -57,21 +57,21 @@ def test_two_robots_equal_the_joint_chain(matrix, seed):
     there = draw.random(cells) < 0.4
     there[draw.integers(cells)] = True
     chains = [Chain.from_scipy(walk) for walk in walks]
-    found = np.asarray(first_arrival(chains, list(starts), there, STEPS))
+    result = np.asarray(first_arrival(chains, list(starts), there, STEPS))
     padded = [np.append(start, 0) for start in starts]
     expected = joint_law([closed(walk) for walk in walks], padded, np.append(there, False), STEPS)
-    np.testing.assert_allclose(found, expected, atol=1e-13)
-    assert (found >= 0).all()
+    np.testing.assert_allclose(result, expected, atol=1e-13)
+    assert (result >= 0).all()
 
 
-def test_one_robot_is_a_first_passage():
+def test_law_of_one_robot_is_a_first_passage():
     chain = Chain.from_scipy(random_walk(6, 1))
-    found = first_arrival([chain], [[1, 2]], [0, 5], 500)
-    np.testing.assert_allclose(found, first_passage(chain, [1, 2], [0, 5], 500), atol=1e-15)
+    law = first_arrival([chain], [[1, 2]], [0, 5], 500)
+    np.testing.assert_allclose(law, first_passage(chain, [1, 2], [0, 5], 500), atol=1e-15)
 
 
 @pytest.mark.parametrize("robots", [1, 2, 3])
-def test_distinct_starts_equal_all_sets_of_starts(robots):
+def test_law_of_distinct_starts_is_the_mean_over_all_sets_of_starts(robots):
     matrix = random_walk(5, 7)
     chain, there = Chain.from_scipy(matrix), np.arange(5) == 2
     choices = [0, 2, 3, 4]
@@ -79,29 +79,29 @@ def test_distinct_starts_equal_all_sets_of_starts(robots):
         joint_law([matrix] * robots, [np.eye(5)[cell] for cell in cells], there, STEPS)
         for cells in itertools.combinations(choices, robots)
     ]
-    found = first_arrival([chain] * robots, Distinct(choices), 2, STEPS)
-    np.testing.assert_allclose(found, np.mean(laws, axis=0), atol=1e-14)
+    result = first_arrival([chain] * robots, Distinct(choices), 2, STEPS)
+    np.testing.assert_allclose(result, np.mean(laws, axis=0), atol=1e-14)
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.data())
 def test_mean_product_is_the_mean_over_all_sets(values, data):
     count = data.draw(st.integers(1, len(values)))
     sets = [math.prod(chosen) for chosen in itertools.combinations(values, count)]
-    found = mean_product(np.array([values, values[::-1]]), count)
-    np.testing.assert_allclose(found, np.mean(sets), rtol=1e-12, atol=1e-300)
+    result = mean_product(np.array([values, values[::-1]]), count)
+    np.testing.assert_allclose(result, np.mean(sets), rtol=1e-12, atol=1e-300)
 
 
 def test_mean_product_of_many_values_does_not_overflow():
-    # Among equal values it is a power, where the polynomial itself has 10^88 terms.
+    # The mean of equal values is a power, although the polynomial has 10^88 terms.
     assert mean_product(np.full((1, 300), 0.9), 150)[0] == pytest.approx(0.9**150, rel=1e-11)
 
 
 @pytest.mark.parametrize("robots", [1, 2, 4, 8, 16, 64])
 def test_complete_graph_has_known_values(robots):
-    # Any robot off the target finds it with probability 1/63 a step (Alam 2018, Table 4.1).
-    found = mean_first_arrival([Chain.from_scipy(complete(64))] * robots, Distinct(range(64)), 5)
+    # A robot outside the target finds it with probability 1/63 per step (Alam 2018, Table 4.1).
+    result = mean_first_arrival([Chain.from_scipy(complete(64))] * robots, Distinct(range(64)), 5)
     expected = (1 - robots / 64) / (1 - (62 / 63) ** robots)
-    assert found.value == pytest.approx(expected, rel=1e-10)
+    assert result.value == pytest.approx(expected, rel=1e-10)
 
 
 @given(matrices(), st.data())
@@ -109,7 +109,7 @@ def test_mean_of_two_robots_equals_solve_of_joint_chain(matrix, data):
     cells = len(matrix)
     starts = [data.draw(st.integers(0, cells - 1)) for _ in range(2)]
     target = data.draw(st.integers(0, cells - 1))
-    # To the joint chain, one that left is one that stays in a cell of its own.
+    # In the joint chain, a robot that has left stays in one more cell.
     walk = closed(matrix)
     walk[-1, -1] = 1
     there = np.arange(cells + 1) == target
@@ -117,9 +117,9 @@ def test_mean_of_two_robots_equals_solve_of_joint_chain(matrix, data):
     times = np.asarray(hitting_times(Chain.from_scipy(whole), arrived).value)
     expected = times[starts[0] * (cells + 1) + starts[1]]
     chain = Chain.from_scipy(matrix)
-    found = mean_first_arrival([chain, chain], starts, target)
-    assert found.value == pytest.approx(expected, rel=1e-8)
-    assert found.certificate.outcome is Outcome.CONVERGED
+    result = mean_first_arrival([chain, chain], starts, target)
+    assert result.value == pytest.approx(expected, rel=1e-8)
+    assert result.certificate.outcome is Outcome.CONVERGED
 
 
 def test_mean_of_slow_robot_is_exact():
@@ -127,19 +127,19 @@ def test_mean_of_slow_robot_is_exact():
     step = np.full(n - 1, 0.5)
     walk = np.diag(step, 1) + np.diag(step, -1)
     walk[0, 1] = walk[-1, -2] = 1
-    found = mean_first_arrival([Chain.from_scipy(walk)], [0], n - 1)
-    assert found.value == pytest.approx((n - 1) ** 2, rel=1e-9)
+    result = mean_first_arrival([Chain.from_scipy(walk)], [0], n - 1)
+    assert result.value == pytest.approx((n - 1) ** 2, rel=1e-9)
 
 
 def test_tail_is_bounded_before_it_is_negligible():
     e = 1e-7
     chain = Chain.from_scipy(np.array([[1 - e, 0, e], [0.5, 0.5, 0], [0, 0, 1]]))
-    found = mean_first_arrival([chain, chain], [0, 1], 2)
-    assert found.certificate.iterations < 1000
-    # After a step in which the first does not arrive, the second is in the same cell or is not.
+    result = mean_first_arrival([chain, chain], [0, 1], 2)
+    assert result.certificate.iterations < 1000
+    # After each step, the second robot is in the cell of the first or still waits in its own.
     together = 1 / (1 - (1 - e) ** 2)
     expected = (1 + (1 - e) / 2 * together) / (1 - (1 - e) / 2)
-    assert found.value == pytest.approx(expected, rel=1e-9)
+    assert result.value == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_tail_is_bounded_before_it_is_negligible():
     [([0, 0], math.inf), ([0, 1], 2.0), ([3, 0], 0.0), ([[0, 1], 0], math.inf), ([2, 2], math.inf)],
 )
 def test_mean_is_finite_if_one_robot_surely_arrives(starts, expected):
-    # From cell 0 it may leave, in cell 2 it stays, and from cell 1 it takes two steps in the mean.
+    # A robot may leave from cell 0, and stays in cell 2. From cell 1 it takes two steps on average.
     chain = Chain.from_scipy(
         np.array([[0.5, 0, 0, 0], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
     )
@@ -164,13 +164,13 @@ def test_mean_is_infinite_if_all_distinct_starts_may_fail(robots, finite):
 def test_mean_that_takes_too_many_steps_is_reported():
     n = 200
     chain = Chain.from_scipy((np.roll(np.eye(n), 1, axis=1) + np.roll(np.eye(n), -1, axis=1)) / 2)
-    found = mean_first_arrival([chain, chain], [1, 100], 0, max_steps=500, throw=False)
-    assert found.certificate.outcome is Outcome.STALLED
+    result = mean_first_arrival([chain, chain], [1, 100], 0, max_steps=500, throw=False)
+    assert result.certificate.outcome is Outcome.STALLED
     with pytest.raises(RuntimeError, match="mean_first_arrival: the residual stayed"):
         mean_first_arrival([chain, chain], [1, 100], 0, max_steps=500)
-    # The residual bounds the error also then.
+    # The residual bounds the error here too.
     truth = mean_first_arrival([chain, chain], [1, 100], 0).value
-    assert abs(found.value - truth) <= found.certificate.residual * found.value
+    assert abs(result.value - truth) <= result.certificate.residual * result.value
 
 
 FOUR, FIVE = Chain.from_scipy(complete(4)), Chain.from_scipy(complete(5))

@@ -10,13 +10,13 @@ from jaxcell.markov.solving.solve import solve_transient
 
 
 def exact(matrix, right):
-    """The columns of the solution of `x = right + matrix x`."""
+    """Solve `x = right + matrix x` in rational numbers."""
     gap = [[int(i == j) - x for j, x in enumerate(row)] for i, row in enumerate(matrix)]
     return np.array(solve_exactly(gap, right), float)
 
 
 def trap(cells=12, seed=0):
-    """A random chain whose cells are left once in some 10^24 steps: by ever rarer steps."""
+    """Draw a chain that is left once in some 10^24 steps, because each cell is rarer."""
     draw = np.random.default_rng(seed)
     matrix = [[Fraction(0)] * cells for _ in range(cells)]
     for i in range(cells):
@@ -40,22 +40,22 @@ def test_trap_left_once_in_1e24_steps_equals_fractions(adjoint):
     step = np.array([[float(v) for v in row] for row in matrix])
     leaving = np.append(np.zeros(n - 1), 1 / 128)
     gain = np.array([[float(v) for v in row] for row in right])
-    found = eliminate(scipy.sparse.csr_array(step), leaving, gain, adjoint=adjoint)
-    np.testing.assert_allclose(found, expected, rtol=1e-13)
-    # The general solver notices by itself.
-    found, _ = solve_transient(scipy.sparse.csr_array(step), gain, adjoint=adjoint)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    result = eliminate(scipy.sparse.csr_array(step), leaving, gain, adjoint=adjoint)
+    np.testing.assert_allclose(result, expected, rtol=1e-13)
+    # The general solver eliminates this chain too.
+    result, _ = solve_transient(scipy.sparse.csr_array(step), gain, adjoint=adjoint)
+    np.testing.assert_allclose(result, expected, rtol=1e-12)
     if not adjoint:
         assert expected[:, 0].min() > 1e18
-        np.testing.assert_allclose(found[:, 1], 1, rtol=1e-12)
+        np.testing.assert_allclose(result[:, 1], 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_equals_dense(adjoint):
+def test_elimination_equals_a_dense_solve(adjoint):
     draw = np.random.default_rng(1)
     step = draw.random((30, 30)) * (draw.random((30, 30)) < 0.2)
     step *= 0.9 / max(1, step.sum(axis=1).max())
     right = draw.random((30, 3))
-    found = eliminate(scipy.sparse.csr_array(step), 1 - step.sum(axis=1), right, adjoint=adjoint)
+    result = eliminate(scipy.sparse.csr_array(step), 1 - step.sum(axis=1), right, adjoint=adjoint)
     matrix = step.T if adjoint else step
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(30) - matrix, right), rtol=1e-12)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(30) - matrix, right), rtol=1e-12)

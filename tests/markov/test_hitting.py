@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from random_chains import birth_and_death, matrices, reachable
+from random_chains import birth_and_death, matrices, open_line, reachable
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -23,10 +23,10 @@ def test_absorption_equals_dense_solves(matrix):
         + [1 - matrix[transient].sum(axis=1)],
         axis=1,
     )
-    found = absorption_probabilities(chain, groups)
+    result = absorption_probabilities(chain, groups)
     times = absorption_times(chain, groups)
     expected = np.linalg.solve(np.eye(len(q)) - q, into)
-    value = np.concatenate([found.value, found.leaving[None]])
+    value = np.concatenate([result.value, result.leaving[None]])
     np.testing.assert_allclose(value[:, transient], expected.T, rtol=1e-9, atol=1e-12)
     for g in range(groups.count):
         np.testing.assert_array_equal(value[:, group == g].argmax(axis=0), g)
@@ -38,7 +38,7 @@ def test_absorption_equals_dense_solves(matrix):
         rtol=1e-9,
     )
     assert (np.asarray(times.value)[~transient] == 0).all()
-    for certificate in (found.certificate, times.certificate):
+    for certificate in (result.certificate, times.certificate):
         assert certificate.outcome is Outcome.CONVERGED
 
 
@@ -48,9 +48,9 @@ def test_hitting_equals_the_definition(matrix, data):
     target = sorted(data.draw(st.sets(st.integers(0, cells - 1), min_size=1)))
     there = np.zeros(cells, bool)
     there[target] = True
-    found = hitting_times(Chain.from_scipy(matrix), target)
-    assert found.certificate.outcome is Outcome.CONVERGED
-    # The chain that stops on the target arrives for sure from where nothing else absorbs it.
+    result = hitting_times(Chain.from_scipy(matrix), target)
+    assert result.certificate.outcome is Outcome.CONVERGED
+    # A chain that stops in the target is certain to arrive if nothing else can absorb it.
     stopped = matrix.copy()
     stopped[there] = np.eye(cells)[there]
     reach = reachable(stopped)
@@ -60,22 +60,22 @@ def test_hitting_equals_the_definition(matrix, data):
     inner = finite & ~there
     q = matrix[inner][:, inner]
     expected[inner] = np.linalg.solve(np.eye(len(q)) - q, np.ones(len(q)))
-    np.testing.assert_allclose(found.value, expected, rtol=1e-9)
+    np.testing.assert_allclose(result.value, expected, rtol=1e-9)
 
 
 def test_birth_and_death_chain_has_known_values():
-    # Reflected at 0: from i to n takes n^2 - i^2 steps.
+    # The walk is reflected at 0, and takes n^2 - i^2 steps from i to n.
     n = 200
     up, down = np.full(n, 0.5), np.full(n, 0.5)
     up[0] = down[-1] = 1
-    found = hitting_times(Chain.from_scipy(birth_and_death(up, down)), n)
-    np.testing.assert_allclose(found.value, n**2 - np.arange(n + 1) ** 2, rtol=1e-10)
+    result = hitting_times(Chain.from_scipy(birth_and_death(up, down)), n)
+    np.testing.assert_allclose(result.value, n**2 - np.arange(n + 1) ** 2, rtol=1e-10)
 
 
 def test_times_around_a_cycle_are_distances():
     n = 500
-    found = hitting_times(Chain((np.arange(n)[None] + 1) % n, np.ones((1, n))), 0)
-    np.testing.assert_array_equal(found.value, (n - np.arange(n)) % n)
+    result = hitting_times(Chain((np.arange(n)[None] + 1) % n, np.ones((1, n))), 0)
+    np.testing.assert_array_equal(result.value, (n - np.arange(n)) % n)
 
 
 @pytest.mark.parametrize("target", [2, [2], np.int32(2), np.arange(4) == 2, jnp.arange(4) == 2])
@@ -110,32 +110,30 @@ def test_groups_of_another_chain_are_refused():
 
 
 def test_stalled_solve_is_reported(monkeypatch):
-    walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
-    chain = Chain.from_scipy(walk)
+    chain = Chain.from_scipy(open_line(60))
     groups = persistent_groups(chain)
     monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=50))
-    found = absorption_times(chain, groups, throw=False)
-    assert found.certificate.outcome is Outcome.STALLED
-    assert found.certificate.iterations == 50
-    assert found.certificate.residual > 0.01
+    result = absorption_times(chain, groups, throw=False)
+    assert result.certificate.outcome is Outcome.STALLED
+    assert result.certificate.iterations == 50
+    assert result.certificate.residual > 0.01
     with pytest.raises(RuntimeError, match=r"absorption_times: the residual stayed .* 50 iter"):
         absorption_times(chain, groups)
 
 
 def test_residual_bounds_the_relative_error(monkeypatch):
-    walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
-    chain = Chain.from_scipy(walk)
+    chain = Chain.from_scipy(open_line(60))
     groups = persistent_groups(chain)
     truth = np.asarray(absorption_times(chain, groups).value)
     for products in (500, 2000, 5000):
         monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=products))
-        found = absorption_times(chain, groups, throw=False)
-        error = np.abs(found.value - truth) / truth
-        assert 0 < error.max() <= found.certificate.residual
+        result = absorption_times(chain, groups, throw=False)
+        error = np.abs(result.value - truth) / truth
+        assert 0 < error.max() <= result.certificate.residual
 
 
 def slow_eddy(cells, leak, share):
-    """A random chain that leaves, from one cell only and almost never, for one of two ends."""
+    """Draw a chain that one cell leaves, almost never, for one of two ends."""
     draw = np.random.default_rng(1)
     P = np.zeros((cells + 2, cells + 2))
     P[-1, -1] = P[-2, -2] = 1
@@ -150,18 +148,18 @@ def slow_eddy(cells, leak, share):
 @pytest.mark.parametrize("leak", [1e-7, 1e-9, 1e-11])
 def test_end_probabilities_of_a_very_slow_eddy_are_exact(leak):
     chain = slow_eddy(30, leak, 0.3)
-    found = absorption_probabilities(chain, persistent_groups(chain))
+    result = absorption_probabilities(chain, persistent_groups(chain))
     # Every path leaves from the same cell, where the odds are 3 to 7.
     expected = np.array([[0.3], [0.7]])
-    np.testing.assert_allclose(found.value[:, :30], np.broadcast_to(expected, (2, 30)), atol=1e-12)
-    assert found.certificate.residual < 1e-12
+    np.testing.assert_allclose(result.value[:, :30], np.broadcast_to(expected, (2, 30)), atol=1e-12)
+    assert result.certificate.residual < 1e-12
 
 
 def test_single_end_is_reached_with_probability_1(monkeypatch):
     monkeypatch.setattr("jaxcell.markov.transient.Transient.expect", None)  # nothing is solved
     chain = slow_eddy(30, 1e-11, 1.0)
-    found = absorption_probabilities(chain, persistent_groups(chain))
-    assert found.value[0].tolist() == [1] * 31 + [0]
+    result = absorption_probabilities(chain, persistent_groups(chain))
+    assert result.value[0].tolist() == [1] * 31 + [0]
     matrix = chain.to_scipy().toarray()[:30, :30]
     away = Chain.from_scipy(matrix)
     assert absorption_probabilities(away, persistent_groups(away)).leaving.tolist() == [1] * 30

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
-from random_chains import birth_and_death, matrices
+from random_chains import birth_and_death, matrices, open_line
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
@@ -13,7 +13,7 @@ from jaxcell.markov.solving import solve
 
 
 def time_average(matrix):
-    """The limit of the averages of powers: that of the powers of the chain that rests at times."""
+    """Compute the limit of the powers of the chain that rests in half of its steps."""
     cells = len(matrix)
     full = np.zeros((cells + 1, cells + 1))
     full[:-1, :-1] = matrix
@@ -26,18 +26,18 @@ def time_average(matrix):
 
 
 @given(matrices())
-def test_equals_the_time_average_of_a_uniform_start(matrix):
+def test_distribution_is_the_time_average_of_a_uniform_start(matrix):
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)
-    found = limiting_distribution(chain, groups)
+    result = limiting_distribution(chain, groups)
     expected = time_average(matrix)[:-1].mean(axis=0)
-    np.testing.assert_allclose(found.value, expected[:-1], rtol=1e-8, atol=1e-11)
-    assert found.leaving == pytest.approx(expected[-1], rel=1e-8, abs=1e-11)
+    np.testing.assert_allclose(result.value, expected[:-1], rtol=1e-8, atol=1e-11)
+    assert result.leaving == pytest.approx(expected[-1], rel=1e-8, abs=1e-11)
     group = np.asarray(groups.group)
     weights = [expected[:-1][group == g].sum() for g in range(groups.count)]
-    np.testing.assert_allclose(found.weights, weights, rtol=1e-8, atol=1e-11)
-    assert found.certificate.outcome is Outcome.CONVERGED
-    assert found.certificate.residual < 1e-12
+    np.testing.assert_allclose(result.weights, weights, rtol=1e-8, atol=1e-11)
+    assert result.certificate.outcome is Outcome.CONVERGED
+    assert result.certificate.residual < 1e-12
 
 
 def test_periodic_circle_is_uniform():
@@ -56,8 +56,8 @@ def test_birth_and_death_chain_has_known_values():
     groups = persistent_groups(chain)
     assert groups.period.tolist() == [2]
     expected = [math.comb(n, i) / 2**n for i in range(n + 1)]
-    found = limiting_distribution(chain, groups)
-    np.testing.assert_allclose(found.value, expected, rtol=1e-9, atol=1e-14)
+    result = limiting_distribution(chain, groups)
+    np.testing.assert_allclose(result.value, expected, rtol=1e-9, atol=1e-14)
 
 
 TWO_ENDS = np.array(
@@ -76,17 +76,17 @@ TWO_ENDS = np.array(
 )
 def test_weights_of_groups(weights, expected):
     chain = Chain.from_scipy(TWO_ENDS)
-    found = limiting_distribution(chain, persistent_groups(chain), weights)
-    np.testing.assert_allclose(found.weights, expected, rtol=1e-14)
+    result = limiting_distribution(chain, persistent_groups(chain), weights)
+    np.testing.assert_allclose(result.weights, expected, rtol=1e-14)
     left, right = expected
-    np.testing.assert_allclose(found.value, [left, 0, 0, right / 2, right / 2], rtol=1e-14)
+    np.testing.assert_allclose(result.value, [left, 0, 0, right / 2, right / 2], rtol=1e-14)
 
 
 @pytest.mark.parametrize(
     ("weights", "message"),
     [
         ("mass", "expected 'basin', 'size' or an array, got 'mass'"),
-        (np.array([0.5, 0.25, 0.25]), r"expected 2, one a group, got shape \(3,\)"),
+        (np.array([0.5, 0.25, 0.25]), r"expected 2, one per group, got shape \(3,\)"),
         (np.array([0.5, 0.6]), r"sum to 1, got \[0.5, 0.6\]"),
         (np.array([1.5, -0.5]), r"from 0 that sum to 1, got \[1.5, -0.5\]"),
         (np.array([np.nan, 1.0]), r"got \[nan, 1.0\]"),
@@ -102,32 +102,32 @@ def test_leaving_mass_is_not_normalised_away():
     matrix = TWO_ENDS.copy()
     matrix[1] = [0.25, 0, 0.25, 0, 0]
     chain = Chain.from_scipy(matrix)
-    found = limiting_distribution(chain, persistent_groups(chain))
+    result = limiting_distribution(chain, persistent_groups(chain))
     average = time_average(matrix)[:-1].mean(axis=0)
-    np.testing.assert_allclose(found.value, average[:-1], rtol=1e-12)
-    assert 0 < found.leaving == pytest.approx(average[-1])
-    assert float(found.value.sum()) == pytest.approx(1 - found.leaving)
+    np.testing.assert_allclose(result.value, average[:-1], rtol=1e-12)
+    assert 0 < result.leaving == pytest.approx(average[-1])
+    assert float(result.value.sum()) == pytest.approx(1 - result.leaving)
 
 
 def test_chain_without_groups_leaves_with_probability_1():
     chain = Chain.from_scipy(np.array([[0.5, 0.25], [0, 0]]))
     groups = persistent_groups(chain)
-    found = limiting_distribution(chain, groups)
-    assert found.value.tolist() == [0, 0]
-    assert found.leaving == pytest.approx(1)
+    result = limiting_distribution(chain, groups)
+    assert result.value.tolist() == [0, 0]
+    assert result.leaving == pytest.approx(1)
     with pytest.raises(ValueError, match="no persistent groups"):
         limiting_distribution(chain, groups, "size")
 
 
 def test_stalled_solve_is_reported(monkeypatch):
     n = 400
-    matrix = np.diag(np.full(n - 1, 0.5), 1) + np.diag(np.full(n - 1, 0.5), -1)
+    matrix = open_line(n)
     matrix[0, 0], matrix[-1, -1] = 0.25, 0.5
     matrix[0, 1] = 0.75
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)
-    found = limiting_distribution(chain, groups)
-    np.testing.assert_allclose(found.value @ matrix, found.value, atol=1e-15)
+    result = limiting_distribution(chain, groups)
+    np.testing.assert_allclose(result.value @ matrix, result.value, atol=1e-15)
     monkeypatch.setattr(solve, "LIMITS", solve.Limits(factored=10, products=50))
     stalled = limiting_distribution(chain, groups, throw=False)
     assert stalled.certificate.outcome is Outcome.STALLED

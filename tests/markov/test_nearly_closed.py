@@ -1,4 +1,4 @@
-"""Sets that a chain hardly leaves, against dense eigenvalues and partitions that were planted."""
+"""Sets that a chain hardly leaves, compared with dense eigenvalues and planted partitions."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from jaxcell.mapping import Chain, ChainSequence, persistent_groups
 
 
 def random_blocks(random, sizes, between=0.0):
-    """A chain of irreducible blocks, each cell of which leaves its block with a probability."""
+    """Draw irreducible blocks whose cells are left for another block with a probability."""
     cells = sum(sizes)
     block = np.repeat(np.arange(len(sizes)), sizes)
     matrix = np.zeros((cells, cells))
@@ -23,11 +23,11 @@ def random_blocks(random, sizes, between=0.0):
     return matrix[np.ix_(order, order)], block[order]
 
 
-def same_partition(one, other):
-    return len(set(zip(one.tolist(), other.tolist(), strict=True))) == len(set(other.tolist()))
+def same_partition(first, second):
+    return len(set(zip(first.tolist(), second.tolist(), strict=True))) == len(set(second.tolist()))
 
 
-# Of the first all eigenvalues are computed, of the second those that are asked for.
+# All eigenvalues of the first matrix are computed, and only the leading ones of the second.
 @pytest.mark.parametrize("cells", [40, 240])
 def test_modes_are_those_of_dense_matrices(cells):
     random = np.random.default_rng(cells)
@@ -68,7 +68,7 @@ def test_leakage_and_time_of_two_blocks():
     chain = Chain.from_scipy(matrix)
     stationary = markov.limiting_distribution(chain, persistent_groups(chain)).value
     sets = markov.almost_invariant_sets(chain, 2, np.asarray(stationary))
-    # The second one has four fifths of the mass.
+    # The second block has four fifths of the mass.
     assert sets.begin.tolist() == [1] * 6 + [0] * 6
     np.testing.assert_allclose(sets.leakage, [second, first])
     np.testing.assert_allclose(sets.time, -1 / np.log([1 - second, 1 - first]))
@@ -85,7 +85,7 @@ def test_planted_partition_is_found(seed):
     assert same_partition(sets.begin, block)
     window = np.linalg.matrix_power(matrix, steps)
     inside = sets.begin == np.arange(sets.count)[:, None]
-    stays = [window[np.ix_(one, one)].sum() / one.sum() for one in inside]
+    stays = [window[np.ix_(mask, mask)].sum() / mask.sum() for mask in inside]
     np.testing.assert_allclose(1 - sets.leakage, stays)
     assert (np.diff(inside.sum(axis=1)) <= 0).all()
 
@@ -95,7 +95,7 @@ def test_values_are_those_of_the_weighted_window(cells):
     random = np.random.default_rng(cells)
     matrices = [random_blocks(random, [cells // 3] * 3, 0.1)[0] for _ in range(2)]
     matrices[1] = 0.98 * matrices[1]
-    tide = ChainSequence.of([Chain.from_scipy(one) for one in matrices])
+    tide = ChainSequence.of([Chain.from_scipy(matrix) for matrix in matrices])
     mass = random.dirichlet(np.ones(cells))
     window = matrices[1] @ matrices[0] @ matrices[1]
     after = mass @ window
@@ -124,7 +124,7 @@ def test_coherent_sets_move():
 
 
 def test_attracting_regions_lie_in_their_basins():
-    # Twelve cells in a row; from the left half all comes to 0 and 1, from the right one to 11.
+    # Twelve cells in a row; the left half leads to cells 0 and 1, and the right half to cell 11.
     matrix = np.zeros((12, 12))
     for cell in range(6):
         matrix[cell, max(0, cell - 2)] = 1
@@ -172,7 +172,7 @@ def test_cells_without_mass_are_in_no_set():
 def test_mass_in_cells_without_mass_leaks(seed):
     random = np.random.default_rng(seed)
     matrix, block = random_blocks(random, [20, 20], 0.05)
-    # Some cells of each block, to which there are steps.
+    # Some cells of each block have no mass, although there are steps to them.
     mass = random.uniform(1, 2, 40) * (random.random(40) < 0.8)
     sets = markov.almost_invariant_sets(Chain.from_scipy(matrix), 2, mass)
     assert ((mass @ matrix)[mass == 0] > 0).any()
@@ -186,7 +186,7 @@ def test_mass_in_cells_without_mass_leaks(seed):
 
 
 def test_blur_excludes_sets_of_one_cell():
-    # Two halves of a row, within which all moves by one cell; 3 and 27 stay where they are.
+    # Mass moves round each half of a row by one cell per step, but cells 3 and 27 stay.
     cells = np.arange(40)
     half = cells // 20 * 20
     image = half + (cells - half + 1) % 20
@@ -206,7 +206,7 @@ def test_bad_input_is_refused():
         markov.almost_invariant_sets(chain, 4)
     with pytest.raises(ValueError, match="steps: expected 1 or more, got 0"):
         markov.leading_modes(chain, 1, steps=0)
-    with pytest.raises(ValueError, match="mass: expected 3 numbers from 0 on, and some above"):
+    with pytest.raises(ValueError, match="mass: expected 3 numbers of at least 0, not all 0"):
         markov.coherent_sets(chain, 1, np.zeros(3))
     with pytest.raises(ValueError, match="blur: expected a chain of 3 cells, got 2"):
         markov.attracting_regions(chain, 1, blur=Chain.from_scipy(np.eye(2)))

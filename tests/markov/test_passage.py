@@ -13,7 +13,7 @@ STEPS = 12
 
 
 def by_taboo(matrix, start, there, steps):
-    """The law from powers of the matrix without the target."""
+    """Compute the law from powers of the matrix without the target."""
     inside = ~there
     among, into = matrix[inside][:, inside], matrix[inside][:, there].sum(axis=1)
     law = [start[there].sum()]
@@ -29,11 +29,11 @@ def test_law_equals_powers_of_the_matrix(matrix, data):
     there = np.isin(np.arange(cells), target)
     start = np.random.default_rng(data.draw(st.integers(0, 99))).dirichlet(np.ones(cells))
     chain = Chain.from_scipy(matrix)
-    found = np.asarray(first_passage(chain, start, target, STEPS))
-    np.testing.assert_allclose(found, by_taboo(matrix, start, there, STEPS), atol=1e-14)
+    result = np.asarray(first_passage(chain, start, target, STEPS))
+    np.testing.assert_allclose(result, by_taboo(matrix, start, there, STEPS), atol=1e-14)
     # The mass that has arrived and the mass that survives sum to 1, from each start.
     surviving = np.asarray(survival(chain, target, STEPS))
-    np.testing.assert_allclose(np.cumsum(found) + surviving @ start, 1, rtol=1e-12)
+    np.testing.assert_allclose(np.cumsum(result) + surviving @ start, 1, rtol=1e-12)
     for cell in range(cells):
         law = by_taboo(matrix, np.eye(cells)[cell], there, STEPS)
         np.testing.assert_allclose(surviving[:, cell], 1 - np.cumsum(law), atol=1e-12)
@@ -52,7 +52,7 @@ def test_law_on_a_complete_graph_is_geometric():
 @pytest.mark.parametrize(
     "start", [[1, 3], np.array([3, 1, 3]), np.arange(4) % 2 == 1, [0.0, 0.5, 0.0, 0.5]]
 )
-def test_start_is_a_cell_a_list_a_mask_or_a_distribution(start):
+def test_start_may_be_a_cell_a_list_a_mask_or_a_distribution(start):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     assert first_passage(chain, start, 0, 3).tolist() == [0, 0.5, 0, 0.5]
 
@@ -62,9 +62,9 @@ def test_survival_works_under_vmap_over_targets():
     chain = Chain.from_scipy(matrix)
     there = np.eye(5, dtype=bool)
     go = jax.vmap(lambda there, value: survivals(chain, there, value, 8)[0])
-    found = np.asarray(jax.jit(go)(there, 1.0 - there))
+    result = np.asarray(jax.jit(go)(there, 1.0 - there))
     for target in range(5):
-        np.testing.assert_allclose(found[target], survival(chain, target, 7), rtol=1e-13)
+        np.testing.assert_allclose(result[target], survival(chain, target, 7), rtol=1e-13)
 
 
 def test_derivatives_with_respect_to_the_probabilities():

@@ -20,7 +20,7 @@ from jaxcell.markov.quantities import (
 )
 
 
-# The small example of Boyd's graph-Laplacian talk (ICM 2006).
+# The graph of 8 vertices and 13 edges in Boyd's talk on graph Laplacians (ICM 2006).
 EDGES = np.stack(np.divmod([12, 23, 34, 15, 28, 24, 65, 57, 73, 84, 67, 78, 27], 10), axis=1)
 DEGREE = np.bincount(EDGES.ravel())
 WEIGHTS = {
@@ -42,8 +42,8 @@ def walk(edges, weights):
 
 @st.composite
 def irreducible(draw):
-    """Matrices with few edges, among them those of a circle through all cells."""
-    # Few sizes, since each is compiled once.
+    """Draw a matrix with few edges, among them those of a circle through all cells."""
+    # There are few sizes, because JAX compiles once per size.
     n = draw(st.sampled_from([6, 6, 1]))
     matrix = np.roll(np.eye(n), 1, axis=1)
     edges = draw(st.lists(st.tuples(*[st.integers(0, n - 1)] * 2, st.integers(1, 5)), max_size=12))
@@ -66,9 +66,9 @@ def test_boyds_graph_has_known_values(weights, commute, farthest, kemeny, modulu
     if isinstance(given_weights, str):
         given_weights = np.array(given_weights.split(), float)
     chain = Chain.from_scipy(walk(EDGES - 1, given_weights))
-    found = np.asarray(commute_times(chain).value)
-    assert found.sum() / 56 == pytest.approx(commute, abs=2e-5)
-    assert found.max() == pytest.approx(farthest, rel=1e-5)
+    result = np.asarray(commute_times(chain).value)
+    assert result.sum() / 56 == pytest.approx(commute, abs=2e-5)
+    assert result.max() == pytest.approx(farthest, rel=1e-5)
     assert kemeny_constant(chain) == pytest.approx(kemeny, abs=5e-5)
     assert slem(chain) == pytest.approx(modulus, abs=5e-6)
 
@@ -82,9 +82,9 @@ def test_quantities_equal_their_definitions(matrix):
         others = np.arange(n) != j
         among = np.eye(n - 1) - matrix[others][:, others]
         expected[others, j] = np.linalg.solve(among, np.ones(n - 1))
-    found = hitting_matrix(chain)
-    np.testing.assert_allclose(found.value, expected, rtol=1e-9)
-    assert found.certificate.residual < 1e-11
+    result = hitting_matrix(chain)
+    np.testing.assert_allclose(result.value, expected, rtol=1e-9)
+    assert result.certificate.residual < 1e-11
     np.testing.assert_allclose(commute_times(chain).value, expected + expected.T, rtol=1e-9)
     values, vectors = np.linalg.eig(matrix.T)
     order = np.argsort(-values.real)
@@ -92,11 +92,11 @@ def test_quantities_equal_their_definitions(matrix):
     np.testing.assert_allclose(dense.stationary(matrix), share, atol=1e-12)
     others = values[order[1:]]
     kemeny = np.sum(1 / (1 - others)).real
-    # Constant in the start, by two formulas.
-    np.testing.assert_allclose(np.asarray(found.value) @ share, kemeny, rtol=1e-9, atol=1e-12)
+    # Kemeny's constant is the same for each start, and equals two formulas.
+    np.testing.assert_allclose(np.asarray(result.value) @ share, kemeny, rtol=1e-9, atol=1e-12)
     assert kemeny_constant(chain) == pytest.approx(kemeny, rel=1e-9, abs=1e-12)
     assert dense.kemeny(matrix) == pytest.approx(kemeny, rel=1e-9, abs=1e-12)
-    # Defective eigenvalues are known to a root of the rounding only.
+    # The error of a defective eigenvalue is a root of the rounding.
     assert slem(chain) == pytest.approx(np.abs(others).max(initial=0), abs=1e-7)
     entropy = share @ scipy.special.entr(matrix).sum(axis=1)
     assert entropy_rate(chain) == pytest.approx(entropy, abs=1e-12)
@@ -105,22 +105,22 @@ def test_quantities_equal_their_definitions(matrix):
 
 @given(irreducible(), st.floats(0.02, 0.45))
 def test_mixing_time_equals_a_search_step_by_step(matrix, distance):
-    found = mixing_time(Chain.from_scipy(matrix), distance)
+    result = mixing_time(Chain.from_scipy(matrix), distance)
     share = np.asarray(dense.stationary(matrix))
     power, time = np.eye(len(matrix)), 0
     while (apart := np.abs(power - share).sum(axis=1).max() / 2) > distance and time < 2000:
-        # Nearly as far as asked for is decided by rounding.
+        # Rounding decides if the distance nearly equals the limit.
         assume(apart > distance + 1e-10)
         power, time = power @ matrix, time + 1
     if time == 2000:
-        assert found == math.inf
+        assert result == math.inf
         assert apart >= 0.5 - 1e-9
     else:
-        assert found == time
+        assert result == time
 
 
 def test_distance_that_is_met_exactly_counts_as_mixed():
-    # A lazy walk between two cells is 1/2 * 0.8^t from its distribution.
+    # After t steps, the distance of a lazy walk between two cells is 1/2 * 0.8^t.
     chain = Chain.from_scipy(np.array([[0.9, 0.1], [0.1, 0.9]]))
     for t in range(1, 12):
         assert mixing_time(chain, 0.5 * 0.8**t) == t
@@ -169,9 +169,9 @@ def test_derivatives_where_many_entries_are_zero(name):
 def test_dense_functions_take_batches():
     batch = np.stack([walk(EDGES - 1, WEIGHTS["uniform"]), walk(EDGES - 1, WEIGHTS["Metropolis"])])
     for function in (dense.stationary, dense.hitting, dense.kemeny, dense.entropy_rate):
-        found = np.asarray(jax.vmap(function)(batch))
+        result = np.asarray(jax.vmap(function)(batch))
         for k in range(2):
-            np.testing.assert_allclose(found[k], function(batch[k]), rtol=1e-12)
+            np.testing.assert_allclose(result[k], function(batch[k]), rtol=1e-12)
 
 
 ALL = [hitting_matrix, commute_times, kemeny_constant, entropy_rate, slem, mixing_time]
@@ -214,8 +214,8 @@ def test_answers_spoiled_by_rounding_are_refused():
         [[0.3 - e, 0.7, e, 0], [0.6, 0.4, 0, 0], [0, 0, 0.1, 0.9], [e, 0, 0.7 - e, 0.3]]
     )
     chain = Chain.from_scipy(matrix)
-    found = hitting_matrix(chain, throw=False)
-    assert found.certificate.residual > 1e-6
+    result = hitting_matrix(chain, throw=False)
+    assert result.certificate.residual > 1e-6
     for function in (hitting_matrix, commute_times):
         with pytest.raises(RuntimeError, match=f"{function.__name__}: the residual stayed"):
             function(chain)

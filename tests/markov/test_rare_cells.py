@@ -1,4 +1,4 @@
-"""Chains with cells that are hardly ever visited, against exact rationals."""
+"""Chains with cells that are hardly ever visited, compared with exact rational numbers."""
 
 import math
 from fractions import Fraction
@@ -20,12 +20,12 @@ def limiting(matrix, **options):
 
 
 def with_diagonal(steps):
-    """The transition matrix whose steps between different cells are given."""
+    """Return the transition matrix with these steps between different cells."""
     return steps + np.diag(1 - steps.sum(axis=1))
 
 
 def exact(matrix):
-    """The stationary distribution and Kemeny's constant, from the steps between cells."""
+    """Compute the stationary distribution and Kemeny's constant from the steps between cells."""
     size = len(matrix)
     gap = [[-Fraction(float(p)) for p in row] for row in matrix]
     for i in range(size):
@@ -41,7 +41,7 @@ def exact(matrix):
 
 @st.composite
 def uneven(draw):
-    """A circle of cells, some other steps, and probabilities down to 1e-20."""
+    """Draw a circle of cells with some other steps, and probabilities down to 1e-20."""
     size = draw(st.integers(2, 9))
     steps = np.zeros((size, size))
     cell = st.integers(0, size - 1)
@@ -55,8 +55,8 @@ def uneven(draw):
 @given(uneven())
 def test_every_share_and_kemeny_constant_have_nearly_all_their_digits(matrix):
     share, constant = exact(matrix)
-    found = limiting(matrix)
-    np.testing.assert_allclose(found.value, np.array(share, float), rtol=1e-12)
+    result = limiting(matrix)
+    np.testing.assert_allclose(result.value, np.array(share, float), rtol=1e-12)
     assert markov.kemeny_constant(mapping.Chain.from_scipy(matrix)) == pytest.approx(
         float(constant), rel=1e-11
     )
@@ -78,13 +78,13 @@ def test_factorisation_gives_way_where_rounding_spoils_it(matrix):
 
 
 def kemeny_of(visits, share):
-    """Kemeny's constant from the visits before a root, and the shares of the other cells."""
+    """Compute Kemeny's constant from the visits before a root, and the shares of other cells."""
     return np.trace(visits) - np.array(share, float) @ visits.sum(axis=1)
 
 
 @pytest.mark.parametrize("back", [0.1, 1 - 0.9])
 @pytest.mark.parametrize("small", [0, 200])
-def test_first_cell_may_be_rare(back, small, monkeypatch):
+def test_shares_are_exact_if_the_first_or_the_last_cell_is_rare(back, small, monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=small))
     matrix = birth_and_death(np.full(19, 0.9), np.full(19, back))
     expected = np.array(exact(matrix)[0], float)
@@ -95,10 +95,10 @@ def test_first_cell_may_be_rare(back, small, monkeypatch):
         np.testing.assert_allclose(value, expected[turned], atol=1e-14)
 
 
-# Factored completely, and solved roughly as a cycle.
+# The first matrix is factored completely, the second solved as a cycle.
 @pytest.mark.parametrize("limits", [solve.Limits(), solve.Limits(cycle=100)])
 def test_two_tubes_share_time_by_the_rare_steps_between_them(limits, monkeypatch):
-    """A tube of rings of 21 cells is as often in each of its cells, and goes on without end."""
+    """All cells of a tube, rings of 21 cells that lead to the next ring, have equal shares."""
 
     def turn(n):
         return scipy.sparse.csr_array((np.ones(n), (np.arange(n), np.roll(np.arange(n), -1))))
@@ -113,15 +113,15 @@ def test_two_tubes_share_time_by_the_rare_steps_between_them(limits, monkeypatch
 
 
 def test_shares_near_the_range_of_floats():
-    # The first cell is the root first; beside it the shares of the last ones overflow.
+    # The first root is the first cell. Relative to it the shares of the last cells overflow.
     matrix = birth_and_death(np.full(150, 0.999), np.full(150, 0.001))
-    found = limiting(matrix)
-    np.testing.assert_allclose(found.value[-3:], 998 / 999 / 999.0 ** np.array([2, 1, 0]))
+    result = limiting(matrix)
+    np.testing.assert_allclose(result.value[-3:], 998 / 999 / 999.0 ** np.array([2, 1, 0]))
     assert math.isfinite(markov.kemeny_constant(mapping.Chain.from_scipy(matrix)))
 
 
 def test_wells_that_products_cannot_join_get_exact_shares():
-    # From a uniform start each well keeps its share of the cells, and hardly any of that leaks.
+    # From a uniform start each well keeps its share of the cells, because hardly anything leaks.
     up = np.where(np.arange(300) < 120, 0.4, 0.6)
     matrix = birth_and_death(up[:-1], 1 - up[1:])
     log = np.append(0, np.cumsum(np.log(up[:-1] / (1 - up[1:]))))
@@ -130,7 +130,7 @@ def test_wells_that_products_cannot_join_get_exact_shares():
 
 
 def test_kemeny_constant_of_a_double_well_of_100_cells():
-    """Sum over the edges of a line: the shares of both sides, divided by the flow."""
+    """The constant is a sum over the edges of a line: the shares of both sides, over the flow."""
     x = np.linspace(-1, 1, 100)
     force = 20 * (x - x**3) / 100
     up, down = 0.5 + force[:-1] / 2, 0.5 - force[1:] / 2
@@ -142,5 +142,5 @@ def test_kemeny_constant_of_a_double_well_of_100_cells():
     for i in range(99):
         below += weight[i]
         constant += below * (total - below) / (total * weight[i] * Fraction(matrix[i, i + 1]))
-    found = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
-    assert found == pytest.approx(float(constant), rel=1e-12)
+    result = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
+    assert result == pytest.approx(float(constant), rel=1e-12)

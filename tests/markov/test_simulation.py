@@ -17,7 +17,7 @@ def random_chain(cells, seed):
 
 
 def leaving():
-    """From cell 0 to cell 1 with probability 1/4, and else out."""
+    """Make a chain that goes from cell 0 to cell 1 with probability 1/4, or leaves."""
     return Chain.from_scipy(np.array([[0, 0.25], [0, 1.0]]))
 
 
@@ -28,54 +28,54 @@ def hub():
 
 
 def distance(time, law):
-    """Between the distribution function of samples and that of a law."""
+    """Compute the distance of the distribution function of samples from that of a law."""
     count = np.bincount(time[np.isfinite(time)].astype(int), minlength=law.size)
     assert count[law.size :].sum() == 0
     return np.abs(np.cumsum(count[: law.size]) / time.size - np.cumsum(law)).max()
 
 
 def within(runs):
-    """A distance that samples of the law exceed once in 10^6 (Dvoretzky, Kiefer, Wolfowitz)."""
+    """Return a distance that is exceeded once in 10^6 times (Dvoretzky, Kiefer, Wolfowitz)."""
     return math.sqrt(math.log(2e6) / (2 * runs))
 
 
 def test_different_robots_follow_the_exact_law():
     chains = [random_chain(7, seed) for seed in range(3)]
     starts = [1, [2, 3, 4], np.array([0.1, 0.2, 0.3, 0.1, 0.1, 0.1, 0.1])]
-    found = simulate_arrival(jax.random.key(1), chains, starts, [0, 5], 40_000)
+    result = simulate_arrival(jax.random.key(1), chains, starts, [0, 5], 40_000)
     law = np.asarray(first_arrival(chains, starts, [0, 5], 2000))
-    assert distance(np.asarray(found.time), law) < within(40_000)
+    assert distance(np.asarray(result.time), law) < within(40_000)
     mean = mean_first_arrival(chains, starts, [0, 5]).value
-    low, high = found.interval
-    assert low < found.mean < high
-    assert abs(found.mean - mean) < 2.5 * (high - found.mean)
+    low, high = result.interval
+    assert low < result.mean < high
+    assert abs(result.mean - mean) < 2.5 * (high - result.mean)
 
 
 def test_distinct_starts_follow_the_exact_law():
     chain = Chain.from_scipy(complete(10))
-    found = simulate_arrival(jax.random.key(2), [chain] * 4, Distinct(range(10)), 3, 40_000)
+    result = simulate_arrival(jax.random.key(2), [chain] * 4, Distinct(range(10)), 3, 40_000)
     law = np.asarray(first_arrival([chain] * 4, Distinct(range(10)), 3, 500))
     assert law[0] == pytest.approx(0.4)
-    assert distance(np.asarray(found.time), law) < within(40_000)
+    assert distance(np.asarray(result.time), law) < within(40_000)
 
 
 def test_all_sets_of_distinct_starts_are_equally_likely():
-    # Robots on a circle tell by their time which of them was nearest.
+    # The time of robots on a circle is the distance of the nearest one.
     n, runs = 6, 60_000
     chain = Chain((np.arange(n)[None] - 1) % n, np.ones((1, n)))
-    found = simulate_arrival(jax.random.key(3), [chain] * 3, Distinct(range(n)), 0, runs)
+    result = simulate_arrival(jax.random.key(3), [chain] * 3, Distinct(range(n)), 0, runs)
     nearest = [min(cells) for cells in itertools.combinations(range(n), 3)]
     law = np.bincount(nearest, minlength=n) / len(nearest)
-    assert distance(np.asarray(found.time), law) < within(runs)
+    assert distance(np.asarray(result.time), law) < within(runs)
 
 
 def test_mass_that_leaves_never_arrives():
-    found = simulate_arrival(jax.random.key(4), [leaving()] * 2, [0, 0], 1, 20_000, horizon=20)
-    arrived = np.isfinite(np.asarray(found.time))
-    assert set(np.unique(found.time)) == {1.0, math.inf}
+    result = simulate_arrival(jax.random.key(4), [leaving()] * 2, [0, 0], 1, 20_000, horizon=20)
+    arrived = np.isfinite(np.asarray(result.time))
+    assert set(np.unique(result.time)) == {1.0, math.inf}
     assert arrived.mean() == pytest.approx(7 / 16, abs=within(20_000))
-    assert found.mean == math.inf
-    low, high = found.interval
+    assert result.mean == math.inf
+    low, high = result.interval
     assert 1 < low < 20 * 9 / 16 + 1
     assert high == math.inf
 
@@ -84,14 +84,14 @@ def test_mass_that_leaves_never_arrives():
 def test_runs_past_the_horizon_are_given_up(horizon):
     n = 9
     chain = Chain((np.arange(n)[None] + 1) % n, np.ones((1, n)))
-    found = simulate_arrival(jax.random.key(0), [chain], [n - 5], 0, 3, horizon=horizon)
-    assert found.time.tolist() == [5 if horizon >= 5 else math.inf] * 3
+    result = simulate_arrival(jax.random.key(0), [chain], [n - 5], 0, 3, horizon=horizon)
+    assert result.time.tolist() == [5 if horizon >= 5 else math.inf] * 3
 
 
 def test_robots_that_begin_in_the_target_arrive_at_0():
-    found = simulate_arrival(jax.random.key(0), [leaving()] * 2, [0, 1], 1, 20_000)
-    assert found.time.tolist() == [0] * 20_000
-    assert found.interval == (0, 0)
+    result = simulate_arrival(jax.random.key(0), [leaving()] * 2, [0, 1], 1, 20_000)
+    assert result.time.tolist() == [0] * 20_000
+    assert result.interval == (0, 0)
 
 
 def test_runs_are_reproducible_from_their_key():
@@ -104,9 +104,9 @@ def test_runs_are_reproducible_from_their_key():
 
 
 def test_cells_with_many_and_few_branches_follow_their_probabilities():
-    found = simulate_arrival(jax.random.key(9), [hub()], [0], 11, 20_000)
+    result = simulate_arrival(jax.random.key(9), [hub()], [0], 11, 20_000)
     law = np.asarray(first_arrival([hub()], [0], 11, 4000))
-    assert distance(np.asarray(found.time), law) < within(20_000)
+    assert distance(np.asarray(result.time), law) < within(20_000)
 
 
 @given(st.integers(1, 9), st.integers(0, 2**32 - 1))
@@ -118,13 +118,13 @@ def test_alias_tables_hold_the_distributions(slots, seed):
     first, second, part = alias(image, probability)
     assert ((part >= 0) & (part <= 1)).all()
     for row in range(4):
-        expected, found = np.zeros(5), np.zeros(5)
+        expected, result = np.zeros(5), np.zeros(5)
         np.add.at(expected, image[row], probability[row])
-        np.add.at(found, first[row], part[row] / slots)
-        np.add.at(found, second[row], (1 - part[row]) / slots)
-        np.testing.assert_allclose(found, expected, atol=1e-15)
+        np.add.at(result, first[row], part[row] / slots)
+        np.add.at(result, second[row], (1 - part[row]) / slots)
+        np.testing.assert_allclose(result, expected, atol=1e-15)
         # Impossible outcomes stay impossible.
-        assert (found[expected == 0] == 0).all()
+        assert (result[expected == 0] == 0).all()
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
+from random_chains import open_line, steps_on_open_line
 
 from jaxcell.markov.solving import solve
 from jaxcell.markov.solving.solve import Limits, solve_transient
@@ -33,9 +34,9 @@ def random_chain(cells, branches, seed):
 def test_transient_equals_dense(method, adjoint):
     step = 0.8 * random_chain(60, 4, 1)
     right = np.random.default_rng(2).random((60, 3))
-    found, products = solve_transient(step, right, adjoint=adjoint)
+    result, products = solve_transient(step, right, adjoint=adjoint)
     dense = step.toarray().T if adjoint else step.toarray()
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(60) - dense, right), rtol=1e-12)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(60) - dense, right), rtol=1e-12)
     assert products == 1 if method == "factor" else products > 100
 
 
@@ -50,13 +51,13 @@ def test_stationary_equals_the_null_space(method):
     sparse = [scipy.sparse.csr_array(block) for block in blocks]
     matrix = scipy.sparse.block_diag(sparse, format="csr")[order][:, order]
     labels = group[order].astype(np.int32)
-    found, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels)
+    result, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels)
     for number, block in enumerate(blocks):
         values, vectors = np.linalg.eig(block.T)
         expected = vectors[:, np.argmax(values.real)].real
         expected /= expected.sum()
         back = np.empty(50)
-        back[order] = found
+        back[order] = result
         np.testing.assert_allclose(back[group == number], expected, rtol=1e-9, atol=1e-13)
 
 
@@ -64,22 +65,17 @@ def test_slow_chain_is_factored_and_fast_chain_is_not():
     fast = random_chain(300, 10, 3)
     _, products = solve_stationary(fast, np.zeros(300, np.int32))
     assert products % solve.LIMITS.trial != 0
-    step = np.full(400, 0.5)
-    walk = scipy.sparse.diags_array([step[1:], step[1:]], offsets=[-1, 1], shape=(400, 400))
-    inside = scipy.sparse.csr_array(walk)
-    found, products = solve_transient(inside, np.ones((400, 1)))
+    line = scipy.sparse.csr_array(open_line(400))
+    result, products = solve_transient(line, np.ones((400, 1)))
     assert products == solve.LIMITS.trial
-    # From cell i of a walk between two open ends: (i + 1) (n - i) steps.
-    i = np.arange(400)
-    np.testing.assert_allclose(found[:, 0], (i + 1) * (400 - i), rtol=1e-9)
+    np.testing.assert_allclose(result[:, 0], steps_on_open_line(400), rtol=1e-9)
 
 
 def test_products_go_on_for_chain_too_large_to_factor(monkeypatch):
     monkeypatch.setattr(solve, "LIMITS", Limits(factored=10))
-    walk = scipy.sparse.diags_array([np.full(19, 0.5)] * 2, offsets=[-1, 1], shape=(20, 20))
-    found, products = solve_transient(scipy.sparse.csr_array(walk), np.ones((20, 1)))
-    i = np.arange(20)
-    np.testing.assert_allclose(found[:, 0], (i + 1) * (20 - i), rtol=1e-9)
+    line = scipy.sparse.csr_array(open_line(20))
+    result, products = solve_transient(line, np.ones((20, 1)))
+    np.testing.assert_allclose(result[:, 0], steps_on_open_line(20), rtol=1e-9)
     assert products > solve.LIMITS.worthwhile
 
 
@@ -93,7 +89,7 @@ def two_levels(monkeypatch):
 
 
 def wandering(n):
-    """A walk in a square with drift in circles that is slow to leave at its border."""
+    """Return the matrix of a walk in circles in a square, which it leaves slowly at the border."""
     row, column = np.divmod(np.arange(n * n), n)
     step = scipy.sparse.lil_array((n * n, n * n))
     for cell, (r, c) in enumerate(zip(row, column, strict=True)):
@@ -108,15 +104,15 @@ def wandering(n):
 def test_chain_that_hardly_returns_is_solved_by_its_components(adjoint):
     draw = np.random.default_rng(7)
     step = np.triu(draw.random((80, 80)) < 0.05) * draw.random((80, 80))
-    # Two states that come back to each other, and the chain leaves the last for good.
+    # Only two states lead back to each other.
     step[41, 40] = step[40, 41] = 0.5
     step /= 1.1 * np.maximum(1, step.sum(axis=1, keepdims=True))
     order = draw.permutation(80)
     step = step[order][:, order]
     right = draw.random((80, 2))
-    found, products = solve_transient(scipy.sparse.csr_array(step), right, adjoint=adjoint)
+    result, products = solve_transient(scipy.sparse.csr_array(step), right, adjoint=adjoint)
     dense = step.T if adjoint else step
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(80) - dense, right), rtol=1e-12)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(80) - dense, right), rtol=1e-12)
     assert products == 0
 
 
@@ -124,9 +120,9 @@ def test_complete_factorisation_follows_if_two_levels_do_not_converge(monkeypatc
     limits = dataclasses.replace(TWO_LEVELS, complete=100, rough_steps=0)
     monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
-    found, products = solve_transient(step, np.ones((100, 1)))
+    result, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(result, expected, rtol=1e-12)
     assert products == 1
 
 
@@ -134,9 +130,9 @@ def test_complete_factorisation_follows_if_two_levels_do_not_converge(monkeypatc
 def test_two_levels_equal_dense(two_levels, adjoint):
     step = wandering(20)
     right = np.random.default_rng(2).random((400, 2))
-    found, products = solve_transient(step, right, adjoint=adjoint)
+    result, products = solve_transient(step, right, adjoint=adjoint)
     dense = step.toarray().T if adjoint else step.toarray()
-    np.testing.assert_allclose(found, np.linalg.solve(np.eye(400) - dense, right), rtol=1e-10)
+    np.testing.assert_allclose(result, np.linalg.solve(np.eye(400) - dense, right), rtol=1e-10)
     assert 1 < products < 100
 
 
@@ -144,14 +140,14 @@ def test_products_follow_if_two_levels_do_not_converge(monkeypatch):
     limits = dataclasses.replace(TWO_LEVELS, rough_steps=0)
     monkeypatch.setattr(solve, "LIMITS", limits)
     step = wandering(10)
-    found, products = solve_transient(step, np.ones((100, 1)))
+    result, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    np.testing.assert_allclose(result, expected, rtol=1e-10)
     assert products > 100
     monkeypatch.setattr(solve, "LIMITS", dataclasses.replace(limits, products=50))
     short, products = solve_transient(step, np.ones((100, 1)))
     assert products <= 51
-    assert (short < found).any()
+    assert (short < result).any()
 
 
 def test_two_levels_find_stationary_distribution(two_levels):
@@ -160,24 +156,24 @@ def test_two_levels_find_stationary_distribution(two_levels):
     matrix = scipy.sparse.csr_array(matrix)
     count, label = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
     assert count == 1
-    found, _ = solve_stationary(matrix, label.astype(np.int32))
-    np.testing.assert_allclose(matrix.T @ found, found, atol=1e-14)
-    assert found.sum() == pytest.approx(1)
+    result, _ = solve_stationary(matrix, label.astype(np.int32))
+    np.testing.assert_allclose(matrix.T @ result, result, atol=1e-14)
+    assert result.sum() == pytest.approx(1)
 
 
 def test_solution_without_right_hand_side_is_0():
     none = scipy.sparse.csr_array((3, 3))
-    found, products = solve_transient(none, np.zeros((3, 2)))
-    assert (found.tolist(), products) == ([[0, 0]] * 3, 0)
+    result, products = solve_transient(none, np.zeros((3, 2)))
+    assert (result.tolist(), products) == ([[0, 0]] * 3, 0)
 
 
 @st.composite
 def parts(draw):
-    """A chain of few branchings and a part of it that can be left from every cell."""
+    """Draw a chain of few branchings that it leaves in the end."""
     cells = draw(st.integers(1, 12))
     matrix = np.zeros((cells, cells))
     for i, row in enumerate(matrix):
-        # Mostly to a later cell, so that most of the time the part is left in the end.
+        # Most steps lead to a later cell, so that the chain usually leaves in the end.
         for image in draw(st.lists(st.integers(i + 1, cells + 1), min_size=1, max_size=2)):
             if image < cells:
                 row[image] += 0.5
@@ -185,26 +181,23 @@ def parts(draw):
         if draw(st.booleans()) and i:
             row *= 0.75
             row[draw(st.integers(0, i - 1))] += 0.25
-    leaks = matrix.sum(axis=1) < 1
-    leaks[-1] = True
     matrix[-1] *= 0.5
-    return matrix, leaks
+    return matrix
 
 
 @given(parts(), st.integers(0, 2**32 - 1))
-def test_parts_with_runs_equal_dense(part, seed):
-    matrix, _ = part
+def test_parts_with_runs_equal_dense(matrix, seed):
     draw = np.random.default_rng(seed)
     inside = draw.random(len(matrix)) < 0.8
     identity = np.eye(len(matrix))[inside][:, inside]
     step = matrix[inside][:, inside]
-    # Only parts that can be left from every cell count.
+    # The part must be left in the end.
     if np.linalg.matrix_power(step, 4000).sum() > 1e-9:
         return
     taken = Transient.of(scipy.sparse.csr_array(matrix), inside)
     gain = draw.random((inside.sum(), 2))
-    found, _ = taken.expect(gain)
-    np.testing.assert_allclose(found, np.linalg.solve(identity - step, gain), rtol=1e-10)
+    result, _ = taken.expect(gain)
+    np.testing.assert_allclose(result, np.linalg.solve(identity - step, gain), rtol=1e-10)
     start = draw.random(inside.sum())
     visits, _ = taken.visits(start)
     expected = np.linalg.solve(identity - step.T, start)

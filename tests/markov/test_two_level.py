@@ -1,4 +1,4 @@
-"""Solves on two scales, against dense ones, and their aggregates against shortest paths."""
+"""Solves on two levels, compared with dense solves, and aggregates, with shortest paths."""
 
 import networkx as nx
 import numpy as np
@@ -13,8 +13,10 @@ STEPS = Limits().rough_steps
 
 
 def eddies(count, size):
-    """Rings of states in a row, that are left to the next ones once in 100 steps, and a state that
-    is left for good."""
+    """Return the matrix of a row of rings, each left for its neighbours once in 100 steps.
+
+    One state leads out of the chain.
+    """
     states = count * size
     ring, place = np.divmod(np.arange(states), size)
     step = np.zeros((states, states))
@@ -33,10 +35,10 @@ def test_rough_solve_is_near_the_dense_one(adjoint):
     step = eddies(20, 30)
     matrix = step.T if adjoint else step
     right = np.random.default_rng(0).random(600)
-    found, products = TwoLevel.of(scipy.sparse.csr_array(matrix), STEPS)(right)
+    result, products = TwoLevel.of(scipy.sparse.csr_array(matrix), STEPS)(right)
     expected = np.linalg.solve(np.eye(600) - matrix, right)
-    np.testing.assert_allclose(found, expected, rtol=1e-4)
-    # One in BiCGSTAB for one in the rough inverse.
+    np.testing.assert_allclose(result, expected, rtol=1e-4)
+    # BiCGSTAB and the rough inverse take equally many products.
     assert 0 < products < 4 * STEPS
 
 
@@ -51,7 +53,7 @@ def test_aggregates_take_half_the_products_or_less():
 def test_each_state_is_with_the_nearest_drawn_state():
     random = np.random.default_rng(1)
     step = np.triu(random.random((70, 70)) < 0.06) * random.random((70, 70))
-    # No step leads to the last five, or from them.
+    # No step leads to the last five states, or from them.
     step[-5:] = step[:, -5:] = 0
     member = aggregates(scipy.sparse.csr_array(step)).toarray()
     middles = np.sort(np.random.default_rng(0).choice(70, 3, replace=False))

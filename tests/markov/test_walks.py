@@ -1,5 +1,3 @@
-"""Walks that are drawn step by step."""
-
 import numpy as np
 
 from jaxcell.mapping import Chain

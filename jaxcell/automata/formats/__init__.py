@@ -1,1 +1,1 @@
-"""Filters and policies as files, for other programs and for microcontrollers."""
+"""Files of filters, machines and policies, for other programs and for microcontrollers."""

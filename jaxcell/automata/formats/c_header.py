@@ -1,7 +1,10 @@
 import re
 import string
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Int
 
 from ..filter import Filter
 
@@ -26,18 +29,18 @@ IN_FLASH = """\
 #define ${NAME}_READ(bits, entry) (entry)
 #endif
 """
-"The end of the first comment, and the macros that read tables, in all headers."
+"The end of the first comment of all headers, and the macros that read their tables."
 
 USE = """\
  *
  *     ${name}_state state = ${NAME}_START;
  *     state = ${name}_next(state, observation);    after each observation, 0 or 1
 """
-"The use of a header, in its first comment."
+"The example in the first comment of all headers."
 
 
 def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -> str:
-    """Write the template of a table; its type is `bits` wide, by default that of its entries."""
+    """Write the template of a table; by default the width of its entries is a template field."""
     bits = bits or f"${{{entries}_bits}}"
     return (
         f"static const uint{bits}_t ${{name}}_{name or entries}[{size}] ${{NAME}}_TABLE = {{\n"
@@ -47,7 +50,7 @@ def table(entries: str, name: str = "", size: str = "$states", bits: str = "") -
 
 
 def look_up(entry: str, names: str, beyond: str) -> str:
-    """Write the template of the function that reads a table of states."""
+    """Write the template of the function that returns an entry of a table, by the state."""
     return (
         f"static inline uint${{{entry}_bits}}_t ${{name}}_{entry}(${{name}}_state state) {{\n"
         f"    if ($at >= ${{NAME}}_STATES) return {beyond};\n"
@@ -57,7 +60,7 @@ def look_up(entry: str, names: str, beyond: str) -> str:
 
 
 TRANSITIONS = table("transition", size="$states][2", bits="${state_bits}")
-"The state after each state and observation."
+"The table of the state after each state and observation."
 
 OBSERVATION_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -66,10 +69,10 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"The function of a state and an observation, each of which leads to a state."
+"The function that returns the next state from a table of transitions."
 
 KNOWLEDGE = table("color", "colors") + table("uncertainty", "uncertainties")
-"The color and the uncertainty of each state of a filter or a policy."
+"The tables of the colour and the uncertainty of each state of a filter or a policy."
 
 LOCALIZED = """\
 /* 1 if the robot cannot be in the map, else 0. */
@@ -114,10 +117,10 @@ $trap
 
 
 def to_c_header(filter: Filter, *, name: str = "filter") -> str:
-    """Write the filter as a C99 header for a microcontroller: small tables, and functions for them.
+    """Write a filter as a C99 header for a microcontroller: small tables and their functions.
 
-    **Arguments:** a filter, and the prefix of every name in the header, in which characters that C
-    does not allow become underscores. **Returns:** the text, with a comment that shows its use.
+    **Arguments:** a filter, and the prefix of every name in the header; characters that C does not
+    allow become underscores. **Returns:** the text, with a comment that shows its use.
 
     The filter of a ring of three cells:
 
@@ -130,30 +133,40 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
     impossible = next(2**bits - 1 for bits in (8, 16, 32) if states < 2**bits)
     transition = filter.transition.astype("int64")
     transition[transition < 0] = impossible
+    tables = {"transition": transition, "color": filter.color, "uncertainty": filter.uncertainty}
+    bits = {table: bits_for(int(values.max())) for table, values in tables.items()}
     NAME = identifier(name).upper()
     trap = f"#define {NAME}_TRAP {filter.trap}\n" if filter.open_world else ""
     return fill(
         _TEMPLATE,
         name,
         states,
+        tables,
+        bits | {"state": bits_for(impossible)},
         cycles=len(filter.cycles),
         impossible=impossible,
         trap=trap,
         at="state",
         refuted=f"state >= {NAME}_STATES" + f" || state == {NAME}_TRAP" * filter.open_world,
         localized="the state is in a knowledge cycle",
-        state_bits=bits_for(impossible),
-        color_bits=bits_for(int(filter.color.max())),
-        uncertainty_bits=bits_for(int(filter.uncertainty.max())),
-        transition=rows_of(f"{{{zero}, {one}}}" for zero, one in transition.tolist()),
-        color=rows_of(map(str, filter.color.tolist())),
-        uncertainty=rows_of(map(str, filter.uncertainty.tolist())),
     )
 
 
-def fill(template: string.Template, name: str, states: int, **fields: object) -> str:
-    """Fill in a template; numbers of `states` have a suffix for their type."""
+def fill(
+    template: string.Template,
+    name: str,
+    states: int,
+    tables: Mapping[str, Int[np.ndarray, "..."]],
+    bits: Mapping[str, int],
+    **fields: object,
+) -> str:
+    """Fill in a template with tables, the numbers of bits of types, and other fields.
+
+    The number of states gets the suffix of its C type.
+    """
     name = identifier(name)
+    fields |= {table: _rows(values) for table, values in tables.items()}
+    fields |= {f"{table}_bits": width for table, width in bits.items()}
     suffix = "u" if states < 2**16 else "ul"
     return template.substitute(fields, name=name, NAME=name.upper(), states=states, suffix=suffix)
 
@@ -165,10 +178,11 @@ def identifier(name: str) -> str:
 
 
 def bits_for(largest: int) -> int:
-    """Return the width of the type that holds numbers up to the largest."""
+    """Return the number of bits of the type that holds numbers up to the largest."""
     return next(bits for bits in (8, 16, 32) if largest < 2**bits)
 
 
-def rows_of(entries: Iterable[str]) -> str:
-    """Format the entries of a table in lines."""
+def _rows(values: Int[np.ndarray, "..."]) -> str:
+    """Format the entries of a table, numbers or pairs of numbers, in lines."""
+    entries = (str(v).replace("[", "{").replace("]", "}") for v in values.tolist())
     return textwrap.fill(", ".join(entries), 100, initial_indent="    ", subsequent_indent="    ")

@@ -1,5 +1,5 @@
 import string
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Int
@@ -8,17 +8,7 @@ from ..filter import Filter
 from ..machine import MooreMachine, Output
 from ..policy import Policy
 from ..reduction.smallest import Smallest, smallest
-from .c_header import (
-    IN_FLASH,
-    OBSERVATION_NEXT,
-    TRANSITIONS,
-    USE,
-    bits_for,
-    fill,
-    look_up,
-    rows_of,
-    table,
-)
+from .c_header import IN_FLASH, OBSERVATION_NEXT, TRANSITIONS, USE, bits_for, fill, look_up, table
 from .c_policy import RUN_NEXT, RUN_STATE, RUN_TABLES
 
 
@@ -64,11 +54,10 @@ static inline int ${name}_localized(${name}_state state) {
 
 
 def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
-    """Write a machine as a C99 header for a microcontroller, as [`to_c_header`][].
+    """Write a machine as a C99 header for a microcontroller, as [`to_c_header`][] writes a filter.
 
-    A machine that reads runs counts the steps since the last bump, so that the program passes
-    observations, 0 for a step and 1 for a bump, to each kind of machine. Its output then stays the
-    same from bump to bump.
+    The program always passes observations, 0 for a step and 1 for a bump, because the header of a
+    machine that reads runs counts the steps since the last bump. Its output changes only at bumps.
 
     **Arguments:** a machine, and the prefix of every name. **Returns:** the text.
 
@@ -80,29 +69,22 @@ def machine_to_c_header(machine: MooreMachine, *, name: str = "filter") -> str:
         >>> [line for line in text.splitlines() if "STATES" in line][0]
         '#define FILTER_STATES 3u'
     """
-    tables, bits = _tables(machine), table_bits(machine)
-    states = len(machine.transition)
-    rows: dict[str, Iterable[str]] = {
-        table: map(str, values.tolist()) for table, values in tables.items()
-    }
+    tables, states = _tables(machine), len(machine.transition)
     if machine.runs:
         parts = [RUN_STATE, "\n", RUN_TABLES, table("color", "colors"), RUN_NEXT]
     else:
         parts = [_STATE, "\n", TRANSITIONS, table("color", "colors"), OBSERVATION_NEXT]
-        rows["transition"] = (f"{{{a}, {b}}}" for a, b in tables["transition"].tolist())
     return fill(
         string.Template("".join([_HEADER, *parts, _FUNCTIONS])),
         name,
         states,
+        tables,
+        table_bits(machine) | {"at": bits_for(states), "state": bits_for(states)},
         bounds=states + 1,
         bumps=tables["steps"].size if machine.runs else 0,
         symbol="bump" if machine.runs else "observation",
         at="state.at" if machine.runs else "state",
-        at_bits=bits_for(states),
-        state_bits=bits_for(states),
         final=machine.final,
-        **{f"{table}_bits": width for table, width in bits.items()},
-        **{table: rows_of(entries) for table, entries in rows.items()},
     )
 
 
@@ -113,15 +95,15 @@ def fewest_bytes(
     seconds: float | int = 60.0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Smallest:
-    """Find the smallest machine in observations and that in runs, and take the smaller tables.
+    """Find the smallest machines that read observations and runs; return the one with fewer bytes.
 
-    **Arguments:** as for [`MooreMachine.of`][], and as for [`smallest`][] for each of the two
-    machines.
+    **Arguments:** as for [`MooreMachine.of`][], and as for [`smallest`][], for each of the two
+    searches.
 
-    **Returns:** the search for the machine that was taken; of equal tables, for that in
+    **Returns:** the search whose machine has the smaller tables; if they are equal, the search in
     observations.
 
-    For three cells in a ring one state per run takes more bytes than one per observation:
+    For three cells in a ring, the machine that reads runs takes more bytes:
 
         >>> from jaxcell import automata, examples
         >>> machine = automata.fewest_bytes(examples.ring()).machine
@@ -130,12 +112,12 @@ def fewest_bytes(
     """
     kinds = [False] if isinstance(source, Policy) or source.open_world else [False, True]
     machines = [MooreMachine.of(source, output, runs=runs) for runs in kinds]
-    found = [smallest(machine, seconds=seconds, say=say) for machine in machines]
-    return min(found, key=lambda each: machine_bytes(each.machine))
+    searches = [smallest(machine, seconds=seconds, say=say) for machine in machines]
+    return min(searches, key=lambda search: machine_bytes(search.machine))
 
 
 def table_bits(machine: MooreMachine) -> dict[str, int]:
-    """Return the width of the entries of each table of [`machine_to_c_header`][]."""
+    """Return the number of bits of an entry of each table of [`machine_to_c_header`][]."""
     return {
         table: bits_for(max(int(values.max(initial=0)), table in _STATES and len(machine.color)))
         for table, values in _tables(machine).items()
@@ -143,7 +125,7 @@ def table_bits(machine: MooreMachine) -> dict[str, int]:
 
 
 def machine_bytes(machine: MooreMachine) -> int:
-    """Count the bytes of all tables of [`machine_to_c_header`][] together.
+    """Compute the total number of bytes of the tables of [`machine_to_c_header`][].
 
     **Arguments:** a machine. **Returns:** the number of bytes.
 
@@ -157,7 +139,7 @@ def machine_bytes(machine: MooreMachine) -> int:
     return sum(values.size * bits[name] // 8 for name, values in _tables(machine).items())
 
 
-# Tables of states, or of the number after the last one, which stands for IMPOSSIBLE.
+# Tables whose entries are states, or IMPOSSIBLE, the number after the last state.
 _STATES = ("transition", "target")
 
 

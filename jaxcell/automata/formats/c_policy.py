@@ -12,7 +12,6 @@ from .c_header import (
     fill,
     identifier,
     look_up,
-    rows_of,
     table,
 )
 
@@ -30,7 +29,7 @@ typedef struct {
 /* After an observation that cannot occur in the map; nothing follows it. */
 #define ${NAME}_IMPOSSIBLE $states$suffix
 """
-"""The state of a machine that reads runs, and its numbers."""
+"The type of the state of a policy or a machine that reads runs, and its constants."
 
 RUN_TABLES = (
     "/* The start of the next bumps of each state in the two tables after this. */\n"
@@ -38,7 +37,7 @@ RUN_TABLES = (
     + table("steps", size="$bumps")
     + table("target", size="$bumps", bits="${at_bits}")
 )
-"The runs after each state, and the states after them."
+"The tables of the possible runs after each state, and of the states after these runs."
 
 RUN_NEXT = """\
 static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
@@ -64,7 +63,7 @@ static inline ${name}_state ${name}_next(${name}_state state, uint8_t observatio
 }
 
 """
-"""The function of a state and an observation, where runs lead from state to state."""
+"The function that returns the next state if runs lead from state to state."
 
 _TEMPLATE = string.Template(
     "/* A localization policy, made by jaxcell: $states states, $ends of which are ends.\n"
@@ -101,13 +100,13 @@ _NO_TURN = 255
 
 
 def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
-    """Write the policy as a C99 header for a microcontroller, as [`to_c_header`][].
+    """Write a policy as a C99 header for a microcontroller, as [`to_c_header`][] writes a filter.
 
     **Arguments:** a policy, and the prefix of every name. **Returns:** the text.
 
     **Raises:** `ValueError` for more than 255 angles.
 
-    A policy without a choice, for a robot that bumps after two steps:
+    The policy of a robot that always bumps after two steps:
 
         >>> import numpy as np
         >>> from jaxcell import automata
@@ -128,22 +127,21 @@ def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
         _TEMPLATE,
         name,
         policy.turn.size,
+        tables,
+        bits | {"at": bits["target"]},
         bounds=policy.turn.size + 1,
         bumps=policy.steps.size,
         ends=policy.ends.size,
         no_turn=_NO_TURN,
         last_color=policy.ends.size + 2,
         at="state.at",
-        at_bits=bits["target"],
         refuted=f"state.at >= {identifier(name).upper()}_STATES",
         localized="the policy has ended",
-        **{f"{table}_bits": width for table, width in bits.items()},
-        **{table: rows_of(map(str, values.tolist())) for table, values in tables.items()},
     )
 
 
 def policy_bits(policy: Policy) -> dict[str, int]:
-    """Return the width of the entries of each table of [`policy_to_c_header`][]."""
+    """Return the number of bits of an entry of each table of [`policy_to_c_header`][]."""
     largest = {
         "first": policy.steps.size,
         # Counters never exceed the longest run.

@@ -1,6 +1,6 @@
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections import Counter
 from typing import Literal
 
 from ..filter import Filter
@@ -14,10 +14,11 @@ _SPACING = 90
 def to_jflap(
     filter: Filter, kind: Literal["fa", "moore"] = "moore", *, name: str = "filter"
 ) -> str:
-    """Write the filter as a `.jff` file of JFLAP 7.
+    """Write a filter as a `.jff` file of JFLAP 7.
 
-    **Arguments:** a filter; a note in the drawing; and a kind: a `"moore"` machine whose output is
-    the colour, or `"fa"`, a finite automaton whose final states are those of the knowledge cycles.
+    **Arguments:** a filter; the kind, a `"moore"` machine whose output is the colour, or `"fa"`, a
+    finite automaton whose final states are those of the knowledge cycles; and the text of a note in
+    the drawing.
 
     **Returns:** the text, with states in columns by their distance from the start.
 
@@ -61,7 +62,7 @@ def to_jflap(
 
 
 def _add(node: ElementTree.Element, **texts: object) -> None:
-    """Add elements with texts to a node."""
+    """Add elements with texts, by their tags, to a node."""
     for tag, text in texts.items():
         ElementTree.SubElement(node, tag).text = str(text)
 
@@ -70,20 +71,13 @@ def _place(x: int, y: int) -> dict[str, float]:
     return {"x": float(_SPACING * (x + 1)), "y": float(_SPACING * (y + 2))}
 
 
-def _columns(filter: Filter) -> Iterable[tuple[int, int]]:
-    """Compute the column of each state, its distance from the start, and its row in the column."""
-    column = [0] * len(filter.transition)
-    height: list[int] = [1]
-    row = [0] * len(filter.transition)
-    met = {0}
+def _columns(filter: Filter) -> list[tuple[int, int]]:
+    """Compute the column of each state, its distance from the start, and its row."""
+    places, height = {0: (0, 0)}, Counter([0])
     for source, targets in enumerate(filter.transition.tolist()):
         for target in targets:
-            if target < 0 or target in met:
-                continue
-            met.add(target)
-            column[target] = column[source] + 1
-            if column[target] == len(height):
-                height.append(0)
-            row[target] = height[column[target]]
-            height[column[target]] += 1
-    return zip(column, row, strict=True)
+            if target >= 0 and target not in places:
+                column = places[source][0] + 1
+                places[target] = column, height[column]
+                height[column] += 1
+    return [places[state] for state in range(len(places))]

@@ -1,7 +1,7 @@
-"""A file of int32 arrays and a JSON header: an `.npz` file of NumPy with another name.
+"""Files of int32 arrays and a JSON header: `.npz` files of NumPy with another name.
 
-Arrays are stored as differences between neighbours: sorted cells differ by little, so most
-differences are small and compress well.
+The differences between neighbouring numbers of an array are stored, because most differences of
+sorted cells are small and compress well.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ def write_arrays(
     header: Mapping[str, Any],
     arrays: Mapping[str, Int32[np.ndarray, "_"]],
 ) -> None:
-    """Write a file completely or not at all; equal content gives equal bytes."""
+    """Write a file completely or not at all; equal contents give equal bytes."""
     text = json.dumps(header, sort_keys=True).encode()
     stored: dict[str, Any] = {_HEADER: np.frombuffer(text, np.uint8)}
     stored |= {name: np.diff(arrays[name], prepend=np.int32(0)) for name in sorted(arrays)}
@@ -47,7 +47,7 @@ def read_kind(path: str | os.PathLike[str]) -> str:
 def reading(
     path: str | os.PathLike[str], kind: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
-    """Read a file of one kind; errors about its content name the file.
+    """Read a file of one kind, in a context that adds its path to errors about the content.
 
     **Raises:** `ValueError` as [`read_arrays`][], for another kind, for wrong metadata, and for a
     `KeyError` or a `ValueError` in the block.
@@ -66,7 +66,7 @@ def reading(
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
-    """Return a copy of metadata as it would be read from a file.
+    """Return a copy of metadata as it would be after writing and reading.
 
     **Raises:** `ValueError` if the metadata is not a JSON object.
     """
@@ -97,7 +97,7 @@ def _read(
     with Path(path).open("rb") as file:
         if file.read(len(_OLD)) == _OLD:
             raise ValueError(
-                f"{path}: it is of an earlier version of jaxcell, which this one does not read; "
+                f"{path}: it is of an earlier version of jaxcell, whose files are not read; "
                 "make the filter again"
             )
         file.seek(0)

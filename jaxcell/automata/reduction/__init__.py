@@ -1,1 +1,1 @@
-"""The least machine with the outputs of a filter or a policy, and the proof that it is least."""
+"""Search for the smallest machine with the outputs of a filter or a policy, with proof."""

@@ -7,11 +7,10 @@ from ...base.memory import check
 def incompatible_pairs(
     transition: Integer[np.ndarray, "states symbols"], color: Integer[np.ndarray, "states"]
 ) -> Bool[np.ndarray, "states states"]:
-    """Find the pairs of states that some string of symbols, possible from both, tells apart.
+    """Find the pairs of states for which a string, possible from both, gives different outputs.
 
     A pair with different outputs is incompatible, and so is a pair whose successors after a symbol
-    that can occur in both are. Each round updates the rows whose successors changed. `transition`
-    has -1 for a symbol that cannot occur.
+    are incompatible. `transition` is -1 for an impossible symbol.
     """
     states = len(transition)
     check(
@@ -38,7 +37,7 @@ def incompatible_pairs(
 
 
 def large_clique(adjacent: Bool[np.ndarray, "vertices vertices"]) -> Int[np.ndarray, "clique"]:
-    """Find a large clique of a graph greedily, from each of 32 vertices with most neighbours."""
+    """Find a large clique of a graph greedily, from each of the 32 vertices of largest degree."""
     degree = adjacent.sum(axis=1, dtype=np.int64)
     best: list[int] = []
     for first in np.argsort(-degree, kind="stable")[:32].tolist():

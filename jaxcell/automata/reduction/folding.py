@@ -9,12 +9,12 @@ def folded(
     apart: Bool[np.ndarray, "states states"],
     go_on: Callable[[], bool],
 ) -> Int[np.ndarray, "states"]:
-    """Merge each state greedily with the first earlier state with which it can be merged.
+    """Merge each state with the first earlier state with which it can be merged.
 
-    Two states are merged together with their successors after each symbol that both can read, and
-    so on, if no class then has an incompatible pair. In the result the successors of a class are
-    therefore in one class. States are in breadth-first order; once `go_on` is false, the others are
-    not merged. Returns the class of each state, by its smallest state.
+    If two states are merged, so are their successors after each symbol that can occur in both, and
+    the successors of these. Two states can be merged if then no class has a pair that is `apart`.
+    States are in breadth-first order; no more states are merged after `go_on` returns `False`.
+    Returns the class of each state, by its smallest state.
     """
     partition = _Partition(transition, apart)
     kept = [0]
@@ -29,7 +29,7 @@ def folded(
 
 
 class _Partition:
-    """Classes of states, by their smallest states; entries of other states are out of date."""
+    """A partition into classes, by their smallest states; entries of other states are not valid."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class _Partition:
         return state
 
     def merge(self, a: int, b: int) -> bool:
-        """Merge two classes and what follows from it. Returns whether that is possible."""
+        """Merge two classes and those of their successors; return `False` if it is impossible."""
         parent: dict[int, int] = {}
         apart: dict[int, int] = {}
         members: dict[int, int] = {}

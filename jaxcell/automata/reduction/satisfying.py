@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int, Integer
 Classes: TypeAlias = Bool[np.ndarray, "classes states"]
 """The states of each class."""
 
-# Conflicts of the solver in one part of the search.
+# Number of conflicts of the solver after which a part of the search ends.
 _CONFLICTS = 2000
 # A literal that is false.
 _FALSE = 1
@@ -23,17 +23,23 @@ def closed_classes(
     *,
     cover: bool,
 ) -> Iterator[Classes | bool | None]:
-    """Find classes of states that are a closed cover, or a partition, with a SAT solver.
+    """Find `count` classes of states that are a closed cover, or a partition, with a SAT solver.
 
     Each state is in a class, no class has an incompatible pair, and for each class and symbol the
-    successors are in one class. State `i` of a clique is in class `i`, so that a state is a
-    candidate only for the classes of clique states that it is compatible with, and for the further
-    classes. Clauses about a pair of states, and about the successors of a class after a symbol, are
-    added when a solution without them violates them (Zhang and Shell 2020).
+    successors are in one class. The states of a clique are incompatible with each other, so that
+    state `i` of the clique is in class `i` without loss of generality. Clauses about a pair of
+    states, and about the successors of a class after a symbol, are added only when a solution
+    violates them (Zhang and Shell 2020).
 
-    `cover` permits a state in several classes, and `clique` has states that are incompatible with
-    each other. The iterator yields `None` after each part of the search, and then the classes, or
-    `False` if they do not exist, by proof.
+    **Arguments:**
+
+    - `transition`: the state after each symbol, -1 for an impossible symbol.
+    - `apart`: the pairs of incompatible states.
+    - `clique`: states that are incompatible with each other.
+    - `cover`: whether a state may be in several classes.
+
+    **Yields:** `None` after each part of the search, and in the end the classes, or `False` if it
+    is proved that no such classes exist.
     """
     from pysat.solvers import Solver
 
@@ -58,7 +64,7 @@ def closed_classes(
 
 
 class _Problem:
-    """The clauses of closed classes; a variable says that a state is in a class."""
+    """The clauses of closed classes; each variable means that a certain state is in a class."""
 
     def __init__(
         self,
@@ -94,19 +100,22 @@ class _Problem:
         return true[self.member]
 
     def pairs(self, classes: Classes) -> list[list[int]]:
-        """Forbid the incompatible pairs of classes, in all classes."""
+        """Return the clauses that exclude the incompatible pairs in `classes` from all classes."""
         pairs: set[tuple[int, int]] = set()
         for row in classes:
             states = np.flatnonzero(row)
-            one, other = np.nonzero(np.triu(self.apart[np.ix_(states, states)]))
-            pairs.update(zip(states[one].tolist(), states[other].tolist(), strict=True))
+            first, second = np.nonzero(np.triu(self.apart[np.ix_(states, states)]))
+            pairs.update(zip(states[first].tolist(), states[second].tolist(), strict=True))
         if not pairs:
             return []
         both = self.member[:, np.array(sorted(pairs))].reshape(-1, 2)
         return (-both[(both != _FALSE).all(axis=1)]).tolist()
 
     def closing(self, classes: Classes) -> Iterator[list[list[int]]]:
-        """Send the successors of a class after a symbol into one class, if they are in none."""
+        """Yield clauses that put the successors of a class after a symbol into one class.
+
+        Only successors that are not yet in one of these classes get clauses.
+        """
         for index, row in enumerate(classes):
             for symbol, after in enumerate(self.transition.T):
                 targets = after[row & (after >= 0)]

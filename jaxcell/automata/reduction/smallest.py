@@ -5,43 +5,43 @@ import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from jaxtyping import Bool, Int, Int32
+from jaxtyping import Bool, Int32
 
 from ...base.optional_modules import import_module
-from ..equivalent import equivalence
 from ..filter import Filter
 from ..machine import MooreMachine
+from ..minimization import moore_classes
 from ..policy import Policy
 from .compatible import incompatible_pairs, large_clique
 from .folding import folded
 from .satisfying import Classes, closed_classes
 
 
-# The largest product of the states and the square of the number of classes beyond the clique, to
-# which the clauses are proportional, in a search above the bound.
+# The number of clauses is proportional to the number of states, times the square of the number of
+# classes beyond the clique. A search above the bound has at most this product.
 _LARGEST = 1_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Smallest:
-    """A small machine with the outputs of another one, and the proved bound on its states.
+    """A small machine with the outputs of an original machine, and a proved bound on its states.
 
-    Every string of symbols that can occur in the other machine can occur in this one, with the same
-    outputs.
+    Every string of symbols that can occur in the original machine can occur in the small one, with
+    the same outputs.
     """
 
     machine: MooreMachine
     "The smallest machine that was found."
-    merged: Bool[np.ndarray, "states given"]
-    "The states of the other machine that each state stands for."
+    merged: Bool[np.ndarray, "states original"]
+    "The states of the original machine that are merged into each state."
     bound: int
-    "The number of states that every such machine has at least, by proof."
+    "The proved lower bound on the number of states of every such machine."
     moore: int
-    "The number of states if only equivalent states are merged, as by [`minimize`][]."
+    "The number of states if only equivalent states are merged, as [`minimize`][] does."
     cover: bool
-    "`True` if a state of the other machine may be merged into several states."
+    "`True` if a state of the original machine may be merged into several states."
     seconds: float
-    "The time of the search."
+    "The duration of the search."
 
     @property
     def states(self) -> int:
@@ -50,12 +50,12 @@ class Smallest:
 
     @property
     def gap(self) -> int:
-        """The number of states above the bound."""
+        """The difference of the number of states and the bound."""
         return self.states - self.bound
 
     @property
     def proved(self) -> bool:
-        """`True` if no such machine has fewer states."""
+        """`True` if it is proved that no such machine has fewer states."""
         return self.gap == 0
 
     @property
@@ -71,35 +71,34 @@ def smallest(
     seconds: float | int = 60.0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Smallest:
-    """Find the least machine that gives the same outputs on every string that can occur.
+    """Find the smallest machine that gives the same outputs on every string that can occur.
 
-    States may be merged if no string that can occur in both tells them apart, and if their
-    successors may be merged, too. Compatibility is not transitive, so that a state may be merged
-    into several states: the least machine is a *cover* of the states by classes, and may be smaller
-    than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell 2020). A
-    clique of incompatible pairs is a lower bound, a greedy partition an upper one, and a SAT solver
-    decides about the numbers between.
+    States can be merged if no string that is possible from all gives different outputs, and if
+    their successors are merged too. This relation is not transitive, so that a state may be merged
+    into several states: the smallest machine is a *cover* of the states by classes, and may be
+    smaller than every *partition*. To find it is NP-hard (O'Kane and Shell 2017; Zhang and Shell
+    2020). The size of a clique of incompatible states is a lower bound, that of a greedy partition
+    is an upper bound, and a SAT solver decides between them.
 
     **Arguments:**
 
     - `source`: a machine, or a filter or a policy with its default output.
     - `cover`: whether to search among covers, or only among partitions of the states of `source`.
-    - `seconds`: the limit of time, after which the best machine is returned; the pairs of states
-        are always compared.
-    - `say`: called with the work that begins.
+    - `seconds`: the time after which the search ends and the best machine is returned. The
+        comparison of all pairs of states is never cut short.
+    - `say`: a function that is called with a description of each part of the work.
 
     **Returns:** [`Smallest`][].
 
     **Raises:** `ModuleNotFoundError` without python-sat, if the greedy bounds differ; `MemoryError`
     if the pairs of states do not fit into memory.
 
-    The filter of three cells in a ring has one knowledge cycle, in which all observations are
-    known beforehand:
+    The filter of three cells in a ring has five states:
 
         >>> from jaxcell import automata, examples
-        >>> found = automata.smallest(examples.ring())
-        >>> found.states, found.bound, found.moore, found.machine.transition.tolist()
-        (3, 3, 5, [[1, 2], [2, 2], [2, 2]])
+        >>> small = automata.smallest(examples.ring())
+        >>> small.states, small.bound, small.machine.transition.tolist()
+        (3, 3, [[1, 2], [2, 2], [2, 2]])
     """
     machine = source if isinstance(source, MooreMachine) else MooreMachine.of(source)
     began = time.monotonic()
@@ -107,7 +106,7 @@ def smallest(
     def go_on() -> bool:
         return time.monotonic() - began < seconds
 
-    label, first = _equivalent(machine)
+    label, first = moore_classes(machine.transition, machine.color)
     after = machine.transition[first]
     transition = np.where(after < 0, np.int32(-1), label[after])
     say(f"comparing the pairs of {first.size:,} states")
@@ -145,21 +144,13 @@ def smallest(
     return Smallest(small, classes[order], bound, first.size, cover, time.monotonic() - began)
 
 
-def _equivalent(machine: MooreMachine) -> tuple[Int[np.ndarray, "states"], Int[np.ndarray, "_"]]:
-    """Find the class of each equivalent state, and the first state of each class."""
-    states = len(machine.transition)
-    # A symbol that cannot occur leads to one more state, with an output of its own.
-    images = np.where(machine.transition < 0, states, machine.transition)
-    images = np.vstack([images, np.full_like(images[:1], states)]).T
-    color = np.append(machine.color, machine.color.max() + 1)
-    label = equivalence(images, np.tile(color, (len(images), 1))).label[:-1]
-    return label, np.unique(label, return_index=True)[1]
-
-
 def _successors(
     transition: Int32[np.ndarray, "states symbols"], classes: Classes
 ) -> tuple[Int32[np.ndarray, "reached symbols"], list[int]]:
-    """Find the classes that some string reaches, in breadth-first order, and their successors."""
+    """Find the classes that some string reaches, in breadth-first order.
+
+    Returns the class after each of them and each symbol, by its place in this order, and the order.
+    """
     start = int(np.argmax(classes[:, 0]))
     number, queue, rows = {start: 0}, [start], []
     for index in queue:

@@ -1,1 +1,1 @@
-"""Sets of cells that chains hardly leave."""
+"""Sets of cells that a chain hardly leaves, and the eigenvectors that show them."""

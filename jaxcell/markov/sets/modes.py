@@ -20,10 +20,11 @@ class Modes:
     value: Complex[np.ndarray, "modes"]
     "The eigenvalues with the largest real parts, in descending order."
     right: Complex[np.ndarray, "modes cells"]
-    "Functions `f` with `P f = value f`; near 1 they are almost constant on basins of attraction."
+    """Right eigenvectors: functions with `P f = value f`. If the value is near 1, they are almost
+    constant on each basin of attraction."""
     left: Complex[np.ndarray, "modes cells"]
-    """Measures `m` with `m P = value m`, which are large where mass gathers. The measure of a mode
-    gives its function 1 and the others 0."""
+    """Left eigenvectors: measures with `m P = value m`, which are large where mass gathers. The
+    product of the measure and the function is 1 for one mode, and 0 for two different modes."""
     certificate: Certificate
 
 
@@ -35,14 +36,18 @@ def leading_modes(
     start: int = 0,
     throw: bool = True,
 ) -> Modes:
-    """Compute the leading eigenvalues of a chain, and their eigenvectors from both sides.
+    """Compute the leading eigenvalues of a chain, with right and left eigenvectors.
 
     A mode with eigenvalue `x` decays by a factor e in `-steps / log |x|` steps. Mass that leaves
-    for the sink is lost: if the space has an open edge, even the first eigenvalue is less than 1.
+    the space is lost: if the space has an open edge, even the first eigenvalue is less than 1.
 
-    **Arguments:** a chain or a sequence of chains; the number of eigenvalues; and the number of
-    steps taken together, by default one per phase, and their first phase. **Returns:** the modes,
-    one more if the last two are conjugate. The residual of the certificate is the largest 2-norm of
+    **Arguments:**
+
+    - `count`: the number of eigenvalues. There is one more if the last two are conjugate.
+    - `steps`, `start`: the number of steps that are taken together as `P`, by default one per phase
+        of a sequence of chains; the phase of the first step.
+
+    **Returns:** the modes. The residual of the certificate is the largest 2-norm of
     `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
 
     **Raises:** `ValueError` for a number out of range; `RuntimeError` if the eigenvalues do not
@@ -86,6 +91,6 @@ def _residual(
 
 
 def check_count(count: int, cells: int) -> None:
-    """Raise `ValueError` if a chain does not have that many eigenvalues."""
+    """Raise `ValueError` if a chain with this number of cells does not have `count` eigenvalues."""
     if not 1 <= count <= cells:
         raise ValueError(f"count: expected 1 to {cells}, the number of cells, got {count}")

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -11,10 +12,16 @@ from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace
 
 
-# Candidate levels, relative to the largest value of a set, above which cells belong to it.
+_Labels: TypeAlias = Int[np.ndarray, "cells"]
+_Mass: TypeAlias = Float[np.ndarray, "cells"]
+_PerSet: TypeAlias = Float[np.ndarray, "sets"]
+_Functions: TypeAlias = Float[np.ndarray, "cells sets"]
+
+# Candidates for the level of a set. Cells belong to the set if their values are above this level,
+# relative to the largest value.
 _LEVELS = (0.0, 0.02, 0.05, *(np.arange(1, 10) / 10).tolist())
-# Largest number of rounds of the rotation, and the change at which it ends; share of a constant
-# vector that a round subtracts, below 1 so that the vector does not vanish.
+# Largest number of rounds of the rotation, and the change at which it ends. A round subtracts this
+# share of a constant vector, less than 1 so that a constant vector does not vanish.
 _MAX_ROUNDS, _STILL, _SHRINK = 1000, 1e-10, 0.99
 # Share of the staying mass of a basin that its attracting region holds.
 _GATHERED = 0.9
@@ -28,16 +35,16 @@ class NearlyClosedSets:
     begin: Int[np.ndarray, "cells"]
     "The set of each cell at the start of the window, -1 for none."
     end: Int[np.ndarray, "cells"]
-    """The set of each cell at the end of the window: equal to `begin` for almost-invariant sets;
-    the place of a coherent set then; for attracting regions, the region where the staying mass
+    """The set of each cell at the end of the window. For almost-invariant sets it equals `begin`; a
+    coherent set has moved; for attracting regions it is the region where the mass of a basin
     gathers."""
     leakage: Float[np.ndarray, "sets"]
     "The share of the mass of each set that is outside the set after the window."
     steps: int
     "Number of steps of the window."
     value: Float[np.ndarray, "values"]
-    """The leading eigenvalues, or singular values; 1 for a closed set. The number of values near 1
-    is the number of sets."""
+    """The leading eigenvalues or singular values. The number of values near 1 is the number of
+    sets, and a closed set has a value 1."""
     certificate: Certificate
 
     @property
@@ -47,8 +54,8 @@ class NearlyClosedSets:
 
     @property
     def time(self) -> Float[np.ndarray, "sets"]:
-        """The number of steps after which 1/e of the mass is left, at the same leakage:
-        `-steps / log(1 - leakage)`; `inf` for a closed set."""
+        """The number of steps after which 1/e of the mass of each set is left, if the leakage stays
+        the same: `-steps / log(1 - leakage)`; `inf` for a closed set."""
         with np.errstate(divide="ignore"):
             return -self.steps / np.log1p(-self.leakage)
 
@@ -65,26 +72,27 @@ def almost_invariant_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that mass hardly leaves and hardly enters.
 
-    Let `L` be the steps of the window, `p` the mass and `q = p L`. The reversible chain
-    `(p_i L_ij + p_j L_ji) / (p_i + q_i)` is the mean of the window and its time reversal if `p` is
-    stationary (Froyland 2005). Sparse vectors that span its leading eigenvectors (Froyland, Rock
-    and Sakellariou 2019) are large on one set each. A set consists of the cells where its vector is
-    the largest and exceeds a level; the level is chosen to keep the largest share of the mass
-    inside. Mass that goes to the sink leaks.
+    Let `L` be the matrix of the steps of the window, `p` the mass and `q = p L`. The reversible
+    chain `(p_i L_ij + p_j L_ji) / (p_i + q_i)` is the mean of the window and its time reversal if
+    `p` is stationary (Froyland 2005). Its leading eigenvectors are rotated to sparse vectors, each
+    of which is large on one set (Froyland, Rock and Sakellariou 2019). A set consists of the cells
+    where its vector is the largest and exceeds a level, which is chosen so that the largest share
+    of the mass stays inside. Mass that leaves the space leaks.
 
     **Arguments:**
 
-    - `count`: largest number of sets. There are no more than eigenvalues above 1e-6, because
-        rounding decides the others.
+    - `count`: largest number of sets. Eigenvalues up to 1e-6 give no sets, because they are
+        rounding.
     - `mass`: the mass of each cell at the start, not negative; by default equal. Cells without mass
         are in no set.
-    - `steps`, `start`: number of steps of the window, by default one per phase; its first phase.
-    - `blur`: a chain that follows the window in the search for sets, such as steps to neighbouring
-        cells. Without it a single cell that is mapped to itself is a set. The leakage is without
-        it.
+    - `steps`, `start`: the number of steps of the window, by default one per phase of a sequence of
+        chains; the phase of the first step.
+    - `blur`: a chain of steps to neighbouring cells, for example, which follows the window in the
+        search. Without it, a single cell that is mapped to itself is a set. The leakage does not
+        contain the blur.
 
     **Returns:** sets with an `end` equal to `begin`. The residual of the certificate is the largest
-    2-norm by which the matrix moves orthonormal vectors out of the span of the eigenvectors.
+    2-norm by which the matrix moves a unit vector out of the span of the eigenvectors.
 
     **Raises:** `ValueError` for arguments out of range or of another size; `RuntimeError` if the
     eigenvalues do not converge.
@@ -114,10 +122,10 @@ def coherent_sets(
 ) -> NearlyClosedSets:
     """Find sets of cells that move and hardly mix with their surroundings, over a finite time.
 
-    They come in pairs: the place of a set at the start and at the end. With `L` the steps of the
-    window, `p` the mass and `q = p L`, they follow from the leading singular vectors of the matrix
-    `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010), with one rotation
-    for both sides; otherwise as [`almost_invariant_sets`][].
+    Each set is a pair of its cells at the start and at the end. With `L`, `p` and `q` as in
+    [`almost_invariant_sets`][], the pairs follow from the leading singular vectors of the matrix
+    `sqrt(p_i) L_ij / sqrt(q_j)` (Froyland, Santitissadeekorn and Monahan 2010); the vectors of both
+    sides have the same rotation and level.
 
     **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** sets, and
     singular values.
@@ -147,9 +155,10 @@ def attracting_regions(
 ) -> NearlyClosedSets:
     """Find regions in which mass gathers, and their basins, which mass hardly leaves but may enter.
 
-    On a basin a combination of the leading right eigenvectors of the window is almost constant; the
-    left eigenvectors are large where the mass that stays in the basin gathers (Froyland, Stuart and
-    van Sebille 2014). The region is the fewest cells with nine tenths of that mass.
+    On each basin some combination of the leading right eigenvectors of the window is almost
+    constant. The left eigenvectors are large where the mass that stays in the basin gathers
+    (Froyland, Stuart and van Sebille 2014). A region is the fewest cells with nine tenths of this
+    mass.
 
     **Arguments:** as for [`almost_invariant_sets`][], with its errors. **Returns:** the basins as
     `begin`, and the regions in them as `end`.
@@ -168,19 +177,19 @@ def attracting_regions(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Search:
-    """A window with the data of a search for sets."""
+    """A search for sets: the window and the mass at its start."""
 
     window: Window
     blurred: Window
     "The window followed by the blur."
-    mass: Float[np.ndarray, "cells"]
+    mass: _Mass
     "The mass at the start, with sum 1."
 
     @classmethod
     def of(
         cls,
         chain: Chain | ChainSequence,
-        mass: Float[np.ndarray, "cells"] | None,
+        mass: _Mass | None,
         steps: int | None,
         start: int,
         blur: Chain | None,
@@ -188,15 +197,18 @@ class _Search:
         window = Window.of(chain, steps, start)
         mass = np.ones(window.cells) if mass is None else np.asarray(mass, float)
         if mass.shape != (window.cells,) or not (mass.min() >= 0 and 0 < mass.sum() < np.inf):
-            raise ValueError(f"mass: expected {window.cells} numbers from 0 on, and some above")
+            raise ValueError(f"mass: expected {window.cells} numbers of at least 0, not all 0")
         if blur is not None and blur.cells != window.cells:
             raise ValueError(f"blur: expected a chain of {window.cells} cells, got {blur.cells}")
         after = () if blur is None else Window.of(blur).matrices
         return cls(window, Window((*window.matrices, *after)), mass / mass.sum())
 
     def sets(self, count: int, *, moving: bool, throw: bool) -> NearlyClosedSets:
-        """Find the sets of the reversible chain between the start and the end of the window; for
-        sets that do not move, start and end are one set of states."""
+        """Find almost-invariant sets or, if they may be `moving`, coherent sets.
+
+        Both follow from a reversible chain. Its states are the cells at the start and, for coherent
+        sets, separately the cells at the end of the window.
+        """
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         before, after = self.mass[:, None], blurred.push(self.mass)[:, None]
@@ -219,7 +231,7 @@ class _Search:
         return self._result(*numbered, values, span, throw)
 
     def attracting(self, count: int, *, throw: bool) -> NearlyClosedSets:
-        """Find the basins by functions, and the regions by the measures that belong to them."""
+        """Find the basins by right eigenvectors, and their regions by left eigenvectors."""
         cells, blurred = self.window.cells, self.blurred
         check_count(count, cells)
         root = np.sqrt(self.mass[:, None])
@@ -234,7 +246,7 @@ class _Search:
         turned = basis @ _rotation(basis, root)
         on_sets = over * turned
         basin, _, leakage = self._thresholded(on_sets, None, self.mass)
-        # Each measure gives the function of its basin 1, and the other functions 0.
+        # The product of a measure and a function is 1 for one basin, and 0 for two basins.
         images = measures.above(TOLERANCE)
         there = root * (images @ np.linalg.pinv(turned.T @ images))
         gathered = np.where(basin[:, None] == np.arange(there.shape[1]), there, 0)
@@ -243,15 +255,12 @@ class _Search:
         return self._result(basin, region, leakage, values, functions, throw)
 
     def _thresholded(
-        self,
-        first: Float[np.ndarray, "cells sets"],
-        last: Float[np.ndarray, "cells sets"] | None,
-        after: Float[np.ndarray, "cells"],
-    ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Float[np.ndarray, "sets"]]:
-        """Find the sets at the start and the end, and their leakage, by the best levels.
+        self, first: _Functions, last: _Functions | None, after: _Mass
+    ) -> tuple[_Labels, _Labels, _PerSet]:
+        """Choose the levels of sets. Returns the sets at the start and at the end, and the leakage.
 
-        The functions `first` and `last` are large on one set each, at the start and the end; there
-        is no `last` if the sets do not move. `after` is the mass at the end, with the blur.
+        Each column of `first` and `last` is large on one set, at the start and at the end; `last`
+        is `None` if the sets do not move. `after` is the mass at the end, with the blur.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
         high = np.maximum(first.max(axis=0), _TINY)
@@ -278,9 +287,9 @@ class _Search:
 
     def _result(
         self,
-        begin: Int[np.ndarray, "cells"],
-        end: Int[np.ndarray, "cells"],
-        leakage: Float[np.ndarray, "sets"],
+        begin: _Labels,
+        end: _Labels,
+        leakage: _PerSet,
         value: Float[np.ndarray, "values"],
         span: Subspace,
         throw: bool,
@@ -291,9 +300,9 @@ class _Search:
         held = np.bincount(begin[begin >= 0], self.mass[begin >= 0], leakage.size)
         known, first = np.unique(begin, return_index=True)
         first = np.append(first, 0)[np.searchsorted(known, np.arange(held.size))]
-        # Mass is rounded, so that of sets with equal mass the one with the smallest cell is first.
+        # Sets with equal mass, up to rounding, are in the order of their smallest cells.
         order = np.lexsort((first, -held.round(12)))[: np.count_nonzero(held)]
-        # The last number is for cells in no set.
+        # The last entry, -1, is for cells in no set.
         number = np.full(held.size + 1, -1, np.int32)
         number[order] = np.arange(order.size)
         steps = len(self.window.matrices)
@@ -302,12 +311,8 @@ class _Search:
         )
 
 
-def _members(
-    values: Float[np.ndarray, "cells sets"],
-    mass: Float[np.ndarray, "cells"],
-    level: Float[np.ndarray, "sets"] | float,
-) -> Int[np.ndarray, "cells"]:
-    """Return the set of each cell with mass: the set with the largest value, if above its level."""
+def _members(values: _Functions, mass: _Mass, level: _PerSet | float) -> _Labels:
+    """Return the set of each cell, that with the largest value, or -1 below its level."""
     largest = values.argmax(axis=1)
     above = (values > level)[np.arange(mass.size), largest]
     return np.where(above & (mass > 0), largest, -1)
@@ -319,9 +324,9 @@ def _rotation(
 ) -> Float[np.ndarray, "vectors vectors"]:
     """Rotate the vectors of a basis so that each is large on one set of rows.
 
-    This is SEBA (Froyland, Rock and Sakellariou 2019) in the space with row weights `root**2`. It
-    starts from rows that represent one set each, by a pivoted factorisation (Damle, Minden and Ying
-    2019), because a constant vector would never change.
+    This is SEBA (Froyland, Rock and Sakellariou 2019) with the row weights `root**2`. It does not
+    start from the basis itself, because a constant vector would never change, but from rows that
+    represent one set each; a pivoted factorisation finds them (Damle, Minden and Ying 2019).
     """
     root = root / np.linalg.norm(root)
     shrink = _SHRINK * root
@@ -346,11 +351,11 @@ def _orthogonal(matrix: Float[np.ndarray, "rows rows"]) -> Float[np.ndarray, "ro
     return left @ right
 
 
-def _densest(mass: Float[np.ndarray, "cells sets"]) -> np.ndarray:
-    """Return masks of the fewest cells with most of the mass of each set."""
+def _densest(mass: _Functions) -> np.ndarray:
+    """Find the fewest cells with `_GATHERED` of the mass of each set. Returns a mask per set."""
     order = np.argsort(-mass, axis=0)
     held = np.cumsum(np.take_along_axis(mass, order, axis=0), axis=0)
-    # Cells before which mass was still missing.
+    # Cells are wanted while the mass of the cells before them is too small.
     wanted = held - np.take_along_axis(mass, order, axis=0) < _GATHERED * held[-1]
     densest = np.zeros(mass.shape, bool)
     np.put_along_axis(densest, order, wanted, axis=0)
@@ -359,4 +364,4 @@ def _densest(mass: Float[np.ndarray, "cells sets"]) -> np.ndarray:
 
 def _inverse(root: Float[np.ndarray, "rows 1"]) -> Float[np.ndarray, "rows 1"]:
     """Invert numbers; the inverse of 0 is 0."""
-    return np.where(root > 0, 1 / np.where(root > 0, root, 1), 0)
+    return np.divide(1, root, out=np.zeros_like(root), where=root > 0)

@@ -1,5 +1,6 @@
 import dataclasses
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -11,12 +12,14 @@ from ...base.process import one_blas_thread
 from ...mapping import Chain, ChainSequence
 
 
-# All eigenvalues of matrices with at most this many rows are computed.
+_Columns: TypeAlias = Inexact[np.ndarray, "cells *columns"]
+
+# If a matrix has at most this many rows, all its eigenvalues are computed.
 _MAX_DENSE = 200
-# Distance at which eigenvalues are equal, and their tolerances. The error of an eigenvalue of a
-# symmetric matrix is the square of the residual of its eigenvector.
+# Distance up to which eigenvalues are equal, and the tolerances of eigenvalues. The tolerance of a
+# symmetric matrix is larger, because the error is the square of the residual of the eigenvector.
 _SAME, _TOLERANCE, _SYMMETRIC_TOLERANCE = 1e-7, 1e-9, 1e-7
-# Tolerance of the search for more eigenvalues, and relative length of a vector that counts as 0.
+# Tolerance of the search for missed eigenvalues; vectors shorter than its square count as 0.
 _ROUGH = 1e-4
 _MAX_RESTARTS = 2000
 _SEED = 0
@@ -26,7 +29,7 @@ _SEED = 0
 class Window:
     """Several steps of a chain, or of consecutive chains, taken as one step.
 
-    Its matrix is their product, which would fill up and is never computed.
+    Its matrix, the product of theirs, is never computed, because it would not be sparse.
     """
 
     matrices: tuple[scipy.sparse.csr_array, ...]
@@ -34,7 +37,7 @@ class Window:
 
     @classmethod
     def of(cls, chain: Chain | ChainSequence, steps: int | None = None, start: int = 0) -> "Window":
-        """Take the steps that begin at a phase, by default one per phase.
+        """Take a number of steps of a chain from the phase `start` on, by default one per phase.
 
         **Raises:** `ValueError` for less than one step.
         """
@@ -54,18 +57,14 @@ class Window:
         """Number of cells."""
         return self.matrices[0].shape[0]
 
-    def push(
-        self, mass: Inexact[np.ndarray, "cells *columns"]
-    ) -> Inexact[np.ndarray, "cells *columns"]:
-        """Compute the mass at the end; the rest has gone to the sink."""
+    def push(self, mass: _Columns) -> _Columns:
+        """Compute the mass of each cell at the end of the window from the mass at its start."""
         for matrix in self.matrices:
             mass = matrix.T @ mass
         return mass
 
-    def pull(
-        self, value: Inexact[np.ndarray, "cells *columns"]
-    ) -> Inexact[np.ndarray, "cells *columns"]:
-        """Compute the expected values at the end; the value of the sink is 0."""
+    def pull(self, value: _Columns) -> _Columns:
+        """Compute the expected value at the end of the window, for a start in each cell."""
         for matrix in reversed(self.matrices):
             value = matrix @ value
         return value
@@ -87,9 +86,9 @@ class Subspace:
     products: int
 
     def above(self, least: float) -> Float[np.ndarray, "rows above"]:
-        """Compute an orthonormal basis of the span of the eigenvectors with larger values.
+        """Compute an orthonormal basis of the span of the eigenvectors with values above `least`.
 
-        It always has the leading eigenvector.
+        The leading eigenvector is always among them.
         """
         values, vectors = np.linalg.eig(self.block)
         count = max(int(np.count_nonzero(values.real > least)), 1)
@@ -102,11 +101,12 @@ class Subspace:
 def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: bool) -> Subspace:
     """Compute the subspace of the leading eigenvalues, by Arnoldi's or Lanczos's method.
 
-    From one vector these methods find one eigenvector of a multiple eigenvalue, such as 1 if
-    several sets are closed. So the eigenvectors are deflated and the rest is searched again, until
-    it has no eigenvalue that belongs to the leading ones.
+    These methods find only one eigenvector of a multiple eigenvalue, such as 1 if several sets are
+    closed. So the eigenvectors that were found are deflated, and the search is repeated until the
+    rest has no leading eigenvalue.
 
-    `product` multiplies the matrix by columns. Both eigenvalues of a conjugate pair are taken.
+    `product` multiplies the matrix by columns. There is one more vector if the last eigenvalues are
+    conjugate.
 
     **Raises:** `RuntimeError` if the eigenvalues do not converge.
     """

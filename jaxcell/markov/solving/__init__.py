@@ -1,1 +1,1 @@
-"""Linear equations of chains."""
+"""Solvers of the linear equations of chains."""

@@ -11,44 +11,44 @@ from ...base.process import one_blas_thread
 from .two_level import aggregates
 
 
-# Largest number of blocks of a cycle, and largest share of steps that begin a new round.
+# Largest number of blocks of a cycle, and largest share of the steps that begin a new round.
 _MAX_BLOCKS, _MAX_BACK = 10_000, 0.4
 # Number of directions that GMRES keeps, largest number of their bytes, and number of restarts.
 _DIRECTIONS, _MAX_BYTES, _ROUNDS = 300, 2**30, 4
-# States per aggregate.
+# Mean number of states per aggregate.
 _SIZE = 8
-# With more probabilities per state, those of coming to an aggregate that are below this part of
-# their row are dropped.
+# If a matrix has on average more probabilities per row than the first number, those below the
+# second number, as a share of their row, are dropped.
 _MOST, _DROP = 64, 1e-2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cycle:
-    """A chain whose states form blocks that are visited one after the other, round and round.
+    """A chain whose states form blocks that are visited one after the other, in rounds.
 
     Every step leads to a later block, except the steps that begin a new round. One sweep through
-    the blocks, backwards, solves for a round; so the unknowns are only the values of the states
-    that begin a round.
+    the blocks, backwards, computes the values of all states from those of the states that begin a
+    round, which are the unknowns of GMRES.
 
-    A sweep evens out the error among near states, and hardly changes its mean where drifters stay
+    A sweep smooths the error among near states, but hardly changes its mean if drifters stay there
     for many rounds, as in a closed eddy. So states that begin a round are joined in aggregates if
-    their first steps lead to the same states, and the chain of rounds between aggregates, which is
-    factored, is the preconditioner of GMRES.
+    their first steps lead to the same states. The preconditioner of GMRES is the chain between
+    aggregates, from round to round, which is factored.
     """
 
     order: Int[np.ndarray, "rows"]
     "The states, block by block."
     bounds: Int[np.ndarray, "bounds"]
-    "The first place of each block in `order`."
+    "The first place of each block in `order`, and the number of states."
     rows: list[scipy.sparse.csr_array]
-    "The steps from each block to states in this order."
+    "The steps from the states of each block to all states, in this order."
     again: Int[np.ndarray, "first"]
     "The places of the states that begin a new round."
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
-        """Find the cycle of a matrix whose states are in the order of its blocks, or in reverse
-        order; return `None` if it is not a cycle."""
+        """Find the blocks of a matrix whose states are in the order of the blocks, or in reverse
+        order. Returns `None` if the matrix is not a cycle."""
         count = matrix.shape[0]
         tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
         later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
@@ -68,11 +68,11 @@ class Cycle:
         return None
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + matrix x` by GMRES; return the number of products too.
+        """Solve `x = right + matrix x` by GMRES. Returns the solution and the number of products.
 
-        GMRES takes about half as many products as BiCGSTAB, and a product is expensive here.
+        GMRES takes about half as many products as BiCGSTAB, and products are expensive here.
 
-        **Raises:** `RuntimeError` if the chain between aggregates is singular to rounding.
+        **Raises:** `RuntimeError` if the chain between aggregates is singular up to rounding.
         """
         wanted, none = right[self.order], np.zeros(right.size)
         products = 0
@@ -83,7 +83,7 @@ class Cycle:
             return value - self._round(value, none)[self.again]
 
         def inverse(value: Float[np.ndarray, "first"]) -> Float[np.ndarray, "first"]:
-            # The value of the aggregates, and then a round.
+            # Solve for the aggregates, and follow them for a round.
             aggregate, after, coarse = self._between
             return value + after @ coarse.solve(aggregate.T @ value)
 
@@ -94,7 +94,7 @@ class Cycle:
         begin = self._round(np.zeros(self.again.size), wanted)[self.again]
         kept = min(_DIRECTIONS, _MAX_BYTES // (8 * max(1, self.again.size)), self.again.size)
         with one_blas_thread():
-            # With a direction for each unknown, no preconditioner is needed.
+            # If GMRES keeps a direction for each unknown, it needs no preconditioner.
             inner = roughly if self.again.size > kept else None
             value, _ = linalg.gmres(
                 system, begin, rtol=1e-8, restart=kept, maxiter=_ROUNDS, M=inner
@@ -105,13 +105,13 @@ class Cycle:
 
     @functools.cached_property
     def _between(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, linalg.SuperLU]:
-        """Return the aggregate of each state that begins a round, the probabilities of its
+        """Return the aggregate of each state that begins a round, the probabilities of the
         aggregates a round later, and the factors of the chain between aggregates."""
         count = self.again.size
         first = scipy.sparse.vstack(self.rows, format="csr")[self.again]
         into, first.indices = np.unique(first.indices, return_inverse=True)
         size = count + into.size
-        # States that share an image are two steps apart.
+        # In this graph, states that share an image are two steps apart.
         near = scipy.sparse.csr_array(
             (first.data, count + first.indices, np.pad(first.indptr, (0, into.size), "edge")),
             shape=(size, size),
@@ -120,7 +120,7 @@ class Cycle:
         place = np.arange(count), self.again
         pick = scipy.sparse.csr_array((np.ones(count), place), shape=(count, self.order.size))
         later = (pick.T @ aggregate).tocsr()
-        # The states that a block or an earlier one leads to, and those that begin a round.
+        # Each block and the earlier blocks lead only to states before these bounds.
         ends = [self.again[-1], *(rows.indices.max(initial=0) for rows in self.rows)]
         reach = np.maximum.accumulate(ends) + 1
         for block in range(len(self.rows) - 1, -1, -1):
@@ -135,7 +135,7 @@ class Cycle:
     def _round(
         self, again: Float[np.ndarray, "first"], right: Float[np.ndarray, "rows"]
     ) -> Float[np.ndarray, "rows"]:
-        """Sweep backwards through a round, from the values at its end."""
+        """Sweep backwards through a round, from the values `again` at its end."""
         x = np.zeros_like(right)
         x[self.again] = again
         for block in range(len(self.rows) - 1, -1, -1):
@@ -145,8 +145,10 @@ class Cycle:
 
 
 def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-    """Drop small probabilities if they are many, and enlarge the others so that each row keeps its
-    sum. Rare steps between closed parts are kept as long as possible."""
+    """Drop small probabilities if there are many, and enlarge the rest of each row to keep its sum.
+
+    A matrix with few probabilities keeps them all, because rare steps may join two closed parts.
+    """
     if matrix.nnz <= _MOST * matrix.shape[0]:
         return matrix
     whole = matrix.sum(axis=1)
@@ -159,7 +161,10 @@ def _thinned(matrix: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
-    """Find the blocks, as long as possible, from the next state that each state leads to."""
+    """Find blocks that are as long as possible.
+
+    `after` is the first later state that each state leads to, or the number of states.
+    """
     bounds, count = [0], after.size
     while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
         bounds.append(_end(after, bounds[-1]))
@@ -167,7 +172,7 @@ def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
 
 
 def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
-    """Return the first state that a state from `begin` on leads to, or the end."""
+    """Return the end of the block that begins at `begin`: the first state that it leads to."""
     least, size, at = after.size, 1024, begin
     while at < least:
         least = min(least, int(after[at : at + size].min()))

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -9,15 +10,18 @@ from scipy.sparse import csgraph
 from ...base.process import one_blas_thread
 
 
+Columns: TypeAlias = Float[np.ndarray, "rows columns"]
+"""Right-hand sides or solutions of several systems with one matrix."""
+
 # Number of states that are eliminated together, by one product of matrices.
 _BLOCK = 16
-# A matrix of at most this many states has one level, because finding levels is expensive.
+# At most this many states are one level, because levels are expensive to find.
 _FEW = 400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Levels:
-    """States grouped by their distance from a first state; a step leads at most one level on."""
+    """States grouped by distance from a first state; a step leads at most to the next level."""
 
     order: Int[np.ndarray, "rows"]
     "The states, level by level."
@@ -26,14 +30,14 @@ class Levels:
 
     @classmethod
     def of(cls, step: scipy.sparse.csr_array) -> "Levels":
-        """Find the levels of a matrix, from a state that is far from the others."""
+        """Find the levels of a matrix, from a state that is far from the other states."""
         if step.shape[0] <= _FEW:
             return cls(np.arange(step.shape[0]), np.array([0, step.shape[0]]))
         graph = ((step + step.T) != 0).astype(np.int8).tocsr()
         _, part = csgraph.connected_components(graph, directed=False)
         level = np.zeros(step.shape[0])
         for _ in range(2):
-            # In each connected part, from the state that is farthest from another.
+            # In each connected part, begin at a state that is farthest from the previous begin.
             order = np.lexsort((-level, part))
             roots = order[np.unique(part[order], return_index=True)[1]]
             level = csgraph.dijkstra(graph, unweighted=True, indices=roots, min_only=True)
@@ -42,7 +46,7 @@ class Levels:
 
     @property
     def work(self) -> float:
-        """Approximate number of multiplications of an elimination."""
+        """The approximate number of multiplications of an elimination."""
         size = np.diff(self.bounds).astype(float)
         before = np.concatenate([[0.0], size[:-1]])
         return float((size * (size + before) ** 2).sum())
@@ -52,27 +56,26 @@ class Levels:
 def eliminate(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows"],
-    right: Float[np.ndarray, "rows columns"],
+    right: Columns,
     levels: Levels | None = None,
     *,
     adjoint: bool = False,
-) -> Float[np.ndarray, "rows columns"]:
-    """Solve `x = right + Q x`, or `x = right + Q' x`, without a subtraction.
+) -> Columns:
+    """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, without a subtraction.
 
-    States are eliminated one after the other (Grassmann, Taksar and Heyman 1985): the probability
-    that a state is left is the sum of the steps from it, not 1 minus the probability of staying. So
-    every number has nearly all its digits, even for a chain that leaves its cells once in 10^20
-    steps, where other factorisations give noise. Levels are eliminated from the last to the first,
-    in dense blocks; on a plane, the time is the number of cells times the square of the width in
-    cells.
+    States are eliminated one after the other (Grassmann, Taksar and Heyman 1985). The probability
+    of leaving a state is the sum of the steps from it, not 1 minus the probability of staying. So
+    every number has nearly all its digits, even if the chain leaves its cells once in 10^20 steps;
+    other factorisations then give noise. Levels are eliminated from the last to the first, in dense
+    blocks. On a plane, the time is proportional to the number of cells times the square of the
+    width in cells.
 
     **Arguments:**
 
-    - `step`: the matrix Q, not negative.
+    - `step`: the matrix `Q`, not negative.
     - `leaving`: the probability of leaving from each row, with all its digits.
     - `right`: the right-hand side, not negative.
-    - `levels`: the levels of the matrix, if known.
-    - `adjoint`: solve with the transposed matrix.
+    - `levels`: the levels of the matrix, if they are known.
     """
     levels = Levels.of(step) if levels is None else levels
     order, bounds = levels.order, levels.bounds.tolist()
@@ -85,7 +88,7 @@ def eliminate(
         keep = first - before
         front = step[before:last, before:last].toarray()
         if inner is not None:
-            # The level itself, with the steps by way of the eliminated levels.
+            # The steps within the level include those by way of the eliminated levels.
             front[keep:, keep:] = inner
         on = _take_out(front, leaving[before:last], keep)
         factors.append(_Factor.of(slice(before, first), slice(first, last), front, on))
@@ -101,7 +104,7 @@ def eliminate(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Factor:
-    """An eliminated level, where `I - Q` is an upper triangle times a lower one."""
+    """An eliminated level, whose part of `I - Q` is an upper triangle times a lower triangle."""
 
     before: slice
     here: slice
@@ -118,11 +121,11 @@ class _Factor:
         np.fill_diagonal(triangles, on)
         return cls(before, here, triangles, front[:keep, keep:] / on, front[keep:, :keep].copy())
 
-    def inward(self, x: Float[np.ndarray, "rows columns"], adjoint: bool) -> None:
+    def inward(self, x: Columns, adjoint: bool) -> None:
         x[self.here] = self._solve(x[self.here], lower=adjoint, adjoint=adjoint)
         x[self.before] += (self.back.T if adjoint else self.into) @ x[self.here]
 
-    def outward(self, x: Float[np.ndarray, "rows columns"], adjoint: bool) -> None:
+    def outward(self, x: Columns, adjoint: bool) -> None:
         right = x[self.here] + (self.into.T if adjoint else self.back) @ x[self.before]
         x[self.here] = self._solve(right, lower=not adjoint, adjoint=adjoint)
 
@@ -136,7 +139,10 @@ class _Factor:
 def _take_out(
     step: Float[np.ndarray, "rows rows"], leaving: Float[np.ndarray, "rows"], keep: int
 ) -> Float[np.ndarray, "level"]:
-    """Eliminate all states but the first from a matrix, in place, from the last one on."""
+    """Eliminate all states except the first `keep` from a matrix, in place, the last state first.
+
+    Returns, for each eliminated state, the probability of leaving it when it is eliminated.
+    """
     size = len(step)
     on = np.empty(size)
     for top in range(size, keep, -_BLOCK):

@@ -1,25 +1,26 @@
 """Solves with the matrix of a chain: products first, then a factorisation if products are slow.
 
-A chain that mixes or is absorbed fast needs some tens of products, while the factors of its matrix
-fill up: with 10 random images per cell and 6,000 cells, products take 2 ms and a factorisation 9 s.
-A slow chain, such as that of a robot between walls, has narrow passages, which keep the factors
-sparse: a factorisation takes milliseconds where products would take 10,000 rounds.
+If a chain mixes or is absorbed fast, some tens of products suffice, while the factors of its matrix
+are not sparse: for 6,000 cells with 10 random images each, products take 2 ms and a factorisation
+9 s. A slow chain, such as that of a robot between walls, has narrow passages, which keep the
+factors sparse: a factorisation takes milliseconds, while 10,000 products would be necessary.
 
-A chain that hardly ever returns to a cell it has left, such as drifters that gather in gyres, is
-nearly triangular in the order of its strong components. Its factors do not fill up, and no products
-are tried.
+A chain that hardly ever returns to a cell that it has left, such as drifters that gather in gyres,
+is nearly triangular in the order of its strong components. Its factors are sparse, so it is
+factored without a trial of products.
 
-Above 100,000 rows, BiCGSTAB solves on two levels: with an incomplete factorisation, which takes at
-most 60 bytes per entry of the matrix, and that of an aggregated chain of some ten thousand states.
-If it does not converge, a complete factorisation follows, or products above half a million rows,
-where a factorisation could exceed any memory.
+Matrices with more than 100,000 rows are solved by BiCGSTAB on two levels: an incomplete
+factorisation of the matrix, which takes at most 60 bytes per entry, and a factorisation of an
+aggregated chain of some ten thousand states. If BiCGSTAB does not converge, a complete
+factorisation follows; if the matrix has more than half a million rows, its factors could exceed any
+memory, and products follow.
 
-A chain that is unrolled over the phases of a tide fills up in any order. It is a *cycle* of blocks
-of states, and GMRES solves it by sweeps through all blocks, with the unknowns of one block. The
-chain between aggregates of them, a round later, is the preconditioner: without it, closed eddies
-take a product for each slow mode.
+The factors of a chain that is unrolled over the phases of a tide are not sparse in any order. It is
+a *cycle* of blocks of states. GMRES solves it by sweeps through all blocks; its unknowns are the
+states of one block. The preconditioner is the chain between aggregates of these states, a round
+later. Without it, closed eddies take a product for each slow mode.
 
-Where a part is left once in 10^10 steps or less often, all these methods give small residuals and
+If a part is left once in 10^10 steps or less often, all these methods give small residuals and
 wrong answers. Such chains are eliminated without subtractions, which takes some seconds for 10^5
 cells of a plane.
 """
@@ -34,20 +35,20 @@ from jaxtyping import Float, Int
 from scipy.sparse import csgraph, linalg
 
 from .cycle import Cycle
-from .elimination import Levels, eliminate
+from .elimination import Columns, Levels, eliminate
 from .two_level import TwoLevel
 
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Sizes and numbers of products at which one method gives way to the next."""
+    """Sizes and numbers of products at which another method is used."""
 
     small: int = 200
-    "Closed classes with at most this many cells in all are eliminated at once."
+    "Closed classes that together have at most this many cells are eliminated."
     trial: int = 60
-    "Products between two decisions on whether to go on with products."
+    "Number of products between two decisions on whether to continue with products."
     worthwhile: int = 400
-    "Number of products that cost about as much as a factorisation."
+    "Number of products that take about as long as a factorisation."
     products: int = 50_000
     "Largest number of products."
     two_level: int = 100_000
@@ -57,44 +58,38 @@ class Limits:
     cycle: int = 20_000
     "A cycle with more rows is solved by GMRES."
     complete: int = 500_000
-    "A matrix with more rows is not factored completely after a rough solve."
+    "A matrix with more rows is not factored completely if BiCGSTAB does not converge."
     factored: int = 20_000_000
-    "A matrix with more rows is not factored at all; products go on instead."
+    "A matrix with more rows is never factored; products continue."
     elimination: float = 1e11
     "Largest number of multiplications of an elimination."
 
 
 LIMITS = Limits()
-# A factorisation is accepted if its error of the probability 1, of leaving at all, is at most this.
+# A factorisation is accepted if it gives the probability of ever leaving, which is 1, with at most
+# this error.
 _ILL = 1e-8
-# Rarer steps hide in the residual of a rough solve.
+# A rough solve is accepted if no step is rarer than this, because its residual would not show it.
 _HIDDEN = 1e-12
-# Tolerance of the sum of a row of probabilities.
+# A row leaves with probability 0 if its sum differs from 1 by at most this number.
 _CLOSED = 1e-12
 # Largest number of entries of the factors, in the order of components, per entry of the matrix.
 _MAX_FILL = 10
-# Number of times that a rough solve is repeated on its residual.
+# Largest number of times that a rough solve is repeated for the residual.
 _ROUNDS = 6
-# Rough solves end at this residual, relative to the solution: its rounding. Products go on where
-# they leave more than a hundred times that, and more than this part of the right-hand side.
+# The repeats end if the residual, relative to the solution, is at most the first number, rounding.
+# Products follow if they end at more than a hundred times that, and at more than the second number
+# relative to the right-hand side.
 _ROUNDING, _ENOUGH = 4e-16, 1e-10
 
 
 def solve_transient(
-    step: scipy.sparse.csr_array,
-    right: Float[np.ndarray, "rows columns"],
-    *,
-    adjoint: bool = False,
-) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """Solve `x = right + Q x`, or `x = right + Q' x`, for a matrix whose powers tend to 0.
+    step: scipy.sparse.csr_array, right: Columns, *, adjoint: bool = False
+) -> tuple[Columns, int]:
+    """Solve `x = right + Q x`, or with `adjoint` `x = right + Q' x`, for `step`, the matrix `Q`.
 
-    **Arguments:**
-
-    - `step`: the matrix Q.
-    - `right`: the right-hand side, not negative.
-    - `adjoint`: solve with the transposed matrix.
-
-    **Returns:** the solution and the number of products.
+    Its powers must tend to 0, and `right` must not be negative. Returns the solution and the number
+    of products.
     """
     if not right.any():
         return np.zeros_like(right), 0
@@ -116,21 +111,15 @@ def solve_transient(
 def factor_and_solve(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows 1"],
-    right: Float[np.ndarray, "rows columns"],
+    right: Columns,
     order: Int[np.ndarray, "rows"] | None,
     adjoint: bool,
-) -> tuple[Float[np.ndarray, "rows columns"] | None, int, bool]:
-    """Solve `x = right + Q x`, or with the transposed matrix, with a factorisation of `I - Q`.
+) -> tuple[Columns | None, int, bool]:
+    """Solve as [`solve_transient`][] by a factorisation of `I - Q`, or roughly if it is large.
 
-    **Arguments:**
-
-    - `step`: the matrix Q.
-    - `leaving`: the probability of leaving from each row.
-    - `right`, `adjoint`: as in [`solve_transient`][].
-    - `order`: the order in which the rows are factored, if known.
-
-    **Returns:** the solution, or `None` if the matrix is singular to rounding; the number of
-    products; and whether rounding leaves the solution most of its digits.
+    `leaving` is the probability of leaving from each row, and `order` the order in which rows are
+    factored, if it is known. Returns the solution, or `None` if the matrix is singular up to
+    rounding; the number of products; and whether the solution has most of its digits.
     """
     products = 0
     try:
@@ -139,7 +128,7 @@ def factor_and_solve(
             if (attempt := _attempt(matrix)) is not None:
                 x, products = _solve_large(matrix, right, attempt)
                 if x is not None:
-                    # Mass stays where the start put it in a part that only rare steps leave.
+                    # A rough solve would leave mass in a part that only rare steps leave.
                     steps = np.append(step.data, leaving)
                     return x, products, bool(steps[steps > 0].min() > _HIDDEN)
         solve = _factored(step, order)
@@ -152,10 +141,10 @@ def factor_and_solve(
 def eliminate_unless_large(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows 1"],
-    right: Float[np.ndarray, "rows columns"],
+    right: Columns,
     adjoint: bool,
-) -> Float[np.ndarray, "rows columns"] | None:
-    """Solve by [`eliminate`][]; return `None` if that takes too many multiplications."""
+) -> Columns | None:
+    """Solve by [`eliminate`][]; return `None` if it would take too many multiplications."""
     levels = Levels.of(step)
     if levels.work > LIMITS.elimination:
         return None
@@ -163,21 +152,16 @@ def eliminate_unless_large(
 
 
 def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | None:
-    """Order the rows by strong components, which makes `I - Q` nearly triangular; return `None` if
-    the components are too large."""
+    """Return the rows in the order of their strong components, in which `I - Q` is nearly
+    triangular, or `None` if the components are too large."""
     _, label = csgraph.connected_components(step, connection="strong")
-    # A row of the factor has at most a whole component where the matrix has a step into it.
+    # If a row has a step into a component, the row of the factor has at most all its entries.
     most = np.bincount(label)[label[step.indices]].sum()
     return np.argsort(label, kind="stable") if most <= _MAX_FILL * step.nnz else None
 
 
-def _by_products(
-    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
-) -> tuple[Float[np.ndarray, "rows columns"], int, bool]:
-    """Sum the series of products.
-
-    **Returns:** the sum, the number of products, and whether it converged.
-    """
+def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Columns, int, bool]:
+    """Sum the series of products. Returns the sum, their number, and whether it converged."""
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
@@ -194,17 +178,17 @@ def _by_products(
 
 def _factored(
     matrix: scipy.sparse.csr_array, order: Int[np.ndarray, "rows"] | None = None
-) -> Callable[..., Float[np.ndarray, "rows columns"]]:
-    """Factor `I - matrix` and return the function that solves with it or with its transpose.
+) -> Callable[..., Columns]:
+    """Factor `I - matrix`. Returns a function that solves with it or with its transpose.
 
-    **Raises:** `RuntimeError` if the matrix is singular to rounding.
+    **Raises:** `RuntimeError` if the matrix is singular up to rounding.
     """
     system = (scipy.sparse.eye_array(matrix.shape[0], format="csr") - matrix).tocsr()
     if order is None:
         order = np.arange(matrix.shape[0])
         factor = linalg.splu(system.tocsc())
     else:
-        # The factors have no dense blocks for which columns should be grouped.
+        # Columns are not grouped, because the factors have no dense blocks.
         factor = linalg.splu(
             system[order][:, order].tocsc(),
             permc_spec="NATURAL",
@@ -213,9 +197,7 @@ def _factored(
             panel_size=1,
         )
 
-    def solve(
-        right: Float[np.ndarray, "rows columns"], adjoint: bool = False
-    ) -> Float[np.ndarray, "rows columns"]:
+    def solve(right: Columns, adjoint: bool = False) -> Columns:
         step, form = (matrix.T, "T") if adjoint else (matrix, "N")
         total = np.empty_like(right)
         total[order] = factor.solve(right[order], form)
@@ -226,12 +208,12 @@ def _factored(
     return solve
 
 
-# Solves `x = right + matrix x` roughly; returns the number of products too.
+# A function that solves `x = right + matrix x` roughly. Returns the number of products too.
 _Attempt = Callable[[Float[np.ndarray, "rows"]], tuple[Float[np.ndarray, "rows"], int]]
 
 
 def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
-    """Return the rough solver of a large matrix; `None` if it should be factored completely."""
+    """Return the rough solver of a large matrix, or `None` if it should be factored completely."""
     rows = matrix.shape[0]
     if rows > LIMITS.cycle and (cycle := Cycle.of(matrix)) is not None:
         return cycle
@@ -239,16 +221,16 @@ def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
 
 
 def _solve_large(
-    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"], attempt: _Attempt
-) -> tuple[Float[np.ndarray, "rows columns"] | None, int]:
-    """Solve by repeated rough solves, and then by products if they do not converge.
+    matrix: scipy.sparse.csr_array, right: Columns, attempt: _Attempt
+) -> tuple[Columns | None, int]:
+    """Solve by repeated rough solves. If they do not converge, solve by products.
 
-    **Returns:** the solution, or `None` if a matrix that can be factored completely should be; and
-    the number of products.
+    Returns the solution, or `None` if the matrix should be factored completely instead, and the
+    number of products.
     """
     products, columns = 0, []
     cycle = isinstance(attempt, Cycle)
-    # A product goes through only one block of a cycle, which is of no use.
+    # Products do not help for a cycle, because each moves by only one block.
     most = 0 if cycle else LIMITS.products
     for wanted in right.T:
         x, left = np.zeros_like(wanted), wanted
@@ -275,7 +257,7 @@ def _solve_large(
 def factor_instead(rows: int, products: int, first: float, now: float, goal: float) -> bool:
     """Decide whether a factorisation will be faster than more products.
 
-    It is if a residual that fell from `first` to `now` at a steady rate reaches the goal too late.
+    The residual fell from `first` to `now`. At this rate it may reach the goal too late.
     """
     if products % LIMITS.trial or rows > LIMITS.factored:
         return False

@@ -1,15 +1,16 @@
 """The stationary distributions of closed classes.
 
-Small chains are eliminated without subtractions, which gives every share nearly all its digits,
+Small chains are eliminated without subtractions, so that each share has nearly all its digits,
 however rare the cell is. Larger chains are solved as described in `solve.py`. Products must
-converge to the same distribution from two starts, because a single start may already have the shape
-of a very slow mode. If products are slow, one cell of each class, its *root*, is set to 1, and the
-others follow from it. The root must be a likely cell, because without a rare cell the matrix is
-still singular to rounding.
+converge to the same distribution from two starts, because a single start may contain a very slow
+mode. If products are slow, the share of one cell of each class, its *root*, is set to 1, and a
+solve gives the others. The root must be a likely cell, because the matrix without a rare cell is
+still singular up to rounding.
 """
 
 import contextlib
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse
@@ -19,28 +20,26 @@ from . import solve
 from .elimination import eliminate
 
 
-# Largest 1-norm of the difference of the distributions from two starts.
+_Shares: TypeAlias = Float[np.ndarray, "cells"]
+_Classes: TypeAlias = Int[np.ndarray, "cells"]
+
+# Largest 1-norm of the difference of the distributions that follow from two starts.
 _FORGOTTEN = 1e-9
-# Steps with a smaller probability are rare.
+# A second start is needed if a step is rarer than this.
 _RARE = 1e-6
-# Number of roots to try.
+# Largest number of roots that are tried.
 _ROOTS = 3
-# An inverse is accepted if its error of the probability 1 is at most this number.
+# An inverse is accepted if it gives the probability of reaching a root, which is 1, with at most
+# this error.
 _SURE = 1e-10
 _SEED = 0
 
 
-def solve_stationary(
-    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "cells"], int]:
-    """Solve for the stationary distribution of each closed class: `x = P' x` with sum 1.
+def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int]:
+    """Compute the stationary distribution of each closed class: `x = P' x` with sum 1.
 
-    **Arguments:**
-
-    - `step`: the matrix P of the classes, without steps between classes.
-    - `group`: the class of each cell, numbered from 0 without gaps.
-
-    **Returns:** the distributions side by side and the number of products.
+    `step` is the matrix `P`, without steps between classes, and `group` the class of each cell,
+    numbered from 0. Returns the distributions, in one array, and the number of products.
     """
     size = np.bincount(group)
     x = 1 / size[group]
@@ -62,7 +61,7 @@ def solve_stationary(
             products += more
             if others is None:
                 break
-            # Even if rounding spoils a solution, its largest entries are those of likely cells.
+            # Even if rounding spoils a solution, its largest entries belong to likely cells.
             x = rooted.shares(np.abs(others))
             if sure:
                 return x, products
@@ -76,17 +75,19 @@ def solve_stationary(
             break
         if np.isfinite(others).all():
             return rooted.shares(others), products
-        # The root is so rare that the other shares overflow.
+        # The root is so rare that the shares of other cells, relative to it, overflow.
         x = rooted.shares(np.where(np.isfinite(others), 0.0, 2.0))
     return x, products
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rooted:
-    """Classes without their roots, whose shares are set to 1."""
+    """The classes without their roots, whose shares are set to 1."""
 
-    group: Int[np.ndarray, "cells"]
+    group: _Classes
+    "The class of each cell."
     others: Int[np.ndarray, "others"]
+    "The cells that are not roots."
     step: scipy.sparse.csr_array
     "The probabilities of steps among the other cells."
     leaving: Float[np.ndarray, "others 1"]
@@ -95,12 +96,7 @@ class Rooted:
     "The probability of a step from the root to each other cell."
 
     @classmethod
-    def of(
-        cls,
-        step: scipy.sparse.csr_array,
-        group: Int[np.ndarray, "cells"],
-        likely: Float[np.ndarray, "cells"],
-    ) -> "Rooted":
+    def of(cls, step: scipy.sparse.csr_array, group: _Classes, likely: _Shares) -> "Rooted":
         """Take the likeliest cell of each class as its root."""
         peak = np.zeros(np.bincount(group).size)
         np.maximum.at(peak, group, likely)
@@ -112,16 +108,17 @@ class Rooted:
         among = step[others][:, others]
         return cls(group, others, among, (step @ root)[others], (step.T @ root)[others])
 
-    def shares(self, others: Float[np.ndarray, "others 1"]) -> Float[np.ndarray, "cells"]:
+    def shares(self, others: Float[np.ndarray, "others 1"]) -> _Shares:
         """Return the distribution, from the shares of the other cells relative to their roots."""
         x = np.ones(self.group.size)
         x[self.others] = others[:, 0]
         return x / np.bincount(self.group, x)[self.group]
 
     def visits(self, small: int = 400) -> Float[np.ndarray, "others others"]:
-        """Compute the expected visits to each cell, from each cell, before the chain is at a root.
+        """Compute the expected visits to each cell, for each start, before the chain is at a root.
 
-        Matrices of at most `small` rows, and larger ones that rounding spoils, are eliminated.
+        The matrix is inverted or, if it has at most `small` rows or rounding spoils the inverse,
+        eliminated.
         """
         identity = np.eye(self.others.size)
         if self.others.size > small:
@@ -133,18 +130,16 @@ class Rooted:
         return eliminate(self.step, self.leaving[:, 0], identity)
 
 
-def _by_products(
-    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "cells"], int, bool]:
-    """Converge by products from a uniform start, then from a random one to the same distribution.
+def _by_products(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int, bool]:
+    """Converge by products, from a uniform and from a random start.
 
-    **Returns:** the distribution, the number of products, and whether both starts agree on it.
+    Returns the distribution, the number of products, and whether both starts converge to it.
     """
     matrix = step.T.tocsr()
     size = np.bincount(group)
     x, products, done = _converge(matrix, 1 / size[group], 1e-14 * size.size)
-    # No second start is needed where the uniform distribution is stationary and no step is so rare
-    # that it hides in the rounding of the others.
+    # No second start is needed if the uniform distribution is stationary and no step is so rare
+    # that the rounding of other steps hides it.
     if not done or (products == 1 and step.data.min() > _RARE):
         return x, products, done
     start = np.random.default_rng(_SEED).random(group.size)
@@ -154,16 +149,12 @@ def _by_products(
 
 
 def _converge(
-    matrix: scipy.sparse.csr_array,
-    x: Float[np.ndarray, "cells"],
-    goal: float,
-    *,
-    limit: Float[np.ndarray, "cells"] | None = None,
-) -> tuple[Float[np.ndarray, "cells"], int, bool]:
-    """Apply products until the 1-norm of the last change, or of the distance to `limit`, is at most
-    `goal`. Products end early where a factorisation will be faster.
+    matrix: scipy.sparse.csr_array, x: _Shares, goal: float, *, limit: _Shares | None = None
+) -> tuple[_Shares, int, bool]:
+    """Apply products until the 1-norm of the last change, or the distance to `limit`, is at most
+    `goal`, or until a factorisation will be faster.
 
-    **Returns:** the distribution, the number of products, and whether the goal is reached.
+    Returns the distribution, the number of products, and whether the goal is reached.
     """
     first = 0.0
     for products in range(1, solve.LIMITS.products + 1):

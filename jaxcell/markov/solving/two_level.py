@@ -8,36 +8,36 @@ from scipy.sparse import csgraph, linalg
 from ...base.process import one_blas_thread
 
 
-# States per aggregate, and largest number of aggregates, which makes them larger.
+# Mean number of states per aggregate, unless there would be more aggregates than the second number.
 _SIZE, _MAX_AGGREGATES = 25, 50_000
-# Entries of an incomplete factor are dropped below this part of their column; largest number of
-# entries per entry of the matrix. The second line is for the matrix between aggregates.
+# An entry of an incomplete factor is dropped if it is less than this part of its column; largest
+# number of entries per entry of the matrix. The second line is for the matrix between aggregates.
 _DROP, _FILL = 1e-2, 5.0
 _COARSE_DROP, _COARSE_FILL = 1e-3, 10.0
-# Relative residual at which BiCGSTAB ends.
+# Residual at which BiCGSTAB ends, relative to the right-hand side.
 _LEFT = 1e-8
 _SEED = 0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TwoLevel:
-    """A rough inverse of `I - Q` on two scales, with which BiCGSTAB solves.
+    """A rough inverse of `I - Q` on two levels, the preconditioner of BiCGSTAB.
 
-    An incomplete factorisation settles what happens among near states: `I - Q` is an M-matrix,
-    whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977). The remaining
-    error hardly differs between near states, because a slow chain spends long among a few of them
-    before it goes on, as a drifter does in an eddy. So near states are joined in *aggregates*, and
-    the chain between aggregates has few states (Takahashi 1975).
+    An incomplete factorisation removes the differences of the error between near states. It exists
+    without pivoting, because `I - Q` is an M-matrix (Meijerink & van der Vorst 1977). The remaining
+    error is nearly equal in near states, because a slow chain stays long among a few states before
+    it goes on, as a drifter does in an eddy. So near states are joined in *aggregates*, and the
+    chain between aggregates has few states (Takahashi 1975).
     """
 
     matrix: scipy.sparse.csr_array
-    "Q."
+    "The matrix `Q`."
     factor: linalg.SuperLU
     "An incomplete factorisation of `I - Q`."
     aggregate: scipy.sparse.csr_array
-    "1 if a state, by its row, is in an aggregate, by its column."
+    "A matrix with an entry 1 if the state of the row is in the aggregate of the column."
     coarse: linalg.SuperLU
-    "An incomplete factorisation of `I - Q` between aggregates."
+    "An incomplete factorisation of the matrix between aggregates."
     steps: int
     "Largest number of steps of BiCGSTAB."
 
@@ -49,16 +49,16 @@ class TwoLevel:
         fill: float = _FILL,
         most: int = _MAX_AGGREGATES,
     ) -> "TwoLevel":
-        """Factor a matrix, and the matrix between at most `most` aggregates.
+        """Factor `I - Q`, and the matrix between at most `most` aggregates.
 
-        **Raises:** `RuntimeError` if a matrix is singular to rounding.
+        **Raises:** `RuntimeError` if a matrix is singular up to rounding.
         """
         identity = scipy.sparse.eye_array(matrix.shape[0], format="csr")
         system = (identity - matrix).tocsr()
         aggregate = aggregates(matrix, most)
         between = aggregate.T @ (system @ aggregate)
         with one_blas_thread():
-            # In their own order neighbours on a grid stay near each other; no row is exchanged.
+            # In natural order, neighbours on a grid stay near each other; rows are not exchanged.
             factor = linalg.spilu(
                 system.tocsc(),
                 drop_tol=_DROP,
@@ -70,7 +70,7 @@ class TwoLevel:
         return cls(matrix, factor, aggregate, coarse, steps)
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + Q x` roughly; return the number of products too."""
+        """Solve `x = right + Q x` roughly. Returns the solution and the number of products."""
         products = 0
 
         def left(x: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
@@ -97,14 +97,23 @@ def aggregates(
     states: int | None = None,
     size: int = _SIZE,
 ) -> scipy.sparse.csr_array:
-    """Assign each state to the nearest connected state among random states, one of each `size`.
+    """Join states in aggregates: each state joins the nearest of some random states, the middles.
 
-    The length of a step, in either direction, is the inverse of its probability. Only the first
-    `states` are assigned, by default all.
+    The length of a step, in either direction, is the inverse of its probability. A state that is
+    connected to no middle is in no aggregate.
+
+    **Arguments:**
+
+    - `matrix`: the matrix of steps.
+    - `most`: largest number of aggregates.
+    - `states`: only the first `states` states are assigned, by default all.
+    - `size`: mean number of states per aggregate.
+
+    **Returns:** a matrix with an entry 1 if the state of the row is in the aggregate of the column.
     """
     rows = states or matrix.shape[0]
     count = min(-(-rows // size), most)
-    # Drawn at random, because states at even distances of a grid would lie in columns.
+    # Middles are random, because states at equal distances of a grid would lie in columns.
     middles = np.sort(np.random.default_rng(_SEED).choice(rows, count, replace=False))
     length = (matrix + matrix.T).tocsr()
     length.data = 1 / length.data
