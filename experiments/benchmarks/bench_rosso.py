@@ -4,7 +4,7 @@ Run `python experiments/benchmarks/bench_rosso.py`; it takes about 40 s, and wit
 for larger grids. `--rosso FOLDER` is the folder `robosurvstratopt` of a checkout of
 github.com/conhugh/RoSSO (Hughes, John and Bullo, ICRA 2024); without it, only its published figures
 stand beside ours, and its time is missing. `--memory 8` adds what robots with up to 8 states of
-memory capture (2 in San Francisco), beside a tour and an upper bound; that takes many minutes.
+memory capture (4 in San Francisco), beside a tour and an upper bound; that takes many minutes.
 
 Its gradients are run as in its specification of San Francisco (RMSprop, 5 random starts), on its
 graphs: a grid of 3 by 3, a star, a line, and 12 crossings of San Francisco with its travel times,
@@ -168,7 +168,7 @@ def print_memory(chosen: list[Case], most: int) -> None:
     for case in chosen:
         began = time.perf_counter()
         given = {"travel_times": case.travel_times, "stay": case.stay}
-        states = min(most, 2) if case.stay else most
+        states = min(most, 4) if case.stay else most
         found = memory_patrol(case.graph, case.attack_time, states, ours(case)[None], **given)
         values = dict(zip(found.patrol, found.least_capture.tolist(), strict=True))
         shown = [f"{values[name]:.4f}" if name in values else "" for name in (*sizes, "tour")]
