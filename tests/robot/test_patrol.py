@@ -18,7 +18,7 @@ from jaxcell.space import CellSpace, Workspace, free_steps
 
 
 LAB = map_cells("lab_b.json", directions=4)
-# Unit squares with a thin wall between two of them, which no square is lost to.
+# Unit squares, with a thin wall between free squares.
 PARTED = CellSpace.of(
     Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(1.95, 0.9), (2.05, 0.9), (2.05, 3), (1.95, 3)]]),
     1.0,
@@ -27,7 +27,7 @@ PARTED = CellSpace.of(
 
 
 def round_tour(cells, stops) -> tuple[np.ndarray, np.ndarray]:
-    """The walk that goes round some positions, one after the other; elsewhere it stays."""
+    """A walk that visits some positions in a cycle, and stays at the others."""
     image = np.arange(cells.positions)[None].repeat(2, 0)
     image[:, stops] = np.roll(stops, -1)
     return image, np.full(image.shape, 0.5)
@@ -82,7 +82,7 @@ def test_a_file_has_the_ways_of_the_map(task_of, cells):
     json.dumps(task.header)
 
 
-def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
+def test_a_robot_visits_the_drawn_cells_on_shortest_paths(task_of, tmp_path):
     stops = np.array([0, 18, 7])
     task = task_of(LAB, round_tour(LAB, stops))
     walker, body = walker_at(task, 0, LAB.workspace)
@@ -93,7 +93,7 @@ def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
     assert outcome.result == "patrolled"
     assert outcome.visited == (18, 7, 0, 18, 7, 0, 18)
     assert outcome.position == 18 == place_of(LAB, body)
-    # On shortest ways, without a bump, and with a look in each cell on them.
+    # The robot takes shortest paths without a bump, and looks in each cell.
     tour = [0, *outcome.visited]
     length = sum(int(wave(task.ways, b)[a]) for a, b in itertools.pairwise(tour))
     assert outcome.observations == "0" * length
@@ -107,7 +107,7 @@ def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
 
 
 def test_a_robot_with_memory_goes_on_in_its_direction(task_of, tmp_path):
-    """From the middle of a corridor of three it goes to the end that it does not come from."""
+    """From the middle of a corridor of three cells, it goes to the other end."""
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     walk = np.array([[1, 2, 4, 1, 3, 4]]), np.ones((1, 6))
     task = task_of(hall, walk)
@@ -151,7 +151,7 @@ def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, tmp_path
         outcome = run_patrol(walker, patrol, log=log)
     assert outcome.result == "patrolled"
     assert outcome.visited == (9, 5, 9, 5, 9)
-    # It bumps once, from the West, and then knows to go round.
+    # The robot bumps once, from the West, and then avoids the obstacle.
     assert outcome.obstacles == ((6, 0),)
     assert outcome.observations.count("1") == 1
     assert "in the way 1 time where" in outcome.reason
@@ -159,7 +159,7 @@ def test_a_robot_goes_round_an_obstacle_that_is_not_in_the_map(task_of, tmp_path
     assert replay_patrol(read_log(tmp_path / "run.jsonl"), task) == outcome
 
 
-def test_a_walled_in_robot_gives_up_with_its_observations(task_of):
+def test_a_robot_that_cannot_leave_its_cell_is_refuted(task_of):
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
     task = task_of(hall, round_tour(hall, np.array([0, 2])))
     room = Workspace([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -175,7 +175,7 @@ def test_a_walled_in_robot_gives_up_with_its_observations(task_of):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_draws_have_the_law_of_the_policy(task_of, seed):
+def test_draws_have_the_probabilities_of_the_policy(task_of, seed):
     hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 3), (0, 3)]), 1.0, 8)
     image, probability = random_walk(hall, seed)
     probability[0, :] = 0
@@ -235,7 +235,7 @@ def test_robots_and_seeds_draw_differently(task_of):
         ),
         (
             lambda f: f.update(closed=[[0, 0], [0, 1]]),
-            r"robots\[0\] walks to position .* no way along the grid leads from its start",
+            r"robots\[0\] walks to position .* which no path along the grid reaches from its start",
         ),
     ],
 )

@@ -16,6 +16,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from recording_robot import RecordingRobot
 from wheels import body_in, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.automata import Filter, fewest_bytes, subset_construction, to_c_header
@@ -23,7 +24,7 @@ from jaxcell.bounce import localization_policy
 from jaxcell.robot.create.open_interface import Command
 from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.emulation.body import Body, Noise
-from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.emulation.emulator import Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.followers import FilterFollower, PolicyFollower, run_follower
 from jaxcell.robot.sketch import (
@@ -43,7 +44,7 @@ STUB = Path(__file__).with_name("arduino_stub")
 COMPILER = next(filter(shutil.which, ("c++", "g++", "clang++")), None)
 STRICT = ["-std=c++11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
-# Its filter has more than 255 states, and so wider tables.
+# The filter of this map has more than 255 states, which need wider tables.
 MAZE = map_cells("maze.txt", directions=8)
 
 needs_compiler = pytest.mark.skipif(
@@ -65,9 +66,8 @@ def task_of(cells: CellSpace, bounce_deg: float, filter: Filter | None = None) -
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory) -> Callable[..., Path]:
-    """Gives the program of a sketch on a board; the board itself is compiled once."""
+    """A function that compiles a sketch for a board, which is compiled once."""
     folder = tmp_path_factory.mktemp("sketch")
-    # One with all ports.
     build(STUB / "board.cpp", "-DHAVE_HWSERIAL1", "-c", "-o", folder / "board.o")
 
     @functools.cache
@@ -85,34 +85,29 @@ def build(*arguments: str | Path) -> None:
     subprocess.run([COMPILER, *STRICT, "-D__AVR__", f"-I{STUB}", *arguments], check=True)
 
 
-class Robot(Emulator):
-    """An emulated robot whose time is that of the board, and with a speed of its line."""
+class Robot(RecordingRobot):
+    """An emulated robot that runs on the time of the board, and has a line with several speeds."""
 
     def __init__(self, body: Body, *, baud: int = 115200, wire: bool = True, **fields) -> None:
         super().__init__(body, **fields)
         self.baud, self._wire = baud, wire
-        self.commands: list[tuple[float, Command]] = []
         self.damage = lambda sent: sent
-        "Changes the bytes that the robot sends."
-        self.first_mode = 0
-        self.deaf = False
+        "The function that changes the bytes of the robot."
         self._pulse, self._pulses = math.inf, 0
 
     def talk(self, until: float, data: bytes) -> bytes:
-        """Lets time pass, then takes what the board has sent, and answers."""
+        """Advance the time, receive the bytes of the board, and return the answer."""
         while self._now < until:
             self._pass(min(0.015, until - self._now))
             self._keep_safe()
-        if not self.deaf:
-            for command in self._parser.feed(self._lossy(data)):
-                self.commands.append((self._now, command))
-                self._do(command)
+        for command in self._parser.feed(self._lossy(data)):
+            self._do(command)
         self._keep_safe()
         sent, self._sent = self.damage(self._lossy(self._sent)), b""
         return sent
 
     def wake_line(self, high: bool) -> None:
-        """Three pulses of 50 to 500 ms make the line slow."""
+        """Change to 19200 baud after three pulses of 50 to 500 ms."""
         if not self._wire:
             return
         if high and 0.05 <= self._now - self._pulse <= 0.5:
@@ -123,13 +118,9 @@ class Robot(Emulator):
             self._pulse = self._now
 
     def _do(self, command: Command) -> None:
-        if command.opcode == 129 and self.mode is not Mode.OFF:
+        if command.opcode == 129 and self.mode is not Mode.OFF and not self.deaf:
             self.baud = {7: 19200, 11: 115200}.get(command.data[0], self.baud)
         super()._do(command)
-
-    def _values(self) -> dict[str, int]:
-        values = super()._values()
-        return {**values, "mode": values["mode"] + self.first_mode}
 
 
 @dataclasses.dataclass
@@ -137,12 +128,12 @@ class Run:
     """The run of a sketch."""
 
     usb: str = ""
-    "The text that it printed."
+    "The text that the sketch printed."
     end: str | None = None
-    "The end that it printed; `None` if the time was up before."
+    "The end that the sketch printed, or `None` without an end."
     resets: int = 0
     led: list[tuple[float, int]] = dataclasses.field(default_factory=list)
-    "When the LED was set, and whether it was on."
+    "The times at which the LED was set, and the values."
 
     @property
     def observed(self) -> str:
@@ -154,9 +145,9 @@ class Run:
 
 
 def play(program: Path, robot: Robot, *, seconds: float, rest: float = 2.0, at=None, **env) -> Run:
-    """Runs a sketch for so long, or until a while after its end.
+    """Run a sketch for some seconds, or until `rest` seconds after its end.
 
-    `at` is called before each exchange with the run and the time.
+    `at` is called before each exchange, with the run and the time in seconds.
     """
     run, now, ends, baud = Run(), 0.0, seconds, 0
     with subprocess.Popen(
@@ -204,7 +195,7 @@ def stands_still(robot: Robot) -> bool:
 
 
 def expected(cells, cell, task, *, known: bool = True, **fields):
-    """Run the host from the same start."""
+    """Run the filter on a host from the same start."""
     walker = Walker(
         SimulatedCreate(body_in(cells, cell, **fields)),
         task.step,
@@ -215,7 +206,7 @@ def expected(cells, cell, task, *, known: bool = True, **fields):
 
 
 def room(cell: float) -> CellSpace:
-    """A room without a corner, and with one side longer than the other."""
+    """An L-shaped room without a symmetry."""
     corners = [(0, 0), (5, 0), (5, 2), (2, 2), (2, 4), (0, 4)]
     return CellSpace.of(Workspace([(cell * x, cell * y) for x, y in corners]), cell, 4)
 
@@ -254,7 +245,7 @@ def test_the_colours_are_those_of_the_host(compiled, cells, bounce_deg, cell, sm
     assert run.colors == host.colors
     assert run.end == "localized"
     assert f"configurations: {len(host.cells)}\n" in run.usb
-    # It has turned after its last bump too, so that it is in one of the configurations.
+    # The robot has turned after its last bump too.
     assert int(cells.index(*robot.pose)) in host.cells
     assert stands_still(robot)
     assert run.led[-1][1] == 1
@@ -286,7 +277,7 @@ def test_another_map_is_refuted_where_the_host_refutes_it(compiled, open_world):
 @needs_compiler
 def test_a_heading_is_not_needed_where_all_steps_are_equal(compiled):
     program = compiled(filter_sketch(ROOM_TASK))
-    # It faces north, which the sketch does not know.
+    # The robot faces North, but the sketch does not know this.
     cell = 25
     run = play(program, Robot(body_in(ROOM, cell)), seconds=600)
     host = expected(ROOM, cell, ROOM_TASK, known=False)
@@ -321,7 +312,7 @@ def test_a_policy_chooses_the_angles_that_the_host_does(compiled, smallest):
     host = run_follower(walker, PolicyFollower(task.policy), task.bounces)
     assert (run.end, host.result) == ("localized", "localized")
     assert run.observed == host.observations
-    # A smallest machine has colours of its own.
+    # A smallest machine has other colours.
     assert smallest or run.colors == host.colors
     assert f"configurations: {len(host.cells)}\n" in run.usb
     assert int(ROOM.index(*robot.pose)) in host.cells
@@ -341,7 +332,7 @@ def check_places(run: Run, places: list[tuple[float, float, float]], cell: int) 
 @needs_compiler
 @pytest.mark.parametrize(("byte", "seconds"), [(None, 45), (0, 17), (10, 17), (14, 17)])
 def test_a_robot_that_only_bounces_is_where_the_cells_say(compiled, byte, seconds):
-    """Also if every fifth answer has a wrong bumper, or a wrong high byte of an encoder."""
+    """This holds even if every fifth answer has a wrong bumper or a wrong byte of an encoder."""
     robot, count = Robot(body_in(ROOM, 5)), itertools.count()
     places: list[tuple[float, float, float]] = []
 
@@ -364,7 +355,7 @@ def test_a_robot_that_only_bounces_is_where_the_cells_say(compiled, byte, second
 
 
 def after(count: int, act):
-    """Act from half a second after a number of observations."""
+    """Call `act` from half a second after a number of observations."""
     begun: list[float] = []
 
     def at(run: Run, now: float) -> None:
@@ -385,7 +376,7 @@ def after(count: int, act):
         (lambda r: setattr(r, "charger", True), "it is on the charger"),
         (lambda r: setattr(r, "charge", 240.0), "the battery is low"),
         (lambda r: setattr(r, "mode", Mode.PASSIVE), "it is not in mode Safe"),
-        # Its wheels do not turn.
+        # The wheels do not turn.
         (lambda r: setattr(r.body, "advance", lambda *_: None), "a motion takes too long"),
     ],
 )
@@ -413,7 +404,7 @@ def test_a_lost_line_stops_the_wheels_at_once(compiled):
     run = play(compiled(BOUNCE), robot, seconds=40, at=at)
     assert run.end == "stopped: the robot does not answer"
     assert max(rolling) < 0.15
-    # The line is back, but the run is over.
+    # The line works again, but the run is over.
     assert stands_still(robot)
 
 
@@ -470,7 +461,7 @@ def test_bytes_that_get_lost_change_nothing(compiled):
 
 
 def damaged(data: bytes, rng: np.random.Generator, rate: float) -> bytes:
-    """Some bytes lost, changed or doubled."""
+    """Lose, change or double some bytes."""
     kinds = rng.random(len(data))
     noise = rng.integers(0, 256, len(data), np.uint8).tobytes()
     return b"".join(
@@ -487,7 +478,7 @@ def damaged(data: bytes, rng: np.random.Generator, rate: float) -> bytes:
 
 @needs_compiler
 def test_the_data_of_a_drive_command_are_not_opcodes(compiled):
-    # The robot would obey them if the opcode got lost. Bad encoders make it steer a lot.
+    # The robot would obey opcodes if the first byte got lost. Noisy encoders make it steer a lot.
     noise = Noise(encoder=1.0)
     robot = Robot(body_in(ROOM, 0, noise=noise, rng=np.random.default_rng(0)))
     play(compiled(BOUNCE), robot, seconds=12)
@@ -509,7 +500,7 @@ def test_a_sketch_never_hangs_on_a_damaged_line(compiled, seed, rate):
         asked[:] = [time for time, command in robot.commands if command.opcode in (145, 149)]
 
     run = play(compiled(BOUNCE), robot, seconds=9, at=at)
-    # It goes on asking or driving, and the watchdog has no work.
+    # The sketch keeps sending, and the watchdog does not reset the board.
     assert run.resets == 0
     assert np.diff(asked).max() < 0.5
     if rate == 0.5:
@@ -530,7 +521,7 @@ def test_the_tables_are_those_of_the_header():
 
 
 def sketches():
-    """A filter and a policy: the task, the sketch of it, and the bytes of its tables."""
+    """The task, the function of its sketch, and the bytes of its tables, for filter and policy."""
     policy = policy_task()
     return [
         (ROOM_TASK, filter_sketch, sum(table_bytes(ROOM_TASK.filter).values())),
