@@ -114,7 +114,7 @@ def replay_anywhere(run: LoggedRun, settings: AnywhereSettings) -> AnywhereOutco
 
 
 class SetFollower:
-    """The state of the filter of one robot, which its runs and turns update."""
+    """The state of the filter of one robot, updated by its runs and turns."""
 
     def __init__(self, settings: AnywhereSettings) -> None:
         self.settings, self._rng = settings, np.random.default_rng(settings.seed)

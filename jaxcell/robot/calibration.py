@@ -48,7 +48,7 @@ class Calibration:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":
-        """Read a file of `save`.
+        """Read a calibration from a file of `save`.
 
         **Raises:** `ValueError`, with the file and the field; `FileNotFoundError`.
         """

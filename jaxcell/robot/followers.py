@@ -15,7 +15,7 @@ configuration is left."""
 
 
 class Follower(abc.ABC):
-    """The possible cells of a robot, which its observations from an unknown cell update."""
+    """The possible cells of a robot, updated by its observations from an unknown cell."""
 
     kind: ClassVar[str]
     observations: str

@@ -277,7 +277,7 @@ def _through(
 
 @functools.cache
 def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Make the perfect patch as a unit vector, and an orthonormal basis of linear light."""
+    """Make the perfect patch as a unit vector, and a basis of light that varies linearly."""
     fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
     marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
     y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)

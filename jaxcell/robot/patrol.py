@@ -27,7 +27,7 @@ class PatrolOutcome(RunOutcome):
 
 
 class Patrol:
-    """The state of a robot on its patrol, which its steps update.
+    """The state of a robot on its patrol, updated by its steps.
 
     The policy draws the next cell, and the robot goes there by wave routing. A way on which it
     bumps is closed, and the robot takes another way. Because the obstacle may have been another

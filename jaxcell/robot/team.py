@@ -152,7 +152,7 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 
 
 class Member:
-    """The state of a robot of a team, which its observations update."""
+    """The state of a robot of a team, updated by its observations."""
 
     def __init__(self, actions: str) -> None:
         self.observations = ""
@@ -185,7 +185,7 @@ class Member:
             self._refuted = "the robot met no wall where there is one"
 
     def replay(self, observations: str) -> None:
-        """Update the state by all observations of a run; the other actions need none."""
+        """Update the state by all observations of a run, and the actions without observations."""
         left = list(observations)
         while left or self.action in (ROBOT, LEFT, RIGHT):
             if self.action is None:

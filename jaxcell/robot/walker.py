@@ -109,6 +109,11 @@ class Walker:
         """The pose in the model: metres ahead and left of the start, and the turn in radians."""
         return self._centre.real, self._centre.imag, self._heading
 
+    @property
+    def error(self) -> float:
+        """The distance between the pose by the encoders and the pose in the model, in metres."""
+        return abs(self._at - self._centre)
+
     def step(self) -> bool:
         """Take a step; after a bump, drive back to its start. Returns whether the robot bumped."""
         ahead = cmath.rect(1.0, self._heading)

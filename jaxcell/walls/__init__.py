@@ -1,4 +1,4 @@
-"""Sets of places on walls: where a robot with a bump sensor and a clock is, from any start.
+"""Sets of the possible places on walls of a robot with a bump sensor and a clock, from any start.
 
 A robot that knows neither its place nor its heading drives straight until it meets a wall, turns by
 an angle, and drives on (Alam 2018, section 2.3.1). It observes the length of each run. After its

@@ -24,7 +24,7 @@ class Boundary:
     begin: Float[np.ndarray, "walls 2"]
     "The corner where each wall begins, in metres."
     tangent: Float[np.ndarray, "walls 2"]
-    "The unit vector along each wall, from its begin to its end."
+    "The unit vector along each wall, from its start to its end."
     length: Float[np.ndarray, "walls"]
     "The length of each wall, in metres."
     following: Int[np.ndarray, "walls"]
@@ -52,7 +52,7 @@ class Boundary:
 
     @functools.cached_property
     def preceding(self) -> Int[np.ndarray, "walls"]:
-        """The number of the wall that ends at the begin of each wall."""
+        """The number of the wall that ends at the start of each wall."""
         return np.argsort(self.following)
 
     @functools.cached_property

@@ -32,15 +32,15 @@ class Errors:
     """Bounds of the errors of a robot. All bounds are 0 for a robot that moves exactly."""
 
     run: float = 0.0
-    "The relative error of the observed length of a run."
+    "The largest relative error of the observed length of a run."
     distance: float = 0.0
-    "The error of the observed length of a run, in metres."
+    "The largest error of the observed length of a run, in metres."
     late: float = 0.0
     "The largest distance that a robot counts after it meets a wall until it feels the bump, in m."
     turn: float = 0.0
-    "The error of the turn at a bump, in radians, including the turn that the bump causes."
+    "The largest error of the turn at a bump, in radians, with the turn that the bump causes."
     heading: float = 0.0
-    "The error of the heading at the start, in radians."
+    "The largest error of the heading at the start, in radians."
     displacement: float = 0.0
     "The largest distance from a bump to the start of the next run, in metres."
 

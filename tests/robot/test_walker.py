@@ -46,7 +46,7 @@ def test_the_next_step_corrects_the_error_of_a_step():
         walker.rotate(math.pi / 2)
     # Forty errors of up to 5 cm in one direction would add up to two metres.
     assert math.hypot(body.x - 4, body.y - 4) < 0.3
-    assert math.dist(walker.estimate[:2], walker.place[:2]) < 0.2
+    assert walker.error < 0.2
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -33,7 +33,7 @@ TICK = 0.1
 
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it names an event, as StopIteration does)
-    """The error after the driver has stopped the wheels. Its message is the reason."""
+    """The error that reports that the driver has stopped the wheels, and why."""
 
 
 class Driver:

@@ -3,7 +3,7 @@
 import cmath
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from .driver import Driver, RobotStopped
 from .open_interface import MAX_SPEED
@@ -64,26 +64,17 @@ class Create(Driver):
         **Raises:** [`RobotStopped`][] if the robot is not armed, is stopped, or exceeds the
         timeout.
         """
-        start = self.sensors()
         cruise = self.speed if speed is None else speed
 
-        def wheels(rest: float, now: Reading) -> tuple[float, float]:
+        def wheels(rest: float, turned: float) -> tuple[float, float]:
             velocity = slowed(rest, cruise, _SLOWEST)
-            steer = _STEERING * (start.heading - now.heading) * WHEEL_BASE / 2
+            steer = -_STEERING * turned * WHEEL_BASE / 2
             steer = min(max(steer, -_MAX_STEERING), _MAX_STEERING)
             return velocity + steer, velocity - steer
 
-        return self._move(
-            f"forward {distance} m",
-            lambda now: distance - (now.distance - start.distance),
-            wheels,
-            start=start,
-            speed=cruise,
-            most=MAX_SPEED / 1000,
-            tolerance=tolerance,
-            timeout=timeout,
-            stop_on_bump=distance > 0,
-        )
+        what = f"forward {distance} m"
+        most = MAX_SPEED / 1000
+        return self._move(what, "distance", distance, wheels, cruise, most, tolerance, timeout)
 
     def turn(
         self,
@@ -99,58 +90,52 @@ class Create(Driver):
         radians per second, at most 4, and the tolerance in radians. The errors are those of
         `forward`.
         """
-        start = self.sensors()
 
-        def wheels(rest: float, now: Reading) -> tuple[float, float]:
+        def wheels(rest: float, turned: float) -> tuple[float, float]:
             velocity = slowed(rest, speed, 2 * _SLOWEST / WHEEL_BASE) * WHEEL_BASE / 2
             return velocity, -velocity
 
-        return self._move(
-            f"turn {angle} rad",
-            lambda now: angle - (now.heading - start.heading),
-            wheels,
-            start=start,
-            speed=speed,
-            most=4.0,
-            tolerance=tolerance,
-            timeout=timeout,
-            stop_on_bump=False,
-        )
+        what = f"turn {angle} rad"
+        return self._move(what, "heading", angle, wheels, speed, 4.0, tolerance, timeout)
 
     def _move(
         self,
         what: str,
-        rest: Callable[[Reading], float],
-        wheels: Callable[[float, Reading], tuple[float, float]],
-        *,
-        start: Reading,
+        quantity: Literal["distance", "heading"],
+        target: float,
+        wheels: Callable[[float, float], tuple[float, float]],
         speed: float,
         most: float,
         tolerance: float,
         timeout: float | None,
-        stop_on_bump: bool,
     ) -> Moved:
-        """Drive until the `rest` of the motion is within the tolerance, and the wheels stand still.
+        """Drive until a quantity of the readings has changed by the target, and the wheels stand.
 
-        `wheels` computes the speeds of the right and the left wheel from the rest, in m/s.
+        `wheels` computes the speeds of the right and the left wheel in m/s, from the rest of the
+        change and the turn so far in radians.
         """
-        whole = abs(rest(start))
-        if not math.isfinite(whole):
+        start = now = self.sensors()
+        stop_on_bump = quantity == "distance" and target > 0
+
+        def rest() -> float:
+            return target - (getattr(now, quantity) - getattr(start, quantity))
+
+        if not math.isfinite(target):
             raise ValueError(f"{what}: expected a finite number")
         if not 0 < speed <= most:
             raise ValueError(f"{what}: speed = {speed}: expected more than 0 and at most {most}")
         if not tolerance > 0:
             raise ValueError(f"{what}: tolerance = {tolerance}: expected more than 0")
         if timeout is None:
-            timeout = 2 * whole / speed + 3
+            timeout = 2 * abs(target) / speed + 3
         end = self._now() + timeout
         most_wheel = MAX_SPEED / 1000
         self.stop()
         try:
-            now = start
             while True:
-                there = abs(rest(now)) <= tolerance
-                right, left = (0.0, 0.0) if there else wheels(rest(now), now)
+                there = abs(rest()) <= tolerance
+                turned = now.heading - start.heading
+                right, left = (0.0, 0.0) if there else wheels(rest(), turned)
                 free = self.drive(
                     right=min(max(right, -most_wheel), most_wheel),
                     left=min(max(left, -most_wheel), most_wheel),
@@ -158,13 +143,13 @@ class Create(Driver):
                 )
                 if there or not free:
                     now = self._settle()
-                    if self._bumped or abs(rest(now)) <= tolerance:
+                    if self._bumped or abs(rest()) <= tolerance:
                         way = (now.place - start.place) * cmath.rect(1.0, -start.heading)
-                        angle = now.heading - start.heading
-                        return Moved(way.real, angle, self._bumped, way.imag)
+                        turned = now.heading - start.heading
+                        return Moved(way.real, turned, self._bumped, way.imag)
                 if self._now() > end:
-                    raise RobotStopped(f"{what}: {rest(now):.3g} are left after {timeout:.3g} s")
-                now = self._after(now, abs(rest(now)) / speed - _SLOWING)
+                    raise RobotStopped(f"{what}: {rest():.3g} are left after {timeout:.3g} s")
+                now = self._after(now, abs(rest()) / speed - _SLOWING)
         finally:
             self.stop()
 

@@ -26,7 +26,7 @@ HEADER = 19
 """The first byte of a frame of the stream."""
 
 RESET = bytes([7])
-"""The command that reboots the robot, which prints its firmware version and is in mode Off."""
+"""The command that reboots the robot. It prints its firmware version, and is then in mode Off."""
 
 START = bytes([128])
 """The command that opens the interface, and switches from any mode to Passive."""
@@ -194,7 +194,7 @@ class CommandParser:
 
 
 def _command_size(buffer: bytearray) -> int | None:
-    """Count the bytes of the command at the begin of a buffer.
+    """Count the bytes of the command at the beginning of a buffer.
 
     Returns 0 if the first byte is not an opcode, and `None` if the length has not arrived yet.
     """

@@ -9,7 +9,7 @@ _PLAY = 4
 
 
 class Strain:
-    """A detector of blocked wheels, which each frame of the stream updates.
+    """A detector of blocked wheels, updated by each frame of the stream.
 
     A wheel is blocked if it should turn but stands still for a second, or if its motor draws too
     much current for a third of a second. Shorter times are normal at a bump or a start.

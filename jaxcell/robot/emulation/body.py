@@ -108,7 +108,7 @@ class Body:
 
     @property
     def glide(self) -> float:
-        """Zero seconds, because the noise is drawn per tick."""
+        """The seconds of free rolling: 0, because the noise is drawn per tick."""
         return 0.0
 
     @classmethod

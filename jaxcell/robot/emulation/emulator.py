@@ -91,13 +91,13 @@ class Emulator:
     port: str
     "The name of the device."
     contact: Contact
-    "The bits of packet 7 for wheels that hang in the air, which tests and users may set."
+    "The bits of packet 7 for wheels that hang in the air; may be changed."
     cliffs: set[str]
-    "The names of the cliff packets (`cliff_left`, ...) that sense no floor; to be set as well."
+    "The names of the cliff packets (`cliff_left`, ...) that sense no floor; may be changed."
     charger: bool
-    "True if the charger is plugged in; to be set as well."
+    "True if the charger is plugged in; may be changed."
     charge: float
-    "The charge of the battery in mAh, which decreases with time."
+    "The charge of the battery in mAh, which decreases with time; may be changed."
     overcurrent: int
     "The bits of packet 14: 8 for the right wheel, 16 for the left wheel, 1 to 4 for the brushes."
 
@@ -216,7 +216,6 @@ class Emulator:
             self._failure = error
 
     def _pass(self, seconds: float) -> None:
-        """Advance the time of the robot."""
         self._now += seconds
         left, right = self._wheels
         self.body.advance(left / 1000, right / 1000, seconds)

@@ -44,8 +44,7 @@ class _Wire:
     def fileno(self) -> int:
         raise OSError("a simulated line is no file")
 
-    def close(self) -> None:
-        """Do nothing."""
+    def close(self) -> None: ...
 
 
 class SimulatedCreate(Create):

@@ -119,11 +119,11 @@ class PhysicsBody:
 
     @property
     def glide(self) -> float:
-        """Seconds for which the body keeps rolling if no speed changes; 0 if that is uncertain."""
+        """The seconds during which the body rolls freely if no speed changes; 0 if unknown."""
         return 0.0 if self._rate is None else self._free_seconds
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Let the wheels turn for a tick, each toward its speed in m/s."""
+        """Turn the wheels for a tick of some seconds, each toward its speed in m/s."""
         self._owed += seconds
         step = self.physics.time_step
         steps = math.floor(self._owed / step + 1e-9)

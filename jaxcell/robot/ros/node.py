@@ -133,8 +133,7 @@ class RosRobot(abc.ABC):
         return speed_type(self.node) or "Twist"
 
     @abc.abstractmethod
-    def _halt(self) -> None:
-        """Stop the wheels."""
+    def _halt(self) -> None: ...
 
     def _leave(self) -> None:
         """Stop the wheels at the end of the block."""

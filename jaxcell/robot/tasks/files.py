@@ -81,7 +81,7 @@ class PlanTask(Task):
     start: int
     "The cell where the plan starts."
     actions: tuple[float, ...]
-    "0 for a step without a bump, else the angle of the turn after a bump, in radians."
+    "The actions: 0 for a step without a bump, else the turn after a bump, in radians."
     positions: int | None = None
     "The number of positions of the map, or `None` if the file does not contain it."
 
@@ -141,9 +141,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     if kind == ANYWHERE:
         return read_anywhere(path, values)
     if robot is not None:
-        raise ValueError(
-            f"{path}: the task is for one robot, so that robot {robot} cannot be chosen"
-        )
+        raise ValueError(f"{path}: it is for one robot, so that robot {robot} cannot be chosen")
     if path.suffix == ".json":
         return _plan(path, Fields(values, f"{path}: "))
     if path.suffix == ".jxb":

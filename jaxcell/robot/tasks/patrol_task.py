@@ -31,7 +31,7 @@ class PatrolTask(Task):
     "The steps that a wall between two free squares blocks: a position, and 0 East to 3 South."
     image: Int[np.ndarray, "branches states"]
     """The possible next states of each state. A state is a position; or for a robot with memory a
-    state of the memory and a position, of which the position counts fastest."""
+    state of the memory and a position, in which the position varies fastest."""
     probability: Float[np.ndarray, "branches states"]
     "The probability of each next state."
     start: int
@@ -109,7 +109,7 @@ def save_patrols(
 
 
 def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
-    """Read a robot of a patrol from the fields of its file.
+    """Read the task of a robot from the file of a patrol.
 
     **Raises:** `ValueError` that names the field.
     """
