@@ -98,8 +98,8 @@ class Robot(RecordingRobot):
 
     def talk(self, until: float, data: bytes) -> bytes:
         """Advance the time, receive the bytes of the board, and return the answer."""
-        while self._now < until:
-            self._pass(min(0.015, until - self._now))
+        while self.seconds < until:
+            self._pass(min(0.015, until - self.seconds))
             self._keep_safe()
         for command in self._parser.feed(self._lossy(data)):
             self._do(command)
@@ -111,12 +111,12 @@ class Robot(RecordingRobot):
         """Change to 19200 baud after three pulses of 50 to 500 ms."""
         if not self._wire:
             return
-        if high and 0.05 <= self._now - self._pulse <= 0.5:
+        if high and 0.05 <= self.seconds - self._pulse <= 0.5:
             self._pulses += 1
             if self._pulses == 3:
                 self.baud = 19200
         elif not high:
-            self._pulse = self._now
+            self._pulse = self.seconds
 
     def _do(self, command: Command) -> None:
         if command.opcode == 129 and self.mode is not Mode.OFF and not self.deaf:

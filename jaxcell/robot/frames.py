@@ -83,7 +83,7 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
         path = next(in_turn)
         frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if frame is None:
-            raise ValueError(f"{path}: expected a picture, and this cannot be read")
+            raise ValueError(f"{path}: expected a picture, but it cannot be read")
         return np.asarray(frame)
 
     return look

@@ -279,11 +279,11 @@ def _fill(
     choosing: bool = False,
 ) -> str:
     placing = (
-        "Put it in the middle of a cell, along one of the directions. Its heading is not known, so "
-        "that all steps are of one length."
+        "Put the robot in the middle of a cell, along one of the directions. Its heading is not "
+        "known, so that all steps have one length."
         if strides is None
-        else f"Put it in the middle of a cell, facing {360 * direction / len(strides):g} degrees "
-        "counterclockwise from the x axis of the map."
+        else "Put the robot in the middle of a cell, facing "
+        f"{360 * direction / len(strides):g} degrees counter-clockwise from the x axis of the map."
     )
     rows = [] if strides is None else strides.tolist()
     return string.Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
@@ -291,9 +291,9 @@ def _fill(
         source="\n".join(f" *     {_comment(line)}" for line in source),
         placing="\n * ".join(textwrap.wrap(placing, 96)),
         says="" if tables is None else ", and the colour after it",
-        lights="it blinks slowly when the robot was stopped; the USB port says why"
+        lights="it blinks slowly if the robot was stopped; the USB port prints the reason"
         if tables is None
-        else "on, localized; fast, refuted; slow, stopped for the reason that the USB port says",
+        else "on: localized; fast: refuted; slow: stopped for the reason that the USB port prints",
         table_bytes=f"{table_bytes:,}",
         program_bytes=f"{PROGRAM_BYTES:,}",
         filtered=int(tables is not None),

@@ -202,7 +202,7 @@ def test_a_base_without_a_topic_of_speeds_is_refused(world_of):
     world_of((1.0, 1.5, 0.0), "base").speeds = []
     base = Base()
     base.answer = 0.1
-    with pytest.raises(ConnectionError, match="nothing takes speeds on /cmd_vel"):
+    with pytest.raises(ConnectionError, match="nothing subscribes to speeds on /cmd_vel"):
         base.__enter__()
 
 
@@ -231,7 +231,7 @@ def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
         await_ticks(world)
         robot.arm()
         world.refuses = True
-        with pytest.raises(RobotStopped, match="does not take the goal"):
+        with pytest.raises(RobotStopped, match="the robot refuses the goal"):
             robot.turn(1.0, tolerance=0.01)
 
 

@@ -120,15 +120,17 @@ class Emulator:
         self.contact, self.cliffs, self.charger = Contact(0), set(), False
         self.overcurrent = 0
         self.mode = Mode.OFF
+        self.wheels = (0, 0)
+        "The commanded speeds of the left and the right wheel, in mm/s."
+        self.seconds = 0.0
+        "The time of the robot since the beginning, in seconds."
         self.trace: list[tuple[float, float, float, float]] = []
         "The time in seconds and the pose at every tick of 15 ms."
         self.body, self.charge = body, charge
         self._rng = np.random.default_rng(seed)
         self._parser = CommandParser()
         self._pending: deque[tuple[float, Command]] = deque()
-        self._now, self._frame_due = 0.0, STREAM_PERIOD
-        self._sent = b""
-        self._wheels = (0, 0)
+        self._frame_due, self._sent = STREAM_PERIOD, b""
         self._ids: tuple[int, ...] = ()
         self._streaming = False
         self._lock = threading.Lock()
@@ -140,16 +142,6 @@ class Emulator:
         """The pose of the body: x and y in metres, and the heading in radians."""
         with self._lock:
             return self.body.pose
-
-    @property
-    def wheels(self) -> tuple[int, int]:
-        """The commanded speeds of the left and the right wheel, in mm/s."""
-        return self._wheels
-
-    @property
-    def seconds(self) -> float:
-        """The time of the robot since the beginning, in seconds."""
-        return self._now
 
     @property
     def glide(self) -> float:
@@ -181,14 +173,14 @@ class Emulator:
         """
         with self._lock:
             self._pass(seconds)
-            commands = self._parser.feed(self._lossy(data))
-            self._pending.extend((self._now + self.line.latency, command) for command in commands)
-            while self._pending and self._pending[0][0] <= self._now:
+            due = self.seconds + self.line.latency
+            self._pending += [(due, command) for command in self._parser.feed(self._lossy(data))]
+            while self._pending and self._pending[0][0] <= self.seconds:
                 self._do(self._pending.popleft()[1])
             self._keep_safe()
-            if self._now >= self._frame_due:
-                self._frame_due = max(self._frame_due + STREAM_PERIOD, self._now)
-                self.trace.append((self._now, *self.body.pose))
+            if self.seconds >= self._frame_due:
+                self._frame_due = max(self._frame_due + STREAM_PERIOD, self.seconds)
+                self.trace.append((self.seconds, *self.body.pose))
                 if self._streaming:
                     self._send(stream_frame(self._ids, self._values()))
             sent, self._sent = self._lossy(self._sent), b""
@@ -199,7 +191,7 @@ class Emulator:
             before = time.monotonic()
             while not self._closing.is_set():
                 due = min([self._frame_due, *(when for when, _ in self._pending)])
-                wait = max(due - self._now, 0.0) / self.line.speedup
+                wait = max(due - self.seconds, 0.0) / self.line.speedup
                 readable, _, _ = select.select([self._master], [], [], min(wait, 0.05))
                 clock = time.monotonic()
                 # No tick is longer than a frame: if this machine is slow, so is the robot.
@@ -216,8 +208,8 @@ class Emulator:
             self._failure = error
 
     def _pass(self, seconds: float) -> None:
-        self._now += seconds
-        left, right = self._wheels
+        self.seconds += seconds
+        left, right = self.wheels
         self.body.advance(left / 1000, right / 1000, seconds)
         self.charge += self._current() * seconds / 3600
         if self.charge <= 0:
@@ -246,13 +238,13 @@ class Emulator:
             case 137 | 145 | 146, _ if self.mode is Mode.PASSIVE:
                 pass
             case 137, _:
-                self._wheels = _arc(*command.words)
+                self.wheels = _arc(*command.words)
             case 145, _:
                 right, left = command.words
-                self._wheels = _limited(left), _limited(right)
+                self.wheels = _limited(left), _limited(right)
             case 146, _:
                 right, left = command.words
-                self._wheels = _limited(left * MAX_SPEED // 255), _limited(right * MAX_SPEED // 255)
+                self.wheels = _limited(left * MAX_SPEED // 255), _limited(right * MAX_SPEED // 255)
             case 142, ids:
                 self._answer(ids)
             case 149, data:
@@ -277,14 +269,14 @@ class Emulator:
 
     def _to(self, mode: Mode) -> None:
         if mode is Mode.PASSIVE:
-            self._wheels = (0, 0)
+            self.wheels = (0, 0)
         self.mode = mode
 
     def _close_interface(self) -> None:
-        self.mode, self._wheels, self._streaming = Mode.OFF, (0, 0), False
+        self.mode, self.wheels, self._streaming = Mode.OFF, (0, 0), False
 
     def _keep_safe(self) -> None:
-        forward = sum(self._wheels) > 0
+        forward = sum(self.wheels) > 0
         unsafe = self.contact & Contact.WHEEL_DROP or self.charger or (self.cliffs and forward)
         if self.mode is Mode.SAFE and unsafe:
             self._to(Mode.PASSIVE)
@@ -292,7 +284,7 @@ class Emulator:
     def _values(self) -> dict[str, int]:
         body = self.body
         bump = Contact.BUMP_LEFT * body.bump_left | Contact.BUMP_RIGHT * body.bump_right
-        left, right = self._wheels
+        left, right = self.wheels
         left_count, right_count = body.counts
         return {
             **_NOTHING,
@@ -316,7 +308,7 @@ class Emulator:
 
     def _current(self) -> float:
         """Compute the current into the battery, in mA."""
-        return -_STANDBY - _MOTORS * any(self._wheels)
+        return -_STANDBY - _MOTORS * any(self.wheels)
 
     def _send(self, data: bytes) -> None:
         self._sent += data

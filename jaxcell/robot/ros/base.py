@@ -33,7 +33,7 @@ class Base(RosRobot):
         with self._news:
             if not self._news.wait_for(lambda: speed_type(self.node) is not None, self.answer):
                 topic = self.node.resolve_topic_name("cmd_vel")
-                raise ConnectionError(f"nothing takes speeds on {topic}: is --remap right?")
+                raise ConnectionError(f"nothing subscribes to speeds on {topic}: is --remap right?")
         kind = super()._connect_speeds()
         self._roll = speed_publisher(self.node, kind)
         return kind

@@ -80,7 +80,7 @@ class Create3(RosRobot):
             self._wait(sent.done, time.monotonic() + _ANSWER, f"{what}: the goal")
             handle = sent.result()
             if not handle.accepted:
-                raise RobotStopped(f"{what}: the robot does not take the goal")
+                raise RobotStopped(f"{what}: the robot refuses the goal")
             result = self._known(handle.get_result_async())
             end = time.monotonic() + 2 * seconds + 5
             self._wait(lambda: result.done() or (stop_on_bump and self._bumped), end, what)
@@ -95,7 +95,7 @@ class Create3(RosRobot):
         # The message of the hazard that may have ended the goal has arrived by now.
         self._check()
         if not bumped and result.result().status != _SUCCEEDED:
-            raise RobotStopped(f"{what}: the robot has given the goal up")
+            raise RobotStopped(f"{what}: the robot has given up the goal")
         return moved(start, now, bumped)
 
     def _known(self, future: Any) -> Any:
