@@ -169,7 +169,7 @@ def _shortest_blocked(
     """Compute a length in metres within which chains of walls block all rays of each row.
 
     A chain of consecutive walls blocks all rays of a row if every wall faces the rays (`whole`), no
-    ray passes before the begin of the first wall (`first`), and no ray passes after the end of the
+    ray passes before the start of the first wall (`first`), and no ray passes after the end of the
     last wall (`last`). The length is infinite if no chain blocks the row.
     """
     row, wall = pairs

@@ -19,18 +19,23 @@ LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
 walker_in = functools.partial(walker_with, robot=DirectBody)
 
 
+def logged_run(path, cell, degrees, until="known"):
+    """Run a filter of Lab A with a log."""
+    follower = FilterFollower(bounce_filter(LAB_A, degrees), until)
+    walker, _ = walker_in(LAB_A, cell)
+    with RunLog(path, {"kind": "filter"}) as log:
+        return run_follower(walker, follower, [math.radians(degrees)], log=log)
+
+
 @pytest.mark.parametrize("open_world", [False, True])
-def test_a_filter_of_another_map_is_refuted_with_its_observations(open_world, tmp_path):
+def test_a_filter_of_another_map_is_refuted_with_its_observations(open_world):
     """From some cells of Lab A, a robot has observations that are impossible in Lab B."""
     filter = bounce_filter(LAB_B, 45, open_world=open_world)
     image, bumped = bounce_tables(LAB_A, 45)
     refuted = 0
     for cell in range(0, LAB_A.size, 19):
         walker, _ = walker_in(LAB_A, cell)
-        with RunLog(tmp_path / f"{cell}.jsonl", {"kind": "filter"}) as log:
-            outcome = run_follower(
-                walker, FilterFollower(filter, "cycle"), [math.radians(45)], log=log
-            )
+        outcome = run_follower(walker, FilterFollower(filter, "cycle"), [math.radians(45)])
         observed = ""
         for _ in outcome.observations:
             observed += str(int(bumped[cell]))
@@ -74,12 +79,9 @@ def test_a_run_ends_where_one_configuration_is_left_or_in_the_cycle(tmp_path):
     assert known < len(word) - 5
     outcomes = {}
     for until in ("known", "cycle"):
-        walker, _ = walker_in(LAB_A, start)
-        with RunLog(tmp_path / f"{until}.jsonl", {"kind": "filter"}) as log:
-            outcomes[until] = run_follower(
-                walker, FilterFollower(filter, until), [math.radians(135)], log=log
-            )
-        run = read_log(tmp_path / f"{until}.jsonl")
+        path = tmp_path / f"{until}.jsonl"
+        outcomes[until] = logged_run(path, start, 135, until)
+        run = read_log(path)
         # A replay does not need to know the end of the run, which old logs do not contain.
         for follower in (FilterFollower(filter), FilterFollower(filter, until)):
             assert replay_follower(run, follower) == outcomes[until]
@@ -130,11 +132,7 @@ def test_a_log_is_written_as_it_goes_and_replays_to_the_same_colours(tmp_path):
 
 def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     path = tmp_path / "run.jsonl"
-    walker, _ = walker_in(LAB_A, 70)
-    with RunLog(path, {"kind": "filter"}) as log:
-        outcome = run_follower(
-            walker, FilterFollower(bounce_filter(LAB_A, 45)), [math.radians(45)], log=log
-        )
+    outcome = logged_run(path, 70, 45)
     whole = path.read_bytes()
     lines = whole.count(b"\n")
     for length in range(whole.index(b"\n") + 1, len(whole)):
