@@ -17,7 +17,7 @@ def push(body: Body, seconds: float, left: float = 0.2, right: float = 0.2) -> N
         body.advance(left, right, 0.01)
 
 
-def test_an_arc_is_that_of_its_wheels():
+def test_the_wheels_determine_the_arc_of_the_body():
     body = Body(HALL, (1.0, 2.0, 0.3))
     push(body, 5.0, left=0.2, right=0.3)
     turn = 0.1 * 5 / WHEEL_BASE
@@ -102,7 +102,7 @@ def test_encoder_noise_is_not_motion():
     assert body.travelled[0] != body.travelled[1]
 
 
-def test_a_bad_start_of_a_body_is_refused():
+def test_a_wrong_start_of_a_body_is_refused():
     with pytest.raises(ValueError, match=r"pose: a body of radius 0.17 m at \(0.1 m, 1 m\)"):
         Body(ROOM, (0.1, 1.0, 0.0))
     with pytest.raises(ValueError, match="veer: expected a finite number from 0, got -1"):

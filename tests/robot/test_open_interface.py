@@ -100,7 +100,7 @@ def test_decode_inverts_encode(ids_and_values):
 
 
 @pytest.mark.parametrize("group", sorted(GROUPS))
-def test_a_group_is_its_members(group):
+def test_a_group_has_the_values_of_its_packets(group):
     data = bytes(range(size([group])))
     assert decode([group], data) == decode(list(GROUPS[group]), data)
 

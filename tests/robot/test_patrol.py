@@ -80,7 +80,7 @@ def place_of(cells, body) -> int:
 
 
 @pytest.mark.parametrize("cells", [LAB, PARTED], ids=["lab_b", "parted"])
-def test_a_file_has_the_ways_of_the_map(task_of, cells):
+def test_a_file_has_the_steps_of_the_map(task_of, cells):
     task = task_of(cells, random_walk(cells, 0), random_walk(cells, 1), robot=1)
     plane = CellSpace.of(cells.workspace, cells.cell, 4)
     assert task.ways.tolist() == free_steps(plane).tolist()

@@ -78,7 +78,7 @@ def test_the_simulated_robot_is_no_faster_than_its_line(monkeypatch):
     assert robot.robot.seconds - began == pytest.approx(0.1234)
 
 
-def test_a_signal_ends_the_block():
+def test_a_signal_that_ends_the_block_stops_the_wheels():
     robot = SimulatedCreate(Body(ROOM, (1.0, 1.5, 0.0)))
 
     def ended():
