@@ -94,7 +94,7 @@ class FilterFollower(Follower):
     kind = "filter"
 
     def __init__(self, filter: Filter, until: Until = "known") -> None:
-        """Put the filter at its start; see [`Until`][jaxcell.robot.followers.Until]."""
+        """Put the filter at its start; `until` is the end of the run, `"known"` or `"cycle"`."""
         super().__init__()
         self._filter, self._state, self._until = filter, filter.start(), until
 
