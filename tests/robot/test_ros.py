@@ -17,6 +17,7 @@ from wheels import MAPS, bounce_filter, map_cells, pose_of
 
 from jaxcell.cli import main
 from jaxcell.robot import RobotStopped, Walker, cell_strides
+from jaxcell.robot.create.watchdog import Watchdog
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.followers import FilterFollower, run_follower
 from jaxcell.robot.ros import Base, Candidates, Create3, node
@@ -38,7 +39,7 @@ def plane(pose):
     return pose.position.x, pose.position.y, heading
 
 
-class Beats:
+class Beats(Watchdog):
     """A watchdog without a process."""
 
     def __init__(self, command):
